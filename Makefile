@@ -1,0 +1,56 @@
+# Everything a person or CI needs: `make demo`, `make test`. Both set up what they need by themselves.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+LOCK := requirements.lock
+STAMP := $(VENV)/.ready
+SUBPACKAGES := protocol sim vr proxy tui
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check soak bench lock format clean
+
+help:  ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
+
+setup: $(STAMP)  ## build .venv from the hash-pinned lock
+
+# uv is taken from the machine when it is there, else installed into .venv by pip.
+$(STAMP): $(LOCK) pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@command -v uv >/dev/null || test -x $(BIN)/uv || $(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	@UV=$$(command -v uv || echo $(BIN)/uv); \
+	  $$UV pip install --quiet --python $(BIN)/python --require-hashes -r $(LOCK) && \
+	  $$UV pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
+	@$(BIN)/robotree demo
+
+test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores)
+	$(BIN)/python -m pytest
+
+soak: $(STAMP)  ## the slow tests
+	$(BIN)/python -m pytest -m soak
+
+check: $(STAMP)  ## ruff, pyright, mypy --strict, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/mypy $(addprefix -p robotree.,$(SUBPACKAGES))
+	$(BIN)/lint-imports
+
+format: $(STAMP)  ## let ruff format and mend
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lock: $(VENV)/bin/uv  ## resolve the dependencies again
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group dev \
+	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
+	  pyproject.toml -o $(LOCK)
+
+$(BIN)/uv:
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+
+clean:  ## remove what setup and the tests made
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
