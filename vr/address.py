@@ -1,0 +1,58 @@
+"""Names and addresses of agents.
+
+An address names one *incarnation* of an agent: a robot that is deleted and made again under its old
+name has another address, so nobody talks to it by mistake under rights that were granted before.
+The key doubles as presence token: whoever holds `robot/arm-1/6f2c…` alive is that incarnation.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+import msgspec
+
+from robotree.vr.errors import BadName
+
+Role = Literal["robot", "view", "host", "lookup"]
+ROLES: tuple[Role, ...] = ("robot", "view", "host", "lookup")
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+
+
+def check_name(name: str) -> str:
+    """Return the name, if it can be one.
+
+    Raises:
+        BadName: it is empty, too long or has characters that would break an address or a dotted path.
+    """
+    if not _NAME.fullmatch(name):
+        raise BadName(name=name)
+    return name
+
+
+class Address(msgspec.Struct, frozen=True, order=True):
+    """Where one incarnation of an agent is reached, whatever process it lives in."""
+
+    role: Role
+    name: str
+    incarnation: str
+    """Opaque, unique in the realm for ever; made by whoever creates the agent."""
+
+    @property
+    def key(self) -> str:
+        """The key under which it announces its presence and serves its requests."""
+        return f"{self.role}/{self.name}/{self.incarnation}"
+
+    @classmethod
+    def parse(cls, key: str) -> Address | None:
+        """Read a key, or return None when it is not an agent's. Keys come from a network: never raises."""
+        parts = key.split("/")
+        if len(parts) != len(cls.__struct_fields__) or parts[0] not in ROLES or not _NAME.fullmatch(parts[1]):
+            return None
+        return cls(parts[0], parts[1], parts[2])  # pyright: ignore[reportArgumentType] # just checked
+
+
+def everyone(role: Role, name: str = "*") -> str:
+    """Return the presence pattern of all incarnations of a role, or of those with one name."""
+    return f"{role}/{name}/*"

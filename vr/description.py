@@ -1,0 +1,159 @@
+"""How agents describe themselves: the values that travel, that forms are drawn from and templates match.
+
+Pure data. A robot's description is made from its class (`command.py`) and its present state; nothing
+here knows how.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from robotree.vr.address import Address
+
+ParameterType = Literal["float", "int", "bool", "str", "choice"]
+Effect = Literal["read", "repeat", "once"]
+"""What a repetition does. read: changes nothing, so it also runs beside a moving command. repeat: the same
+end (go to a point, close). once: adds up (move by, dispense)."""
+
+
+class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One typed value of a command: a parameter, or a part of its result."""
+
+    name: str
+    type: ParameterType
+    unit: str = ""
+    """Symbol of the unit in which the number is meant, e.g. `m`, `rad`, `N`; empty: a plain number."""
+    lower: float | None = None
+    upper: float | None = None
+    choices: tuple[str, ...] = ()
+    required: bool = True
+    default: float | int | bool | str | None = None
+    doc: str = ""
+
+
+class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One command as its callers see it."""
+
+    name: str
+    doc: str = ""
+    effect: Effect = "once"
+    parameters: tuple[FieldSpec, ...] = ()
+    result: tuple[FieldSpec, ...] = ()
+    """The parts of the result; one part without a name when it is a single value; empty when there is none."""
+    through: str = ""
+    """`slot.command` when it is a child's command, exposed; such a command needs the slot filled."""
+    available: bool = True
+    """False while the slot it goes through is empty (its parameters are unknown then)."""
+
+
+class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One child slot and what is in it."""
+
+    name: str
+    kind: str
+    doc: str = ""
+    child: Address | None = None
+    lost: str = ""
+    """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""
+
+
+class BondSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """The parent of an enslaved robot, as the child sees it."""
+
+    parent: Address
+    slot: str
+    epoch: int
+    remaining: float
+    """[s] left of the lease, on the child's clock."""
+
+
+class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """All that an agent says of itself. Any agent may ask for it, whoever commands the robot."""
+
+    address: Address
+    kinds: tuple[str, ...]
+    """Class names, most special first: a slot for `MoveTo` also takes a subclass of it."""
+    doc: str = ""
+    host: str = ""
+    commands: tuple[CommandSpec, ...] = ()
+    slots: tuple[SlotSpec, ...] = ()
+    bond: BondSpec | None = None
+    epoch: int = 0
+    busy: str = ""
+    """Name of the command that runs now, or empty."""
+    waiting: int = 0
+    """Commands in the queue."""
+    online: bool = True
+    """False while a proxy has lost its controller: its readings are stale."""
+    attributes: dict[str, str] = {}
+    """Free key-value pairs to search by (panel, place, controller's URL …)."""
+    calls: dict[str, int] = {}
+    """How often each command was called, over all incarnations of this name."""
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.address.name
+
+    @property
+    def kind(self) -> str:
+        """The most special kind."""
+        return self.kinds[0]
+
+    def command(self, name: str) -> CommandSpec | None:
+        """Return the command of this name, or None."""
+        return next((command for command in self.commands if command.name == name), None)
+
+    def slot(self, name: str) -> SlotSpec | None:
+        """Return the slot of this name, or None."""
+        return next((slot for slot in self.slots if slot.name == name), None)
+
+
+class Listing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a lookup service holds of one agent: enough to choose it, small enough to keep everywhere."""
+
+    address: Address
+    kinds: tuple[str, ...]
+    doc: str = ""
+    host: str = ""
+    commands: tuple[str, ...] = ()
+    attributes: dict[str, str] = {}
+    revision: int = 0
+    """Grows whenever the agent changes its listing or returns; a larger one replaces a smaller one."""
+
+    @property
+    def name(self) -> str:
+        """The agent's name."""
+        return self.address.name
+
+    @property
+    def kind(self) -> str:
+        """The most special kind."""
+        return self.kinds[0]
+
+
+class Template(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A query by example: what is given must match, what is not given does not matter."""
+
+    role: Literal["robot", "view", ""] = ""
+    name: str = ""
+    kind: str = ""
+    command: str = ""
+    attributes: dict[str, str] = {}
+
+    def matches(self, listing: Listing) -> bool:
+        """Whether the listing has everything that this template names."""
+        return (
+            self.role in {"", listing.address.role}
+            and self.name in {"", listing.name}
+            and (not self.kind or self.kind in listing.kinds)
+            and (not self.command or self.command in listing.commands)
+            and self.attributes.items() <= listing.attributes.items()
+        )
+
+
+Arguments = Mapping[str, Any]
+"""Arguments of a command by name: numbers in the declared unit, or text with a unit such as `10 cm`."""

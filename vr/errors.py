@@ -1,0 +1,276 @@
+"""Everything that can go wrong between agents, on one page.
+
+Every error is one sentence that says whose fault it is and what to do next, and carries its data, so
+that a caller on the far side of the network catches the same class with the same fields.
+
+    VrError
+      AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoSuchView
+      CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
+      LeaseError      LeaseDenied · StaleEpoch · CycleOfBonds · NotInControl
+      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded
+      TransportError  Unreachable · NoAnswer · TransportClosed · Garbled
+      BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
+"""
+
+from __future__ import annotations
+
+import string
+from typing import Any, ClassVar
+
+
+class VrError(Exception):
+    """The root: a sentence with data, which survives the way over the network."""
+
+    sentence: ClassVar[str] = "{detail}"
+    """Format string; its placeholders are the names of the data that the error carries."""
+
+    registry: ClassVar[dict[str, type[VrError]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Enter the class in the registry by which a far side finds it again."""
+        super().__init_subclass__()
+        VrError.registry[cls.__name__] = cls
+
+    def __init__(self, **data: Any) -> None:
+        """Take exactly the data that the sentence names.
+
+        Args:
+            **data: one plain value (str, number, bool, None) for each placeholder.
+
+        Raises:
+            TypeError: a placeholder has no value, or a value has no placeholder.
+        """
+        names = {name for _, name, _, _ in string.Formatter().parse(self.sentence) if name}
+        if names != set(data):
+            msg = f"{type(self).__name__} takes {sorted(names)}, not {sorted(data)}"
+            raise TypeError(msg)
+        self.data = data
+        super().__init__(self.sentence.format(**data))
+
+    @classmethod
+    def revive(cls, name: str, data: dict[str, Any]) -> VrError:
+        """Make the error again that another process raised.
+
+        Args:
+            name: class name as sent.
+            data: its data as sent.
+
+        Returns:
+            An instance of that class, or of `VrError` when this side does not know it or its data.
+        """
+        try:
+            return cls.registry[name](**data)
+        except (KeyError, TypeError):
+            return VrError(detail=f"{name}: {data.get('detail', data)}")
+
+
+# -- addresses -------------------------------------------------------------------------------------
+
+
+class AddressError(VrError):
+    """A name that leads nowhere or cannot be used."""
+
+
+class BadName(AddressError):
+    """The name cannot be part of an address."""
+
+    sentence = (
+        "{name!r} cannot be a name: use 1 to 64 letters, digits, '-' or '_', beginning with a letter or digit"
+    )
+
+
+class DuplicateName(AddressError):
+    """A living agent has this name already."""
+
+    sentence = "a {role} named {name!r} is already running; choose another name or delete that one first"
+
+
+class NoSuchRobot(AddressError):
+    """No living robot has this name."""
+
+    sentence = "no robot named {name!r} is running; `robotree ls` shows those that are"
+
+
+class NoSuchHost(AddressError):
+    """No living host has this name."""
+
+    sentence = "no host named {name!r} is running; start one with `robotree host {name}`"
+
+
+class NoSuchView(AddressError):
+    """No living view has this name."""
+
+    sentence = "no view named {name!r} is running; `robotree ls --views` shows those that are"
+
+
+# -- commands --------------------------------------------------------------------------------------
+
+
+class CommandError(VrError):
+    """A command that was not carried out."""
+
+
+class NoSuchCommand(CommandError):
+    """The robot does not have, or does not expose, this command."""
+
+    sentence = "{robot} has no command {command!r}; it has: {known}"
+
+
+class BadArgument(CommandError):
+    """An argument was refused before anything moved."""
+
+    sentence = "{command}: {parameter}: {reason}"
+
+
+class CommandFailed(CommandError):
+    """The command began and did not succeed."""
+
+    sentence = "{robot}.{command} failed: {detail}"
+
+
+class CommandCancelled(CommandError):
+    """The command was ended on request."""
+
+    sentence = "{robot}.{command} was cancelled: {reason}"
+
+
+class DeadlineExceeded(CommandError):
+    """The time that the caller gave was over first."""
+
+    sentence = "{robot}.{command} was not done within its deadline; allow it more time or look at what blocks it"
+
+
+class Busy(CommandError):
+    """The queue of commands is full."""
+
+    sentence = "{robot} already has {waiting} commands waiting; wait, or cancel them with `robotree stop {robot}`"
+
+
+# -- leases ----------------------------------------------------------------------------------------
+
+
+class LeaseError(VrError):
+    """The caller does not have the right to command this robot."""
+
+
+class LeaseDenied(LeaseError):
+    """Another parent commands the robot."""
+
+    sentence = "{robot} is already enslaved by {holder}; release it there first: `robotree release {holder}.{slot}`"
+
+
+class StaleEpoch(LeaseError):
+    """The caller's lease is over; a newer one was granted or the old one ended."""
+
+    sentence = "{robot} no longer obeys epoch {epoch}, it is at {current}: the lease ended; enslave it again"
+
+
+class CycleOfBonds(LeaseError):
+    """The parent would become its own descendant."""
+
+    sentence = "{parent} cannot enslave {child}: {child} already commands {parent} ({lineage})"
+
+
+class NotInControl(LeaseError):
+    """The robot is enslaved, and the caller is not its parent."""
+
+    sentence = "{robot} is commanded by {holder}; command {holder}, or release the bond: `robotree release {holder}.{slot}`"
+
+
+# -- bonds -----------------------------------------------------------------------------------------
+
+
+class BondError(VrError):
+    """A child slot that cannot be used as asked."""
+
+
+class NoSuchSlot(BondError):
+    """The robot has no slot of this name."""
+
+    sentence = "{robot} has no child slot {slot!r}; it has: {known}"
+
+
+class SlotOccupied(BondError):
+    """The slot already holds a child."""
+
+    sentence = "{robot}.{slot} already holds {child}; release it first: `robotree release {robot}.{slot}`"
+
+
+class SlotEmpty(BondError):
+    """The slot holds no child (any more)."""
+
+    sentence = "{robot}.{slot} is empty ({reason}); enslave a {kind} first: `robotree enslave {robot}.{slot} NAME`"
+
+
+class WrongKind(BondError):
+    """The child is not of the kind that the slot wants."""
+
+    sentence = "{robot}.{slot} takes a {wanted}; {child} is a {kind}"
+
+
+class StillBonded(BondError):
+    """An enslaved robot cannot be deleted."""
+
+    sentence = "{robot} is enslaved by {holder}; delete {holder} or release {holder}.{slot} first"
+
+
+# -- transport -------------------------------------------------------------------------------------
+
+
+class TransportError(VrError):
+    """The way to the other agent failed."""
+
+
+class Unreachable(TransportError):
+    """Nobody answers at this address, or the answerer died before it acknowledged."""
+
+    sentence = "nobody answers at {key}; it has ended or cannot be reached"
+
+
+class NoAnswer(TransportError):
+    """No answer came in the time allowed."""
+
+    sentence = "{key} did not answer within {seconds:.3g} s; it hangs or the network is cut"
+
+
+class TransportClosed(TransportError):
+    """This side has closed its transport."""
+
+    sentence = "the connection to the realm is closed ({key})"
+
+
+class Garbled(TransportError):
+    """What came cannot be read."""
+
+    sentence = "{key} sent what cannot be read: {detail}; are both sides of one version?"
+
+
+# -- bundles ---------------------------------------------------------------------------------------
+
+
+class BundleError(VrError):
+    """Source of a virtual robot that cannot be used."""
+
+
+class NoSuchFile(BundleError):
+    """The file is not there."""
+
+    sentence = "cannot read {path}: {reason}"
+
+
+class BrokenSource(BundleError):
+    """The source does not compile, or raises or hangs while it is loaded."""
+
+    sentence = "{path} cannot be loaded: {reason}"
+
+
+class NoVirtualRobot(BundleError):
+    """The source defines no (such) virtual robot."""
+
+    sentence = "{path} defines no virtual robot{wanted}; it needs a class that derives from VirtualRobot"
+
+
+class SeveralVirtualRobots(BundleError):
+    """The source defines several virtual robots and none was named."""
+
+    sentence = "{path} defines several virtual robots ({known}); say which: {path}:CLASS"

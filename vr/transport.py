@@ -1,0 +1,82 @@
+"""What agents need from a network, and nothing more.
+
+Four verbs: ask (`request`), answer (`serve`), tell everybody (`publish`, `subscribe`), and be seen to be
+alive (`announce`, `watch`). `host/` has the one over Zenoh; `memory.py` one within a process for tests.
+`testing.py` examines any implementation (`check_transport`).
+
+All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them
+meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*` for one chunk and `**` for many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Protocol
+
+Respond = Callable[[bytes], None]
+"""Send one reply; may be called any number of times until the handler returns."""
+
+RequestHandler = Callable[[bytes, Respond], Awaitable[None]]
+"""Answers one request. Runs as its own task; an exception in it is logged and ends the reply."""
+
+SampleHandler = Callable[[str, bytes], None]
+"""Takes one published sample: its key and its body. Must not block."""
+
+PresenceHandler = Callable[[str, bool], None]
+"""Takes one change of presence: the key, and whether it is there now. Must not block."""
+
+
+class Registration(Protocol):
+    """Something declared on a transport that can be taken back."""
+
+    async def close(self) -> None:
+        """Take it back. Twice is once."""
+        ...
+
+
+class Transport(Protocol):
+    """The way from agent to agent. Calls within one process may be direct."""
+
+    async def serve(self, key: str, handler: RequestHandler) -> Registration:
+        """Answer the requests sent to exactly this key. One server per key."""
+        ...
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        """Ask the server of a key and iterate over its replies until it has no more.
+
+        Args:
+            key: as served.
+            body: the request.
+            timeout: [s] for the whole exchange, from now to the last reply.
+            urgent: ahead of everything else (lease renewals, stops, cancels).
+
+        Raises:
+            Unreachable: it ended without a single reply: not served, or its process died.
+            NoAnswer: the time was over (replies that came before were yielded).
+            TransportClosed: this transport is closed.
+        """
+        ...
+
+    def publish(self, key: str, body: bytes) -> None:
+        """Tell every present subscriber; never blocks, a receiver that is too slow misses it."""
+        ...
+
+    async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
+        """Hear what is published under a pattern from now on."""
+        ...
+
+    async def announce(self, key: str) -> Registration:
+        """Be present under a key until the registration closes or this process dies."""
+        ...
+
+    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
+        """See presence come and go: first all that is there already, then each change. Debounced."""
+        ...
+
+    async def present(self, pattern: str) -> list[str]:
+        """Return the keys that are present now."""
+        ...
+
+    async def close(self) -> None:
+        """Take everything back and leave. Twice is once."""
+        ...
