@@ -42,7 +42,7 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     effect: Effect = "once"
     parameters: tuple[FieldSpec, ...] = ()
     result: tuple[FieldSpec, ...] = ()
-    """The parts of the result; one part without a name when it is a single value; empty when there is none."""
+    """The parts of the result; one part without a name for a single value; empty when there is none."""
     through: str = ""
     """`slot.command` when it is a child's command, exposed; such a command needs the slot filled."""
     available: bool = True

@@ -137,13 +137,17 @@ class CommandCancelled(CommandError):
 class DeadlineExceeded(CommandError):
     """The time that the caller gave was over first."""
 
-    sentence = "{robot}.{command} was not done within its deadline; allow it more time or look at what blocks it"
+    sentence = (
+        "{robot}.{command} was not done within its deadline; allow it more time or look at what blocks it"
+    )
 
 
 class Busy(CommandError):
     """The queue of commands is full."""
 
-    sentence = "{robot} already has {waiting} commands waiting; wait, or cancel them with `robotree stop {robot}`"
+    sentence = (
+        "{robot} already has {waiting} commands waiting; wait, or cancel them with `robotree stop {robot}`"
+    )
 
 
 # -- leases ----------------------------------------------------------------------------------------
@@ -156,7 +160,9 @@ class LeaseError(VrError):
 class LeaseDenied(LeaseError):
     """Another parent commands the robot."""
 
-    sentence = "{robot} is already enslaved by {holder}; release it there first: `robotree release {holder}.{slot}`"
+    sentence = (
+        "{robot} is already enslaved by {holder}; release it there first: `robotree release {holder}.{slot}`"
+    )
 
 
 class StaleEpoch(LeaseError):
@@ -174,7 +180,10 @@ class CycleOfBonds(LeaseError):
 class NotInControl(LeaseError):
     """The robot is enslaved, and the caller is not its parent."""
 
-    sentence = "{robot} is commanded by {holder}; command {holder}, or release the bond: `robotree release {holder}.{slot}`"
+    sentence = (
+        "{robot} is commanded by {holder}; command {holder}, or release the "
+        "bond: `robotree release {holder}.{slot}`"
+    )
 
 
 # -- bonds -----------------------------------------------------------------------------------------
@@ -199,7 +208,9 @@ class SlotOccupied(BondError):
 class SlotEmpty(BondError):
     """The slot holds no child (any more)."""
 
-    sentence = "{robot}.{slot} is empty ({reason}); enslave a {kind} first: `robotree enslave {robot}.{slot} NAME`"
+    sentence = (
+        "{robot}.{slot} is empty ({reason}); enslave a {kind} first: `robotree enslave {robot}.{slot} NAME`"
+    )
 
 
 class WrongKind(BondError):

@@ -5,7 +5,7 @@ alive (`announce`, `watch`). `host/` has the one over Zenoh; `memory.py` one wit
 `testing.py` examines any implementation (`check_transport`).
 
 All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them
-meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*` for one chunk and `**` for many.
+meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*` for one chunk, `**` for many.
 """
 
 from __future__ import annotations

@@ -1,0 +1,349 @@
+"""What agents say to each other: one tagged value per request and per reply, as MessagePack.
+
+A request is answered by one reply, except `Call`, which is answered by `Accepted`, any number of
+`Progress` and one `Returned`; `Failed` may end any of them. Decoding never trusts the sender: what cannot
+be read is `Garbled`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import msgspec
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing, RobotDescription, Template
+from robotree.vr.errors import Garbled, VrError
+
+
+class _Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag=True):
+    """A value that travels under its class name."""
+
+
+# -- asked of a robot ------------------------------------------------------------------------------
+
+
+class Describe(_Message, frozen=True, kw_only=True):
+    """Who are you? Answered by `Described`; anyone may ask."""
+
+
+class Call(_Message, frozen=True, kw_only=True):
+    """Carry out one command."""
+
+    key: str
+    """`command id / path`: the same key with the same content is carried out once and answered twice."""
+    command: str
+    arguments: dict[str, Any] = {}
+    epoch: int | None = None
+    """Epoch of the caller's lease; None: the caller is nobody's parent (an operator, for a free robot)."""
+    caller: str = ""
+    """Name of the caller, for people to read."""
+    deadline: float
+    """[s] from the arrival on, within which the command must be done; inherited down the tree."""
+    oneway: bool = False
+    """The caller waits for `Accepted` only."""
+
+
+class Cancel(_Message, frozen=True, kw_only=True):
+    """End a command that waits or runs: by its key, or all of them (empty key). Answered by `Done`."""
+
+    key: str = ""
+    epoch: int | None = None
+    reason: str = ""
+
+
+class Petition(_Message, frozen=True, kw_only=True):
+    """A parent asks to enslave the robot. Answered by `Granted`."""
+
+    parent: Address
+    slot: str
+    kind: str
+    """Kind that the slot takes."""
+    lineage: tuple[str, ...]
+    """Names from the topmost ancestor down to the parent, to refuse cycles."""
+    term: float
+    """[s] asked for; the child decides."""
+
+
+class Renew(_Message, frozen=True, kw_only=True):
+    """The parent goes on. Answered by `Granted` with the same epoch."""
+
+    parent: Address
+    epoch: int
+    lineage: tuple[str, ...]
+
+
+class Release(_Message, frozen=True, kw_only=True):
+    """The parent lets the child go. Answered by `Done`."""
+
+    parent: Address
+    epoch: int
+
+
+class SafeStop(_Message, frozen=True, kw_only=True):
+    """Protective stop, from anyone, at once, down to the hardware. Answered by `Done`."""
+
+    reason: str = ""
+
+
+class Resume(_Message, frozen=True, kw_only=True):
+    """Release a protective stop. Only whoever may command the robot. Answered by `Done`."""
+
+    epoch: int | None = None
+
+
+class Enslave(_Message, frozen=True, kw_only=True):
+    """Asked of a virtual robot by an operator: bind this child to this slot. Answered by `Described`."""
+
+    slot: str
+    child: Address
+
+
+class Free(_Message, frozen=True, kw_only=True):
+    """Asked of a virtual robot by an operator: release the child in this slot. Answered by `Described`."""
+
+    slot: str
+
+
+class Delete(_Message, frozen=True, kw_only=True):
+    """Asked of a virtual robot by an operator: release the children and end. Answered by `Done`."""
+
+
+# -- asked of a host -------------------------------------------------------------------------------
+
+
+class Create(_Message, frozen=True, kw_only=True):
+    """Make a virtual robot of this source, under this name. Answered by `Described`."""
+
+    name: str
+    path: str
+    """Where the author keeps the source; for messages only, the host never opens it."""
+    source: str
+    wanted: str = ""
+    """Class name; empty: the only virtual robot in the source."""
+
+
+class DescribeHost(_Message, frozen=True, kw_only=True):
+    """What do you run? Answered by `HostDescribed`."""
+
+
+# -- asked of a lookup service ---------------------------------------------------------------------
+
+
+class Register(_Message, frozen=True, kw_only=True):
+    """Enter or renew a listing for a term. Answered by `Registered`."""
+
+    listing: Listing
+    term: float
+    """[s] asked for; the lookup service decides."""
+
+
+class Withdraw(_Message, frozen=True, kw_only=True):
+    """Take a listing out. Answered by `Done`."""
+
+    address: Address
+    revision: int
+
+
+class Query(_Message, frozen=True, kw_only=True):
+    """Which agents match? Answered by `Found`."""
+
+    template: Template = Template()
+
+
+# -- asked of a view -------------------------------------------------------------------------------
+
+
+class Look(_Message, frozen=True, kw_only=True):
+    """One picture. Answered by `Picture`."""
+
+    camera: str = ""
+    """Name of the camera; empty: the first."""
+    width: int = 320
+    height: int = 180
+    quality: int = 75
+
+
+class DescribeView(_Message, frozen=True, kw_only=True):
+    """Which cameras, which readings? Answered by `ViewDescribed`."""
+
+
+# -- replies ---------------------------------------------------------------------------------------
+
+
+class Described(_Message, frozen=True, kw_only=True):
+    """A robot's description of itself."""
+
+    robot: RobotDescription
+
+
+class Accepted(_Message, frozen=True, kw_only=True):
+    """The command is in the queue; from here on it is carried out at most once."""
+
+    key: str
+
+
+class Progress(_Message, frozen=True, kw_only=True):
+    """How far the command is."""
+
+    key: str
+    fraction: float
+    """0 to 1; NaN when it cannot be said."""
+    text: str = ""
+
+
+class Returned(_Message, frozen=True, kw_only=True):
+    """The command succeeded."""
+
+    key: str
+    value: Any = None
+
+
+class Granted(_Message, frozen=True, kw_only=True):
+    """The right to command, from now on for `term` seconds of the granter's clock."""
+
+    epoch: int
+    term: float
+    robot: RobotDescription | None = None
+    """On the first grant: what the parent can expose."""
+
+
+class HostDescribed(_Message, frozen=True, kw_only=True):
+    """A host and the robots in it."""
+
+    address: Address
+    robots: tuple[Address, ...] = ()
+
+
+class Registered(_Message, frozen=True, kw_only=True):
+    """The listing is in, for `term` seconds."""
+
+    term: float
+
+
+class Found(_Message, frozen=True, kw_only=True):
+    """The listings that match, with what remains of their leases [s]."""
+
+    listings: tuple[tuple[Listing, float], ...] = ()
+
+
+class Picture(_Message, frozen=True, kw_only=True):
+    """One JPEG picture."""
+
+    jpeg: bytes
+    width: int
+    height: int
+    camera: str
+
+
+class ViewDescribed(_Message, frozen=True, kw_only=True):
+    """A view: its cameras, and what its instruments read (name -> value)."""
+
+    address: Address
+    cameras: tuple[str, ...] = ()
+    readings: dict[str, float] = {}
+
+
+class Done(_Message, frozen=True, kw_only=True):
+    """Carried out; nothing to tell."""
+
+
+class Failed(_Message, frozen=True, kw_only=True):
+    """An error to be raised again on the asking side."""
+
+    error: str
+    data: dict[str, Any] = {}
+
+    @classmethod
+    def of(cls, error: VrError) -> Failed:
+        """Pack an error for the journey."""
+        return cls(error=type(error).__name__, data=error.data)
+
+    def revive(self) -> VrError:
+        """Make the error again."""
+        return VrError.revive(self.error, self.data)
+
+
+# -- published -------------------------------------------------------------------------------------
+
+
+class Listed(_Message, frozen=True, kw_only=True):
+    """A lookup service tells: this listing is new or changed."""
+
+    listing: Listing
+
+
+class Unlisted(_Message, frozen=True, kw_only=True):
+    """A lookup service tells: this listing is out, withdrawn or expired."""
+
+    address: Address
+    revision: int
+
+
+class State(_Message, frozen=True, kw_only=True):
+    """A robot tells how it is, at every change and slowly otherwise, under its key + `/state`."""
+
+    busy: str = ""
+    waiting: int = 0
+    epoch: int = 0
+    bond: Address | None = None
+    online: bool = True
+    stopped: bool = False
+    readings: dict[str, float] = {}
+    """What a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
+
+
+Request = (
+    Describe | Call | Cancel | Petition | Renew | Release | SafeStop | Resume | Enslave | Free | Delete
+    | Create | DescribeHost | Register | Withdraw | Query | Look | DescribeView
+)  # fmt: skip
+Reply = (
+    Described | Accepted | Progress | Returned | Granted | HostDescribed | Registered | Found | Picture
+    | ViewDescribed | Done | Failed
+)  # fmt: skip
+Event = Listed | Unlisted | State
+
+_R = TypeVar("_R")
+_encoder = msgspec.msgpack.Encoder()
+_requests: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
+_replies: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply)
+_events: msgspec.msgpack.Decoder[Event] = msgspec.msgpack.Decoder(Event)
+
+
+def encode(message: Request | Reply | Event) -> bytes:
+    """Pack any message."""
+    return _encoder.encode(message)
+
+
+def decode_request(body: bytes, *, key: str = "a caller") -> Request:
+    """Read a request.
+
+    Raises:
+        Garbled: it is none.
+    """
+    return _decode(_requests, body, key)
+
+
+def decode_reply(body: bytes, *, key: str) -> Reply:
+    """Read a reply from `key`.
+
+    Raises:
+        Garbled: it is none.
+    """
+    return _decode(_replies, body, key)
+
+
+def decode_event(body: bytes, *, key: str) -> Event:
+    """Read an event from `key`.
+
+    Raises:
+        Garbled: it is none.
+    """
+    return _decode(_events, body, key)
+
+
+def _decode(decoder: msgspec.msgpack.Decoder[_R], body: bytes, key: str) -> _R:
+    try:
+        return decoder.decode(body)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise Garbled(key=key, detail=str(error)) from None
