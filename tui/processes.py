@@ -1,0 +1,153 @@
+"""A crew of robotree processes that lives exactly as long as the one who started it.
+
+Each member is a real process of the same command line that a person would type. It says `ready ADDRESS`
+on its standard output when it is up, and it holds the read end of a pipe (`--tether`): when the starter
+ends, whatever ended it, the pipe closes and the member ends too. So no member outlives its crew, not even
+after `kill -9`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+READY = "ready"
+"""First word of the line by which a member says that it is up; the rest is its address."""
+
+START_LIMIT = 30.0
+"""[s] allowed for a member to come up: importing the simulator on a loaded machine takes several seconds."""
+
+STOP_LIMIT = 4.0
+"""[s] allowed for a polite end, before the process is killed."""
+
+
+class MemberFailed(Exception):
+    """A member ended, or said nothing, before it was ready. What it said last is in the message."""
+
+    def __init__(self, words: Sequence[str], reason: str, last_words: str) -> None:
+        """Keep the command, the reason and the last lines of its standard error."""
+        self.words, self.reason, self.last_words = tuple(words), reason, last_words
+        told = last_words or f"`robotree {' '.join(words)}` {reason}"
+        super().__init__(told)
+
+
+class Member:
+    """One process of the crew."""
+
+    def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process, log: Path) -> None:
+        """Take over a process that was just started; `log` is where its standard error goes."""
+        self.words, self.process, self.log = tuple(words), process, log
+        self.address = ""
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self.process.pid
+
+    async def ready(self) -> str:
+        """Wait until it says that it is up.
+
+        Returns:
+            The address it said.
+
+        Raises:
+            MemberFailed: it ended before, or said nothing for `START_LIMIT`.
+        """
+        out = self.process.stdout
+        assert out is not None  # noqa: S101 # started with a pipe
+        try:
+            async with asyncio.timeout(START_LIMIT):
+                while line := (await out.readline()).decode(errors="replace").strip():
+                    word, _, rest = line.partition(" ")
+                    if word == READY:
+                        self.address = rest
+                        return rest
+        except TimeoutError:
+            raise MemberFailed(self.words, f"was not ready within {START_LIMIT:g} s", self._last()) from None
+        await self.process.wait()
+        raise MemberFailed(self.words, f"ended with code {self.process.returncode}", self._last())
+
+    async def stop(self) -> None:
+        """Cut the tether, then end it politely, then surely."""
+        if self.process.stdin:
+            self.process.stdin.close()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STOP_LIMIT):
+                await self.process.wait()
+                return
+        with contextlib.suppress(ProcessLookupError):
+            self.process.kill()
+        await self.process.wait()
+
+    def _last(self) -> str:
+        lines = self.log.read_text(errors="replace").strip().splitlines()
+        return "\n".join(lines[-3:])
+
+
+class Crew:
+    """Starts members, in order or at once, and ends them all, the last one first."""
+
+    def __init__(self, realm: str, logs: Path) -> None:
+        """Members live in `realm` and write what they have to say to files in `logs`."""
+        self.realm, self.logs = realm, logs
+        self.members: list[Member] = []
+
+    async def start(self, *words: str) -> Member:
+        """Start `robotree WORDS…` and wait until it is ready.
+
+        Raises:
+            MemberFailed: it did not come up.
+        """
+        log = (
+            self.logs
+            / f"{'-'.join(word for word in words[:3] if word.isidentifier())}-{len(self.members)}.log"
+        )
+        with log.open("wb") as errors:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                *("-m", "robotree.tui", *words, "--tether"),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=errors,
+                env={**os.environ, "ROBOTREE_REALM": self.realm},
+                start_new_session=True,  # Ctrl-C is for the starter, who then ends its crew in order
+            )
+        member = Member(words, process, log)
+        self.members.append(member)
+        await member.ready()
+        return member
+
+    async def start_all(self, *commands: Sequence[str]) -> list[Member]:
+        """Start several at once.
+
+        Raises:
+            MemberFailed: one did not come up (the first one that failed).
+        """
+        results = await asyncio.gather(*(self.start(*words) for words in commands), return_exceptions=True)
+        members: list[Member] = []
+        for result in results:
+            if isinstance(result, BaseException):
+                raise result
+            members.append(result)
+        return members
+
+    async def stop(self) -> None:
+        """End every member. Twice is once."""
+        members, self.members = self.members, []
+        await asyncio.gather(*(member.stop() for member in reversed(members)))
+
+    async def __aenter__(self) -> Self:
+        """Enter with an empty crew."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the crew, whatever happened."""
+        await asyncio.shield(self.stop())
