@@ -1,0 +1,77 @@
+"""The wheel, installed alone, is the whole product."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(540)]
+
+
+def run(*words: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [str(word) for word in words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=500,
+        env={**os.environ, **env},
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy, so that the tree stays as it is."""
+    source = tmp_path_factory.mktemp("source") / "robotree"
+    listing = run("git", "-C", ROOT, "ls-files", "--cached", "--others", "--exclude-standard")
+    for name in listing.stdout.splitlines():
+        if (ROOT / name).is_file() and not (ROOT / name).is_symlink():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, source / name)
+    out = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", out, source)
+    return next(out.glob("*.whl"))
+
+
+def test_nothing_but_robotree_lands_in_site_packages(wheel: Path) -> None:
+    roots = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert {root for root in roots if not root.endswith(".dist-info")} == {"robotree"}
+
+
+def test_the_wheel_alone_runs_the_demo(wheel: Path, tmp_path: Path) -> None:
+    venv.create(tmp_path / "env", with_pip=False)
+    python = tmp_path / "env" / "bin" / "python"
+    uv = shutil.which("uv") or shutil.which("uv", path=Path(sys.executable).parent)
+    assert uv, "`make setup` provides uv"
+    run(
+        uv,
+        "pip",
+        "install",
+        "--quiet",
+        "--python",
+        python,
+        "--require-hashes",
+        "-r",
+        ROOT / "requirements.lock",
+    )
+    lock = ROOT / "requirements.lock"
+    run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel)
+    runtime = tmp_path / "run"
+    runtime.mkdir(mode=0o700)
+    done = run(
+        *(tmp_path / "env" / "bin" / "robotree", "demo", "--headless", "--pictures", tmp_path),
+        XDG_RUNTIME_DIR=str(runtime),
+        PYTHONPATH="",
+    )
+    assert json.loads(done.stdout.splitlines()[-1])["ok"] is True

@@ -1,0 +1,91 @@
+"""A crew lives exactly as long as the one who started it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.processes import Crew, MemberFailed
+
+pytestmark = pytest.mark.e2e
+
+STARTER = """
+import asyncio, sys
+from pathlib import Path
+from robotree.tui.processes import Crew
+
+async def main():
+    crew = Crew("default", Path(sys.argv[1]))
+    member = await crew.start("lookup", "lu-1")
+    print(member.pid, flush=True)
+    await asyncio.Event().wait()
+
+asyncio.run(main())
+"""
+
+
+@pytest.fixture(autouse=True)
+def private_runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runtime = tmp_path / "run"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+
+
+def is_running(pid: int) -> bool:
+    """Whether the process exists and is not a zombie that nobody has reaped."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+async def ended(process: int, within: float) -> bool:
+    """Wait until the process of a pidfd has ended; the kernel makes it readable then."""
+    over = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_reader(process, over.set)
+    try:
+        async with asyncio.timeout(within):
+            return await over.wait()
+    finally:
+        loop.remove_reader(process)
+        os.close(process)
+
+
+async def test_a_crew_ends_with_its_block(tmp_path: Path) -> None:
+    async with Crew("default", tmp_path) as crew:
+        members = await crew.start_all(("lookup", "lu-1"), ("host", "h-1"))
+        pids = [member.pid for member in members]
+        assert all(is_running(pid) for pid in pids)
+    assert not any(is_running(pid) for pid in pids)
+
+
+async def test_a_member_does_not_outlive_a_starter_that_was_killed(tmp_path: Path) -> None:
+    starter = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", STARTER, str(tmp_path), stdout=asyncio.subprocess.PIPE
+    )
+    assert starter.stdout
+    pid = int(await starter.stdout.readline())
+    member = os.pidfd_open(pid)
+    os.kill(starter.pid, signal.SIGKILL)
+    await starter.wait()
+    assert await ended(member, within=5)
+
+
+async def test_a_member_that_cannot_start_says_why_in_one_sentence(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        async with Crew("default", tmp_path) as crew:
+            with pytest.raises(MemberFailed) as failure:
+                await crew.start("sim", "rover", "--listen", f"tcp:127.0.0.1:{port}")
+    sentence = str(failure.value)
+    assert str(port) in sentence
+    assert "\n" not in sentence
+    assert "Traceback" not in sentence
