@@ -1,0 +1,149 @@
+"""From XML to the table, and to other languages.
+
+The base files (common.xml and what it includes) come from the installed pymavlink at generation time and are
+not part of this project. pymavlink's own generator is the compiler of every language and the oracle of the
+tests; it reports failure in four different ways and prints on the way, so it is run behind `generate`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import pymavlink
+
+from robotree.protocol.dialect.table import Definition, Field
+from robotree.protocol.errors import DialectError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from pymavlink.generator.mavparse import MAVXML, MAVType
+
+DIALECT = Path(__file__).with_name("robotree.xml")
+LARGEST_PAYLOAD = 255
+LARGEST_NESTING = 8
+
+
+def base_directory() -> Path:
+    """Where the installed pymavlink keeps the XML of the base dialects."""
+    return Path(str(pymavlink.__file__)).parent / "dialects" / "v20"
+
+
+@contextlib.contextmanager
+def workspace(xml: Path) -> Iterator[Path]:
+    """A temporary folder with `xml`, its neighbours and the base files, since includes are relative.
+
+    Yields:
+        The copy of `xml`.
+    """
+    with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as name:
+        folder = Path(name)
+        for source in (*base_directory().glob("*.xml"), *xml.parent.glob("*.xml")):
+            shutil.copy(source, folder)
+        yield folder / xml.name
+
+
+def parse(xml: Path = DIALECT) -> list[MAVXML]:
+    """Read a dialect with everything it includes.
+
+    Raises:
+        DialectError: the XML is wrong; the error tells what pymavlink found.
+    """
+    from pymavlink.generator import mavparse  # noqa: PLC0415  only the generator needs it
+
+    def read(path: Path, seen: dict[Path, MAVXML], depth: int = 0) -> None:
+        if path in seen:
+            return
+        if depth > LARGEST_NESTING:
+            raise DialectError(str(xml), f"includes are nested deeper than {LARGEST_NESTING}")
+        parsed = seen[path] = mavparse.MAVXML(str(path), mavparse.PROTOCOL_2_0)
+        for include in parsed.include:
+            read(path.parent / include, seen, depth + 1)
+
+    said, seen = io.StringIO(), dict[Path, "MAVXML"]()
+    with workspace(xml) as copy, contextlib.redirect_stdout(said):
+        try:
+            read(copy, seen)
+            duplicate = mavparse.check_duplicates(list(seen.values()))
+        except DialectError:
+            raise
+        except Exception as error:  # whatever a parser of foreign files may raise
+            raise DialectError(str(xml), f"{type(error).__name__}: {error}") from error
+    if duplicate:
+        raise DialectError(str(xml), said.getvalue().strip())
+    return list(seen.values())
+
+
+def build(xml: Path = DIALECT) -> list[Definition]:
+    """The table of a dialect, by id.
+
+    Raises:
+        DialectError: the XML is wrong, or a message is too long for the wire.
+    """
+    messages = (message for file in parse(xml) for message in file.message)
+    table = sorted((_definition(message) for message in messages), key=lambda each: each.id)
+    for each in table:
+        if each.length > LARGEST_PAYLOAD:
+            raise DialectError(str(xml), f"{each.name} has {each.length} bytes, the wire carries {LARGEST_PAYLOAD}")
+    return table
+
+
+def _definition(message: MAVType) -> Definition:
+    fields = tuple(
+        Field(field.name, field.type, field.array_length, field.wire_offset) for field in message.fields
+    )
+    offsets = {field.name: field.offset for field in fields}
+    return Definition(
+        id=message.id,
+        name=message.name,
+        crc_extra=message.crc_extra,
+        length=message.wire_length,
+        minimum=message.wire_min_length,
+        format="<" + "".join(field.code for field in sorted(fields, key=lambda each: each.offset)),
+        fields=fields,
+        target_system=offsets.get("target_system", -1),
+        target_component=offsets.get("target_component", -1),
+    )
+
+
+def dump(table: list[Definition]) -> bytes:
+    """The bytes of table.json: one message per line, so that a change reads well in a diff."""
+    lines = b",\n".join(msgspec.json.encode(each) for each in table)
+    return b"[\n" + lines + b"\n]\n"
+
+
+def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") -> None:
+    """Run pymavlink's generator.
+
+    Args:
+        output: the file to write, or the folder for languages that need several.
+        xml: the dialect.
+        language: one of `languages()`.
+
+    Raises:
+        DialectError: the generator failed, whichever way it chose to say so.
+    """
+    from pymavlink.generator import mavgen  # noqa: PLC0415  only the generator needs it
+
+    said, failure, done = io.StringIO(), "", False
+    with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)
+        try:
+            done = mavgen.mavgen(options, [str(copy)]) is True
+        except (Exception, SystemExit) as error:  # it raises what it likes, SystemExit included
+            failure = f"{type(error).__name__}: {error}"
+    if not done:
+        raise DialectError(str(xml), failure or said.getvalue().strip()[-2000:])
+
+
+def languages() -> tuple[str, ...]:
+    """What pymavlink can generate."""
+    from pymavlink.generator import mavgen  # noqa: PLC0415  only the generator needs it
+
+    return tuple(mavgen.supportedLanguages)

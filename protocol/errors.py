@@ -1,0 +1,99 @@
+"""Everything that can go wrong on the wire.
+
+Bytes that arrive never raise: they are counted (see statistics.py). What raises is our own mistake, or a
+link that cannot be had::
+
+    ProtocolError
+      DialectError          an XML file that does not compile
+      LocalProtocolError    we were about to speak wrongly
+        InvalidMessage      a message with a value that its field cannot hold
+        UnknownMessage      a message that the dialect does not have
+      LinkError
+        BadUrl              an address that means nothing
+        LinkRefused         nobody listens there, or the port is taken
+        LinkClosed          ended in order: by us, or by the far end
+        LinkBroken          ended by the world
+        LinkOverrun         cut by us: the far end did not read
+"""
+
+from __future__ import annotations
+
+
+class ProtocolError(Exception):
+    """The root of all errors of this package."""
+
+
+class DialectError(ProtocolError):
+    """A dialect does not compile. `detail` is what the generator had to say."""
+
+    def __init__(self, path: str, detail: str) -> None:
+        self.path, self.detail = path, detail
+        super().__init__(f"{path} does not compile; correct the XML: {detail}")
+
+
+class LocalProtocolError(ProtocolError):
+    """We were about to send something wrong; nothing was sent."""
+
+
+class InvalidMessage(LocalProtocolError):
+    """A field cannot hold its value."""
+
+    def __init__(self, message: str, field: str, problem: str) -> None:
+        self.message, self.field, self.problem = message, field, problem
+        super().__init__(f"{message}.{field} {problem}; correct the value before sending")
+
+
+class UnknownMessage(LocalProtocolError):
+    """The dialect has no such message."""
+
+    def __init__(self, what: int | str) -> None:
+        self.what = what
+        super().__init__(f"the dialect has no message {what!r}; add it to robotree.xml and regenerate the table")
+
+
+class LinkError(ProtocolError):
+    """A link cannot be had, or ended. `address` names it."""
+
+    def __init__(self, address: str, sentence: str) -> None:
+        self.address = address
+        super().__init__(sentence)
+
+
+class BadUrl(LinkError):
+    """An address that means nothing to us."""
+
+    def __init__(self, address: str, problem: str) -> None:
+        self.problem = problem
+        super().__init__(address, f"{address!r} is no address of a link: {problem}")
+
+
+class LinkRefused(LinkError):
+    """The link could not be opened. `cause` is the system's word for it."""
+
+    def __init__(self, address: str, cause: str) -> None:
+        self.cause = cause
+        super().__init__(address, f"{address} cannot be opened: {cause}")
+
+
+class LinkClosed(LinkError):
+    """The link ended in order."""
+
+    def __init__(self, address: str, *, by_us: bool) -> None:
+        self.by_us = by_us
+        super().__init__(address, f"{address} was closed by {'us' if by_us else 'the far end'}")
+
+
+class LinkBroken(LinkError):
+    """The link ended because of the world around it."""
+
+    def __init__(self, address: str, cause: str) -> None:
+        self.cause = cause
+        super().__init__(address, f"{address} broke: {cause}")
+
+
+class LinkOverrun(LinkError):
+    """The far end did not read, and what must not be dropped outgrew the bound."""
+
+    def __init__(self, address: str, waiting: int) -> None:
+        self.waiting = waiting
+        super().__init__(address, f"{address} was cut: {waiting} bytes wait and the far end does not read them")

@@ -1,0 +1,1 @@
+# The corner of pymavlink that robotree uses: the generator and its parser.

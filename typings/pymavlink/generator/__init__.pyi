@@ -1,0 +1,1 @@
+# See mavgen.pyi and mavparse.pyi.

@@ -1,0 +1,48 @@
+PROTOCOL_1_0: str
+PROTOCOL_2_0: str
+
+class MAVParseError(Exception): ...
+
+class MAVField:
+    name: str
+    type: str
+    array_length: int
+    wire_offset: int
+    wire_length: int
+    enum: str
+    units: str
+    description: str
+
+class MAVType:
+    name: str
+    id: int
+    description: str
+    fields: list[MAVField]
+    ordered_fields: list[MAVField]
+    extensions_start: int | None
+    crc_extra: int
+    wire_length: int
+    wire_min_length: int
+    message_flags: int
+    target_system_ofs: int
+    target_component_ofs: int
+
+class MAVEnumEntry:
+    name: str
+    value: int
+    description: str
+    end_marker: bool
+
+class MAVEnum:
+    name: str
+    entry: list[MAVEnumEntry]
+    bitmask: bool
+
+class MAVXML:
+    def __init__(self, filename: str, wire_protocol_version: str = ...) -> None: ...
+    filename: str
+    include: list[str]
+    message: list[MAVType]
+    enum: list[MAVEnum]
+
+def check_duplicates(xml: list[MAVXML]) -> bool: ...
