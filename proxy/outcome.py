@@ -1,0 +1,62 @@
+"""How a goal ended, in the words of whoever gave the command. Pure.
+
+The controller says a state, a reason and perhaps a sentence of its own; the caller gets nothing, or one error
+that says what happened and what to do next. The controller's sentence wins over ours: it knows the numbers.
+"""
+
+from __future__ import annotations
+
+from robotree.protocol.messages import GoalState, GoalStatus, Reason
+from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
+
+SENTENCES: dict[Reason, str] = {
+    Reason.NONE: "the controller gave no reason",
+    Reason.OUT_OF_REACH: "no posture of the arm reaches the point; choose one nearer to it",
+    Reason.PATH_BLOCKED: "the point can be reached, but neither straight nor around the base; go in two moves",
+    Reason.BAD_ARGUMENT: "the controller refuses one of the values",
+    Reason.UNKNOWN_VERB: "this controller cannot do that",
+    Reason.STALE_EPOCH: "a newer lease is already obeyed",
+    Reason.KEY_REUSED: "a different command was sent under the same key",
+    Reason.STOPPED: "a safe stop is in force; look at the robot, then release the stop",
+    Reason.BLOCKED: "something in the way holds the robot",
+    Reason.SUPERSEDED: "a newer goal took its place",
+    Reason.LINK_SILENT: "the controller heard nothing from the proxy for too long and holds",
+    Reason.OPERATOR: "somebody asked for it",
+    Reason.FAULT: "the controller found a fault in itself",
+}
+"""One for every reason of the dialect; a test compares."""
+
+
+def explain(status: GoalStatus) -> str:
+    """Why a goal stands where it stands, as one sentence without its full stop."""
+    if status.text:
+        return status.text.rstrip(". ")
+    try:
+        return SENTENCES[Reason(status.reason)]
+    except ValueError:
+        return f"the controller gave reason {status.reason}, which this proxy does not know"
+
+
+def error_of(status: GoalStatus, *, robot: str, command: str, epoch: int) -> VrError | None:
+    """What a final status raises at the caller; None when the goal was reached.
+
+    Args:
+        status: final, or UNKNOWN as the answer about a goal that was sent before.
+        robot: name of the robot, for the sentence.
+        command: name of the command, for the sentence.
+        epoch: the one under which the goal was sent.
+    """
+    match status.state:
+        case GoalState.SUCCEEDED:
+            return None
+        case GoalState.REFUSED if status.reason == Reason.STALE_EPOCH:
+            return StaleEpoch(robot=robot, epoch=epoch, current=status.epoch)
+        case GoalState.CANCELLED:
+            return CommandCancelled(robot=robot, command=command, reason=explain(status))
+        case GoalState.EXPIRED:
+            return DeadlineExceeded(robot=robot, command=command)
+        case GoalState.UNKNOWN:
+            detail = "the controller has forgotten it; was it restarted? Look at the robot, then repeat"
+            return CommandFailed(robot=robot, command=command, detail=detail)
+        case _:
+            return CommandFailed(robot=robot, command=command, detail=explain(status))

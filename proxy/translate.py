@@ -1,0 +1,159 @@
+"""Between the agents' words and the wire's: motions into goals, telemetry into readings. Pure.
+
+Two frames meet here. Commands and readings are in W (x forward, y left, z up), the wire's own messages too;
+only LOCAL_POSITION_NED is, by MAVLink's definition, north, east, down: W turned by half a turn about x.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    Gripper,
+    Joints,
+    LocalPositionNed,
+    NamedValueFloat,
+    Tool,
+    Verb,
+)
+from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
+
+FOREVER_MS = 0
+"""Time to live of a goal without a deadline."""
+LONGEST_MS = 2**32 - 1
+ARGUMENTS = 7
+"""Length of a goal's `args`."""
+
+
+class Target(NamedTuple):
+    """Whom a message is for."""
+
+    system: int
+    component: int
+
+
+def goal_key(command_key: str) -> int:
+    """The 64-bit key of the goal that a command sends.
+
+    A pure function of the command's key: a command that is sent again, by whichever incarnation of the proxy,
+    is the same goal to the controller, which then repeats its status and not the movement.
+    """
+    digest = hashlib.blake2b(command_key.encode(), digest_size=8, person=b"robotree goal").digest()
+    return int.from_bytes(digest, "little") or 1
+
+
+def ttl_ms(remaining: float) -> int:
+    """Time to live for the wire.
+
+    Args:
+        remaining: [s] until the deadline; infinite: none.
+
+    Returns:
+        [ms], at least 1 when there is a deadline, since 0 means for ever.
+    """
+    if math.isinf(remaining):
+        return FOREVER_MS
+    return max(1, min(LONGEST_MS, math.ceil(remaining * 1000.0)))
+
+
+def to_goal(motion: Motion, *, key: int, epoch: int, ttl_ms: int, target: Target) -> Goal:
+    """Put a motion on the wire."""
+    args: tuple[float, ...]
+    match motion:
+        case GoTo(x=x, y=y, z=z, twist=twist, speed=speed):
+            verb, args = Verb.GO_TO, (x, y, z, twist, speed)
+        case Grip(width=width):
+            verb, args = Verb.GRIP, (width,)
+        case Move(dx=dx, dy=dy, speed=speed):
+            verb, args = Verb.MOVE, (dx, dy, speed)
+        case Hold():
+            verb, args = Verb.HOLD, ()
+    return Goal(
+        key=key,
+        epoch=epoch,
+        ttl_ms=ttl_ms,
+        args=args + (0.0,) * (ARGUMENTS - len(args)),
+        verb=verb,
+        target_system=target.system,
+        target_component=target.component,
+    )
+
+
+def from_goal(goal: Goal) -> Motion | None:
+    """Read a goal back; None: its verb is no motion. The inverse of `to_goal`."""
+    a = goal.args
+    match goal.verb:
+        case Verb.GO_TO:
+            return GoTo(x=a[0], y=a[1], z=a[2], twist=a[3], speed=a[4])
+        case Verb.GRIP:
+            return Grip(width=a[0])
+        case Verb.MOVE:
+            return Move(dx=a[0], dy=a[1], speed=a[2])
+        case Verb.HOLD:
+            return Hold()
+        case _:
+            return None
+
+
+# -- telemetry -------------------------------------------------------------------------------------
+
+
+def twist_of(q: tuple[int, ...]) -> float:
+    """The twist of a tool that points down.
+
+    Args:
+        q: (4,) orientation R_WT as a quaternion w, x, y, z of any length.
+
+    Returns:
+        Angle about the vertical [rad], -pi to pi; R_WT = Rz(twist) Ry(pi).
+    """
+    w, x, y, z = q
+    squared = w * w + x * x + y * y + z * z
+    if not squared:
+        return 0.0
+    r01 = 2.0 * (x * y - w * z) / squared
+    r11 = 1.0 - 2.0 * (x * x + z * z) / squared
+    return math.atan2(-r01, r11)
+
+
+def _tool(m: Tool) -> dict[str, float]:
+    pose = {"x": m.x, "y": m.y, "z": m.z, "twist": twist_of(m.q)}
+    wrench = {"fx": m.fx, "fy": m.fy, "fz": m.fz, "tx": m.tx, "ty": m.ty, "tz": m.tz}
+    return pose | wrench
+
+
+def _gripper(m: Gripper) -> dict[str, float]:
+    return {"width": m.width, "grip_force": m.force}
+
+
+def _joints(m: Joints) -> dict[str, float]:
+    return {f"j{i}": angle for i, angle in enumerate(m.position[: m.count], 1)}
+
+
+def _base(m: LocalPositionNed) -> dict[str, float]:
+    return {"x": m.x, "y": -m.y, "vx": m.vx, "vy": -m.vy}
+
+
+def _named(m: NamedValueFloat) -> dict[str, float]:
+    return {m.name: m.value} if m.name else {}
+
+
+READERS: dict[type[Any], Callable[[Any], dict[str, float]]] = {
+    Tool: _tool,
+    Gripper: _gripper,
+    Joints: _joints,
+    LocalPositionNed: _base,
+    NamedValueFloat: _named,
+}
+"""How each telemetry message reads, in SI units and W. A new message is one function and one line here."""
+
+
+def readings_of(message: AnyMessage) -> dict[str, float]:
+    """What a message measures; empty when it is no telemetry. Numbers that are not finite are left out."""
+    read = READERS.get(type(message))
+    return {} if read is None else {n: v for n, v in read(message).items() if math.isfinite(v)}

@@ -1,0 +1,61 @@
+"""The last that was heard of a robot: its twin, with its age. Pure: `now` always comes from the caller.
+
+A reading never silently outlives its truth. The twin keeps every number with the moment it was heard; what
+was not refreshed for STALE seconds is still shown, but `fresh` says no and the reading `age` grows for all to
+see.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+
+from robotree.protocol.messages import AnyMessage
+from robotree.proxy.translate import READERS, readings_of
+
+STALE = 1.0
+"""[s] after which telemetry is old: five times the slowest stream that a controller sends by itself."""
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Twin:
+    """What is known of one robot."""
+
+    heard_at: float = -math.inf
+    """[s] when the last telemetry came."""
+    _readings: dict[str, float] = field(default_factory=dict[str, float])
+    _latest: dict[type[Any], tuple[AnyMessage, float]] = field(
+        default_factory=dict[type[Any], tuple[AnyMessage, float]]
+    )
+
+    def hear(self, message: AnyMessage, now: float) -> None:
+        """Take in whatever came; what is no telemetry is remembered but measures nothing."""
+        self._latest[type(message)] = (message, now)
+        if type(message) in READERS:
+            self.heard_at = now
+            self._readings.update(readings_of(message))
+
+    def latest(self, kind: type[T]) -> T | None:
+        """The last message of a kind, however old, or None."""
+        entry = self._latest.get(kind)
+        return None if entry is None else cast("T", entry[0])
+
+    def fresh(self, kind: type[T], now: float) -> T | None:
+        """The last message of a kind if it is not stale, else None."""
+        entry = self._latest.get(kind)
+        return None if entry is None or now - entry[1] > STALE else cast("T", entry[0])
+
+    def age(self, now: float) -> float:
+        """[s] since the last telemetry; infinite when there never was any."""
+        return now - self.heard_at
+
+    def stale(self, now: float) -> bool:
+        """Whether what is known is old."""
+        return self.age(now) > STALE
+
+    def readings(self, now: float) -> dict[str, float]:
+        """Every reading by name, and `age` [s]. Empty before the first telemetry."""
+        return {**self._readings, "age": max(0.0, self.age(now))} if self._readings else {}

@@ -1,0 +1,101 @@
+"""Laws of the guard before the wire."""
+
+import math
+from dataclasses import asdict
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.proxy.guard import ArmLimits, Fence, RoverLimits, Span, check, check_arrival, spans_of
+from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
+from robotree.vr.errors import BadArgument, StaleEpoch
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+near = st.floats(-1, 1)
+value = anything | near
+arm_motions: st.SearchStrategy[Motion] = st.one_of(
+    st.builds(GoTo, x=value, y=value, z=value, twist=value, speed=value),
+    st.builds(Grip, width=value),
+    st.just(Hold()),
+)
+
+
+@given(motion=arm_motions)
+def test_what_passes_the_guard_is_within_every_limit(motion: Motion) -> None:
+    limits = ArmLimits()
+    spans = spans_of(limits)
+    within = all(spans[name].lower <= v <= spans[name].upper for name, v in asdict(motion).items())
+    try:
+        check(motion, limits, command="c")
+    except BadArgument:
+        assert not within
+    else:
+        assert within
+
+
+@given(dx=value, dy=value, speed=value, x=near, y=near)
+def test_no_move_leads_out_of_the_arena(dx: float, dy: float, speed: float, x: float, y: float) -> None:
+    motion, limits = Move(dx=dx, dy=dy, speed=speed), RoverLimits()
+    try:
+        check(motion, limits, command="move")
+        check_arrival(motion, (x, y), limits, command="move")
+    except BadArgument:
+        return
+    assert abs(x + dx) <= limits.arena_x.upper
+    assert abs(y + dy) <= limits.arena_y.upper
+
+
+def test_a_refusal_names_value_limit_and_unit() -> None:
+    with pytest.raises(BadArgument, match=r"go_to: z: -0\.1 m is outside 0\.02 to 0\.8 m"):
+        check(GoTo(x=0.3, y=0, z=-0.1, twist=0, speed=0.1), ArmLimits(), command="go_to")
+    with pytest.raises(BadArgument, match=r"is not a number; give one from 0 to 0\.08 m"):
+        check(Grip(width=math.nan), ArmLimits(), command="grip")
+    with pytest.raises(
+        BadArgument, match=r"dy: the move would end at 1\.900 m, the arena is -1\.5 to 1\.5 m"
+    ):
+        check_arrival(Move(dx=0, dy=0.9, speed=0.3), (0.0, 1.0), RoverLimits(), command="move")
+
+
+def test_a_value_without_a_known_limit_is_not_sent() -> None:
+    with pytest.raises(BadArgument, match="no limit"):
+        check(Grip(width=0.01), RoverLimits(), command="grip")
+
+
+def test_another_place_has_another_box() -> None:
+    narrow = ArmLimits(x=Span(0.2, 0.4, "m"))
+    with pytest.raises(BadArgument, match=r"0\.5 m is outside 0\.2 to 0\.4 m"):
+        check(GoTo(x=0.5, y=0, z=0.2, twist=0, speed=0.1), narrow, command="go_to")
+
+
+@given(lower=value, upper=value)
+def test_a_span_that_limits_nothing_is_not_born(lower: float, upper: float) -> None:
+    try:
+        span = Span(lower, upper, "m")
+    except ValueError:
+        assert not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper)
+    else:
+        assert lower in span
+        assert upper in span
+        assert (lower + math.nan) not in span
+
+
+@given(epochs=st.lists(st.integers(0, 2**32 - 1)))
+def test_epochs_that_pass_never_fall(epochs: list[int]) -> None:
+    fence, passed = Fence("arm-1"), [0]
+    for epoch in epochs:
+        try:
+            fence.admit(epoch)
+        except StaleEpoch:
+            assert epoch < passed[-1]
+        else:
+            passed.append(epoch)
+    assert passed == sorted(passed)
+
+
+def test_an_epoch_that_the_controller_has_seen_counts_too() -> None:
+    fence = Fence("arm-1")
+    fence.raise_to(8)
+    with pytest.raises(StaleEpoch, match="no longer obeys epoch 7, it is at 8"):
+        fence.admit(7)
+    fence.admit(8)

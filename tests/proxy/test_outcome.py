@@ -1,0 +1,55 @@
+"""How the end of a goal reaches the caller."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol.messages import GoalState, GoalStatus, Reason
+from robotree.proxy.outcome import SENTENCES, error_of, explain
+from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
+
+
+def status(state: int, reason: int = Reason.NONE, text: str = "", epoch: int = 9) -> GoalStatus:
+    return GoalStatus(1, epoch, 0.5, 3, reason, 255, 190, state, text)
+
+
+def ended(state: int, reason: int = Reason.NONE, text: str = "") -> VrError | None:
+    return error_of(status(state, reason, text), robot="arm-1", command="go_to", epoch=7)
+
+
+def test_every_reason_of_the_dialect_has_a_sentence() -> None:
+    assert set(SENTENCES) == set(Reason)
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "error"),
+    [
+        (GoalState.REFUSED, Reason.OUT_OF_REACH, CommandFailed),
+        (GoalState.REFUSED, Reason.STALE_EPOCH, StaleEpoch),
+        (GoalState.FAILED, Reason.BLOCKED, CommandFailed),
+        (GoalState.CANCELLED, Reason.SUPERSEDED, CommandCancelled),
+        (GoalState.EXPIRED, Reason.NONE, DeadlineExceeded),
+        (GoalState.UNKNOWN, Reason.NONE, CommandFailed),
+    ],
+)
+def test_each_end_raises_its_error(state: GoalState, reason: Reason, error: type[VrError]) -> None:
+    assert type(ended(state, reason)) is error
+
+
+def test_a_goal_that_was_reached_raises_nothing() -> None:
+    assert ended(GoalState.SUCCEEDED) is None
+
+
+def test_the_controllers_own_sentence_reaches_the_caller() -> None:
+    error = ended(GoalState.REFUSED, Reason.OUT_OF_REACH, "0.72 m from the foot is more than 0.60 m.")
+    assert str(error) == "arm-1.go_to failed: 0.72 m from the foot is more than 0.60 m"
+
+
+def test_a_stale_epoch_says_which_one_is_obeyed() -> None:
+    assert "no longer obeys epoch 7, it is at 9" in str(ended(GoalState.REFUSED, Reason.STALE_EPOCH))
+
+
+@given(state=st.integers(0, 255), reason=st.integers(0, 65535), text=st.text(max_size=80))
+def test_no_status_from_a_wire_raises(state: int, reason: int, text: str) -> None:
+    assert (ended(state, reason, text) is None) == (state == GoalState.SUCCEEDED)
+    assert explain(status(state, reason, text))

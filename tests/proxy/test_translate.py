@@ -1,0 +1,112 @@
+"""Laws of the translation between commands and the wire."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol.messages import (
+    Goal,
+    Gripper,
+    Heartbeat,
+    Joints,
+    LocalPositionNed,
+    NamedValueFloat,
+    Tool,
+    Verb,
+)
+from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
+from robotree.proxy.translate import (
+    LONGEST_MS,
+    Target,
+    from_goal,
+    goal_key,
+    readings_of,
+    to_goal,
+    ttl_ms,
+    twist_of,
+)
+
+numbers = st.floats(-10, 10, width=32)
+motions: st.SearchStrategy[Motion] = st.one_of(
+    st.builds(GoTo, x=numbers, y=numbers, z=numbers, twist=numbers, speed=numbers),
+    st.builds(Grip, width=numbers),
+    st.builds(Move, dx=numbers, dy=numbers, speed=numbers),
+    st.just(Hold()),
+)
+ARM = Target(1, 1)
+
+
+@given(motion=motions, key=st.integers(1, 2**64 - 1), epoch=st.integers(0, 2**32 - 1))
+def test_a_motion_survives_the_way_into_a_goal_and_back(motion: Motion, key: int, epoch: int) -> None:
+    goal = to_goal(motion, key=key, epoch=epoch, ttl_ms=1000, target=ARM)
+    assert from_goal(goal) == motion
+    assert (goal.key, goal.epoch, goal.target_system, goal.target_component) == (key, epoch, 1, 1)
+
+
+@given(motion=motions)
+def test_a_goal_made_of_a_motion_fits_the_wire(motion: Motion) -> None:
+    goal = to_goal(motion, key=1, epoch=2, ttl_ms=3, target=ARM)
+    assert len(goal.args) == 7
+    assert all(math.isfinite(value) for value in goal.args)
+
+
+def test_a_status_request_is_no_motion() -> None:
+    assert from_goal(Goal(1, 1, 0, (0.0,) * 7, Verb.STATUS, 1, 1)) is None
+
+
+@given(key=st.text())
+def test_the_same_command_is_the_same_goal_and_never_goal_zero(key: str) -> None:
+    assert goal_key(key) == goal_key(key)
+    assert 0 < goal_key(key) < 2**64
+
+
+@given(keys=st.sets(st.text(max_size=40), min_size=2, max_size=50))
+def test_different_commands_are_different_goals(keys: set[str]) -> None:
+    assert len({goal_key(key) for key in keys}) == len(keys)
+
+
+@given(remaining=st.floats(-100, 1e12))
+def test_a_deadline_never_becomes_for_ever_and_is_never_cut_short(remaining: float) -> None:
+    ttl = ttl_ms(remaining)
+    assert 1 <= ttl <= LONGEST_MS
+    assert ttl >= min(remaining * 1000.0, LONGEST_MS)
+
+
+def test_no_deadline_means_until_reached() -> None:
+    assert ttl_ms(math.inf) == 0
+
+
+@given(twist=st.floats(-3.14, 3.14))
+def test_the_twist_is_read_from_the_orientation_of_a_tool_that_points_down(twist: float) -> None:
+    # q = q(Rz twist) q(Ry pi), scaled as on the wire
+    half = twist / 2
+    q = (0.0, -math.sin(half), math.cos(half), 0.0)
+    wire = tuple(round(32767 * part) for part in q)
+    assert math.isclose(twist_of(wire), twist, abs_tol=2e-4)
+
+
+def test_an_orientation_of_zeros_reads_as_no_twist() -> None:
+    assert twist_of((0, 0, 0, 0)) == 0.0
+
+
+def test_telemetry_reads_in_si_units_and_in_the_frame_of_the_cell() -> None:
+    tool = Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 1)
+    assert readings_of(tool) == {
+        "x": 0.1, "y": 0.2, "z": 0.3, "twist": 0.0,
+        "fx": 1.0, "fy": 2.0, "fz": 3.0, "tx": 0.4, "ty": 0.5, "tz": 0.6,
+    }  # fmt: skip
+    assert readings_of(Gripper(5, 0.04, 0.08, 2.0, 1)) == {"width": 0.04, "grip_force": 2.0}
+    assert readings_of(Joints(5, (1.0, 2.0, *(0.0,) * 6), 2)) == {"j1": 1.0, "j2": 2.0}
+    assert readings_of(NamedValueFloat(5, "lever", 0.7)) == {"lever": 0.7}
+    assert readings_of(Heartbeat(0, 0, 0, 0, 4)) == {}
+
+
+def test_a_mobile_base_reports_north_east_down_and_reads_forward_left() -> None:
+    north_east = LocalPositionNed(5, 1.0, 2.0, -0.1, 0.3, 0.4, 0.0)
+    assert readings_of(north_east) == {"x": 1.0, "y": -2.0, "vx": 0.3, "vy": -0.4}
+
+
+@given(value=st.sampled_from([math.nan, math.inf, -math.inf]))
+def test_what_is_no_number_is_no_reading(value: float) -> None:
+    assert readings_of(NamedValueFloat(5, "lever", value)) == {}
