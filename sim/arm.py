@@ -1,0 +1,206 @@
+"""The arm as one robot: ports below, verbs above, the control law between.
+
+Each control period: read the joints and the wrist sensor, walk the attractor on its leash, compute the torques.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from robotree.protocol.messages import Reason, Verb
+from robotree.sim.compliance import NaturalAdmittance
+from robotree.sim.device import Progress
+from robotree.sim.errors import BadArgument, UnknownVerb
+from robotree.sim.gripper import WIDEST, Grip, Gripper
+from robotree.sim.kinematics import Kinematics, twist_of
+from robotree.sim.models.arm import ArmPorts
+from robotree.sim.motion import Follower
+from robotree.sim.planner import TOOL_SPEED, Planner
+from robotree.sim.vectors import Vector
+from robotree.sim.wrist import WristSensor
+
+TOP_SPEED: Final = 0.25
+"""[m/s] that a goal may ask for: the reduced speed of ISO 10218-1 for people near an arm."""
+REACHED: Final = 0.005
+"""[m] between tool and goal that counts as reached; friction leaves 1 mm, 3 mm at worst."""
+SETTLED: Final = 0.03
+"""[rad/s] of the fastest joint that counts as standing."""
+SETTLE_WITHIN: Final = 3.0
+"""[s] after the end of a path by which the tool must be there, or something holds it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmState:
+    """One reading of the arm.
+
+    Attributes:
+        q: (6,) joint angles [rad].
+        position: (3,) of the tool in W [m].
+        rotation: (3, 3) R_WT.
+        wrench: (6,) of the world on the tool, at the tool, axes of W, as the wrist feels it [N, N m].
+        width: between the fingers [m].
+        width_commanded: asked for [m].
+        grip: what the fingers are doing.
+        grip_force: of each finger [N].
+        peak_force: largest net force since the start that contacts put on the hand [N]: the true sum over all
+            contacts of the hand and the fingers with the world, taken from the physics at every step, not from the
+            sensor; what one finger exerts against the other cancels.
+    """
+
+    q: Vector
+    position: Vector
+    rotation: Vector
+    wrench: Vector
+    width: float
+    width_commanded: float
+    grip: Grip
+    grip_force: float
+    peak_force: float
+
+    @property
+    def twist(self) -> float:
+        """Of the tool about the vertical [rad]."""
+        return twist_of(self.rotation)
+
+
+class Arm:
+    """The arm in its cell.
+
+    Args:
+        ports: of the arm in the cell; its joints stand where the arm is switched on.
+    """
+
+    def __init__(self, ports: ArmPorts) -> None:
+        self._ports = ports
+        self._kinematics = Kinematics()
+        self._planner = Planner(Kinematics())
+        self._law = NaturalAdmittance()
+        self._sensor = WristSensor(ports.hand_mass, ports.hand_centre)
+        self._gripper = Gripper(2.0 * float(ports.finger[0]))
+        self._position, self._rotation = self._kinematics.pose(ports.q)
+        self._follower = Follower(self._here())
+        self._wrench: Vector = np.zeros(6)
+        self._load = self._error = self._waited = self._peak = 0.0
+        self._running: Callable[[], Progress] = lambda: Progress(1.0, done=True)
+        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], None]] = {
+            Verb.GO_TO: self._go_to,
+            Verb.GRIP: self._grip,
+            Verb.HOLD: self._stay,
+        }
+
+    @property
+    def verbs(self) -> Mapping[Verb, Callable[[tuple[float, ...]], None]]:
+        """What it can be asked to do."""
+        return self._verbs
+
+    def begin(self, verb: Verb, args: tuple[float, ...]) -> None:
+        """Begin one movement in place of whatever runs.
+
+        Args:
+            verb: GO_TO, GRIP or HOLD.
+            args: as in robotree.xml.
+
+        Raises:
+            GoalRefused: with the reason; nothing has changed.
+        """
+        if verb not in self._verbs:
+            raise UnknownVerb(verb, [known.name for known in self._verbs])
+        self._verbs[verb](args)
+
+    def progress(self) -> Progress:
+        """How far the movement is that was begun last."""
+        return self._running()
+
+    def hold(self) -> None:
+        """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
+        self._follower.rest(self._here())
+        self._running = lambda: Progress(1.0, done=True)
+
+    def control(self, dt: float) -> None:
+        """One period [s] of the control law."""
+        ports = self._ports
+        dynamics = self._kinematics.dynamics(ports.q, ports.v)
+        self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
+        setpoint = self._follower.advance(dt, self._load)
+        effort = self._law.effort(dynamics, ports.v, setpoint, self._wrench, dt)
+        ports.torque[:] = effort.torque
+        self._load, self._error = effort.load, effort.error
+        self._waited = 0.0 if self._follower.moving else self._waited + dt
+        self._position[:], self._rotation[:] = dynamics.position, dynamics.rotation
+        width, speed = 2.0 * float(ports.finger[0]), 2.0 * float(ports.finger_speed[0])
+        ports.finger_target[0] = 0.5 * self._gripper.advance(dt, width, speed)
+        force = ports.contact[:, 3:].sum(axis=0)
+        self._peak = max(self._peak, math.sqrt(float(force @ force)))
+
+    def state(self) -> ArmState:
+        """One reading, not changed by later steps."""
+        ports = self._ports
+        return ArmState(
+            q=np.array(ports.q),
+            position=np.array(self._position),
+            rotation=np.array(self._rotation),
+            wrench=np.array(self._wrench),
+            width=2.0 * float(ports.finger[0]),
+            width_commanded=self._gripper.commanded,
+            grip=self._gripper.state,
+            grip_force=0.5 * abs(float(ports.finger_force[0])),
+            peak_force=self._peak,
+        )
+
+    def _here(self) -> Vector:
+        return np.array((*self._position, twist_of(self._rotation)))
+
+    def _go_to(self, args: tuple[float, ...]) -> None:
+        names = ("x", "y", "z", "twist")
+        now = self._follower.setpoint.pose
+        goal = np.array([_or_now(name, arg, float(here)) for name, arg, here in zip(names, args, now, strict=False)])
+        speed = _or_now("speed", args[4], TOOL_SPEED)
+        if not 0.0 < speed <= TOP_SPEED:
+            raise BadArgument("speed", speed, f"above 0 and at most {TOP_SPEED} m/s")
+        self._follower.follow(self._planner.plan(self._follower.setpoint, np.array(self._ports.q), goal, speed))
+        self._running = self._travelling
+
+    def _grip(self, args: tuple[float, ...]) -> None:
+        width = _or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
+        if not 0.0 <= width <= WIDEST:
+            raise BadArgument("width", width, f"between 0 and {WIDEST} m")
+        self.hold()
+        self._gripper.move(width)
+        self._running = self._gripping
+
+    def _stay(self, _: tuple[float, ...]) -> None:
+        self.hold()
+
+    def _travelling(self) -> Progress:
+        fraction = self._follower.progress
+        if self._follower.blocked:
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+        if self._follower.moving:
+            return Progress(fraction)
+        if self._error < REACHED and float(np.abs(self._ports.v).max()) < SETTLED:
+            return Progress(1.0, done=True)
+        if self._waited > SETTLE_WITHIN:
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+        return Progress(min(fraction, 0.99))
+
+    def _gripping(self) -> Progress:
+        moving = self._gripper.state is Grip.MOVING
+        return Progress(0.5 if moving else 1.0, done=not moving)
+
+    def _held_up(self) -> str:
+        force = math.sqrt(float(self._wrench[:3] @ self._wrench[:3]))
+        return f"something holds the tool with {force:.0f} N, {1e3 * self._error:.0f} mm short; move it away or go around"
+
+
+def _or_now(name: str, value: float, now: float) -> float:
+    """`value`, or `now` where it is NaN.
+
+    Raises:
+        BadArgument: it is infinite.
+    """
+    if math.isinf(value):
+        raise BadArgument(name, value, "finite")
+    return now if math.isnan(value) else value

@@ -1,0 +1,81 @@
+"""What a simulated robot refuses, and why.
+
+::
+
+    SimError
+      GoalRefused           a goal was not begun; `reason` goes over the wire, the message becomes its text
+        OutOfReach          no posture reaches the point, or it lies outside the robot's place
+        PathBlocked         reachable, but no way leads there from here
+        BadArgument         a number is missing, infinite or out of range
+        UnknownVerb         this kind of robot cannot do that
+      UnknownKind           no robot of that kind can be simulated
+
+Whoever sent the goal is to blame for a GoalRefused; the robot has not moved.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import ClassVar
+
+from robotree.protocol.messages import Reason
+
+
+class SimError(Exception):
+    """The root of all errors of this package."""
+
+
+class GoalRefused(SimError):
+    """A goal was not begun."""
+
+    reason: ClassVar[Reason] = Reason.FAULT
+
+
+class OutOfReach(GoalRefused):
+    """The point cannot be reached. Choose another one."""
+
+    reason = Reason.OUT_OF_REACH
+
+    def __init__(self, point: Sequence[float], why: str) -> None:
+        self.point, self.why = tuple(point), why
+        super().__init__(f"({_metres(point)}) is out of reach: {why}")
+
+
+class PathBlocked(GoalRefused):
+    """The point can be reached, but not from here. Go by way of another point."""
+
+    reason = Reason.PATH_BLOCKED
+
+    def __init__(self, point: Sequence[float]) -> None:
+        self.point = tuple(point)
+        super().__init__(f"no line or arc leads to ({_metres(point)}) from here; go by another point")
+
+
+class BadArgument(GoalRefused):
+    """A number that means nothing here. Correct it."""
+
+    reason = Reason.BAD_ARGUMENT
+
+    def __init__(self, name: str, value: float, allowed: str) -> None:
+        self.name, self.value, self.allowed = name, value, allowed
+        super().__init__(f"{name} is {value:g}; it must be {allowed}")
+
+
+class UnknownVerb(GoalRefused):
+    """This kind of robot cannot do that."""
+
+    reason = Reason.UNKNOWN_VERB
+
+    def __init__(self, verb: int, known: Iterable[str]) -> None:
+        self.verb, self.known = verb, tuple(known)
+        super().__init__(f"verb {verb} is unknown here; known: {', '.join(self.known)}")
+
+
+class UnknownKind(SimError):
+    """No robot of that kind can be simulated."""
+
+    def __init__(self, kind: str, known: Iterable[str]) -> None:
+        self.kind, self.known = kind, tuple(known)
+        super().__init__(f"there is no robot of kind {kind!r} to simulate; choose one of {', '.join(self.known)}")
+
+
+def _metres(point: Sequence[float]) -> str:
+    return ", ".join(f"{value:.3f}" for value in point[:3])

@@ -1,0 +1,70 @@
+"""The parallel gripper: how its fingers are led to a width, and what they are doing.
+
+Pure: widths, speeds and seconds in, set-points and a state out.
+"""
+
+from enum import Enum
+from typing import Final
+
+WIDEST: Final = 0.08
+"""[m] gap of the open gripper."""
+SPEED: Final = 0.12
+"""[m/s] of the gap."""
+AT_WIDTH: Final = 0.001
+"""[m] that counts as being at the width asked for."""
+STILL: Final = 0.002
+"""[m/s] of the gap below which the fingers stand."""
+STILL_FOR: Final = 0.2
+"""[s] of standing short of the width after which something is held."""
+
+
+class Grip(Enum):
+    """What the fingers are doing."""
+
+    AT_WIDTH = "at the width asked for"
+    MOVING = "moving"
+    HOLDING = "holding something"
+
+
+class Gripper:
+    """Leads the fingers.
+
+    Args:
+        width: the gap at first [m].
+    """
+
+    def __init__(self, width: float) -> None:
+        self.commanded = width
+        """Width asked for [m]."""
+        self.state = Grip.AT_WIDTH
+        self._led = width
+        self._still = 0.0
+
+    def move(self, width: float) -> None:
+        """Ask for a gap of `width` [m]."""
+        self.commanded = min(max(width, 0.0), WIDEST)
+        self.state = Grip.MOVING
+        self._still = 0.0
+
+    def advance(self, dt: float, width: float, speed: float) -> float:
+        """Lead on for `dt` [s], the gap being `width` [m] and changing by `speed` [m/s].
+
+        Args:
+            dt: control period [s].
+            width: the gap now [m].
+            speed: its rate of change [m/s].
+
+        Returns:
+            The gap that the servo should hold now [m].
+        """
+        step = SPEED * dt
+        self._led += min(max(self.commanded - self._led, -step), step)
+        led_there = self._led == self.commanded
+        self._still = self._still + dt if led_there and abs(speed) < STILL else 0.0
+        if abs(width - self.commanded) < AT_WIDTH:
+            self.state = Grip.AT_WIDTH if led_there else self.state
+        elif self._still >= STILL_FOR:
+            self.state = Grip.HOLDING
+        elif self.state is Grip.AT_WIDTH or abs(speed) >= STILL:
+            self.state = Grip.MOVING
+        return self._led

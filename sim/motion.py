@@ -1,0 +1,213 @@
+"""Paths and the leash on which the attractor follows them.
+
+A path is jerk-limited (ruckig, Berscheid and Kroeger 2021) with all axes in phase, so that from rest it is straight in
+its own coordinates; ruckig's default, time synchronisation, would bend a 0.37 m move by 5 mm. The leash stretches a
+path's time: as the spring between tool and attractor fills from 60 % to 100 % of its limit, the path slows from full
+speed to a stop, so an arm that is blocked or pushed away resumes where it is instead of jumping after a set-point
+that has run ahead. The attractor's velocity is scaled likewise (unscaled it would add its damping force, 28 N
+instead of 15 N at the table).
+
+Pure: positions, seconds and loads in, set-points out.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+import ruckig
+
+from robotree.sim.vectors import Vector
+
+LEASH_SLACK: Final = 0.6
+"""Load of the spring, as a share of its limit, at which a path begins to wait."""
+BLOCKED_AFTER: Final = 2.0
+"""[s] at a standstill with the leash taut after which the way counts as blocked."""
+_STANDSTILL: Final = 0.02
+"""Share of the path's own pace below which it stands."""
+
+
+class Setpoint(NamedTuple):
+    """Where something should be and how fast it should move: `pose` and `velocity`, one entry per axis."""
+
+    pose: Vector
+    velocity: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds of a path, one entry per axis, in the axis' unit per s, s2 and s3."""
+
+    velocity: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    jerk: tuple[float, ...]
+
+
+class Path(Protocol):
+    """A way to `goal` that takes `duration` [s] when nothing is in the way."""
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        ...
+
+    @property
+    def goal(self) -> Vector:
+        """Where it ends."""
+        ...
+
+    def at(self, time: float) -> Setpoint:
+        """The set-point `time` [s] after the start."""
+        ...
+
+
+class Line:
+    """A jerk-limited path, straight in its own coordinates when it starts from rest.
+
+    Args:
+        start: where it starts and how fast; a start in motion is continued without a jump in velocity.
+        goal: where it ends, at rest.
+        limits: what it may not exceed.
+    """
+
+    def __init__(self, start: Setpoint, goal: Vector, limits: Limits) -> None:
+        axes = len(goal)
+        wish = ruckig.InputParameter(axes)
+        wish.current_position, wish.current_velocity = start.pose.tolist(), start.velocity.tolist()
+        wish.target_position = goal.tolist()
+        wish.max_velocity = list(limits.velocity)
+        wish.max_acceleration = list(limits.acceleration)
+        wish.max_jerk = list(limits.jerk)
+        wish.synchronization = ruckig.Synchronization.Phase
+        self._trajectory = ruckig.Trajectory(axes)
+        ruckig.Ruckig(axes).calculate(wish, self._trajectory)
+        self._goal = goal
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self._trajectory.duration
+
+    @property
+    def goal(self) -> Vector:
+        """Where it ends."""
+        return self._goal
+
+    def at(self, time: float) -> Setpoint:
+        """The set-point `time` [s] after the start."""
+        pose, velocity, _ = self._trajectory.at_time(time)
+        return Setpoint(np.array(pose), np.array(velocity))
+
+
+class Arc:
+    """A path about the arm's base: straight in (radius, azimuth, height, twist) instead of (x, y, z, twist).
+
+    It leads around the base where a straight line would fold the elbow.
+    """
+
+    def __init__(self, start: Setpoint, goal: Vector, limits: Limits) -> None:
+        x, y, z, twist = start.pose
+        vx, vy, vz, spin = start.velocity
+        radius = max(math.hypot(x, y), 1e-6)
+        begin = Setpoint(
+            np.array((radius, math.atan2(y, x), z, twist)),
+            np.array(((x * vx + y * vy) / radius, (x * vy - y * vx) / radius**2, vz, spin)),
+        )
+        end = np.array((math.hypot(goal[0], goal[1]), math.atan2(goal[1], goal[0]), goal[2], goal[3]))
+        widest = max(radius, float(end[0]))
+        self._line = Line(
+            begin,
+            end,
+            Limits(
+                _azimuth(limits.velocity, widest), _azimuth(limits.acceleration, widest), _azimuth(limits.jerk, widest)
+            ),
+        )
+        self._goal = goal
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return self._line.duration
+
+    @property
+    def goal(self) -> Vector:
+        """Where it ends."""
+        return self._goal
+
+    def at(self, time: float) -> Setpoint:
+        """The set-point `time` [s] after the start."""
+        (radius, azimuth, z, twist), (outward, turning, vz, spin) = self._line.at(time)
+        c, s = math.cos(azimuth), math.sin(azimuth)
+        along = radius * turning
+        return Setpoint(
+            np.array((radius * c, radius * s, z, twist)),
+            np.array((outward * c - along * s, outward * s + along * c, vz, spin)),
+        )
+
+
+def _azimuth(limits: Sequence[float], radius: float) -> tuple[float, ...]:
+    """Bounds in cylindrical coordinates from bounds in Cartesian ones, true at `radius` [m]."""
+    return (limits[0], limits[1] / radius, *limits[2:])
+
+
+class Follower:
+    """The attractor on its leash.
+
+    Args:
+        at: where it rests at first.
+    """
+
+    def __init__(self, at: Vector) -> None:
+        self.setpoint = Setpoint(np.array(at), np.zeros(len(at)))
+        self._path: Path | None = None
+        self._time = 0.0
+        self._taut = 0.0
+
+    @property
+    def moving(self) -> bool:
+        """Whether a path is being followed."""
+        return self._path is not None
+
+    @property
+    def progress(self) -> float:
+        """Share of the path's time that has been walked, 1 at rest."""
+        if self._path is None or self._path.duration <= 0.0:
+            return 1.0
+        return min(self._time / self._path.duration, 1.0)
+
+    @property
+    def blocked(self) -> bool:
+        """Whether the path has been held up for `BLOCKED_AFTER`."""
+        return self._taut >= BLOCKED_AFTER
+
+    def follow(self, path: Path) -> None:
+        """Leave whatever is being followed and begin `path`."""
+        self._path, self._time, self._taut = path, 0.0, 0.0
+
+    def rest(self, at: Vector) -> None:
+        """Drop the path and rest at `at`."""
+        self._path, self._taut = None, 0.0
+        self.setpoint = Setpoint(np.array(at), np.zeros(len(at)))
+
+    def advance(self, dt: float, load: float) -> Setpoint:
+        """Walk on for `dt` [s] with the spring at `load` (1: at its limit).
+
+        Args:
+            dt: control period [s].
+            load: share of the spring's limit.
+
+        Returns:
+            The set-point for this period.
+        """
+        if self._path is None:
+            return self.setpoint
+        pace = min(max((1.0 - load) / (1.0 - LEASH_SLACK), 0.0), 1.0)
+        self._taut = self._taut + dt if pace < _STANDSTILL else 0.0
+        self._time += dt * pace
+        if self._time >= self._path.duration:
+            self.rest(self._path.goal)
+        else:
+            pose, velocity = self._path.at(self._time)
+            self.setpoint = Setpoint(pose, velocity * pace)
+        return self.setpoint
