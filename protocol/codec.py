@@ -29,6 +29,8 @@ HEADER = "<BBBBBBHB"
 """Length, incompatibility flags, compatibility flags, sequence, system, component, id (low, high)."""
 HEADER_VALUES = 8
 HEADER_BYTES = 9
+PACKING_ERRORS = (struct.error, OverflowError, TypeError)
+"""What `struct` raises for a value that does not fit."""
 _FLOATS = ("float", "double")
 
 
@@ -72,6 +74,18 @@ class Codec:
         self.floats = _floats(self.wire)
         """From flat values to those of floating-point fields."""
 
+    def content(self, message: object) -> bytes:
+        """The full payload of a message, zeros at its end included; equal when every bit is.
+
+        Raises:
+            InvalidMessage: a field cannot hold its value.
+        """
+        flat = self.flatten(message)
+        try:
+            return bytes(self.pack(*bytes(HEADER_VALUES), *flat)[HEADER_BYTES:])
+        except PACKING_ERRORS as error:
+            raise self.diagnose(flat) from error
+
     def require_finite(self, flat: Values) -> None:
         """Refuse NaN and infinity in any floating-point field.
 
@@ -88,7 +102,7 @@ class Codec:
             values = flat[span]
             try:
                 struct.pack("<" + field.code, *values)
-            except (struct.error, OverflowError, TypeError) as error:
+            except PACKING_ERRORS as error:
                 shown = values[0] if len(values) == 1 else values
                 return InvalidMessage(self.definition.name, field.name, f"cannot hold {shown!r} ({error})")
         return InvalidMessage(self.definition.name, "*", f"got {len(flat)} values")
@@ -113,18 +127,17 @@ def _floats(wire: Sequence[Field]) -> Callable[[Values], Values]:
 
 def _declarer(definition: Definition, spans: list[slice]) -> Callable[[Values], Values]:
     """From unpacked to declared values, by one C call where there is no text."""
-    place = {
+    wire = sorted(definition.fields, key=lambda field: field.offset)
+    place: dict[str, Any] = {
         field.name: span if field.length and not field.is_bytes else span.start
-        for field, span in zip(sorted(definition.fields, key=lambda each: each.offset), spans, strict=True)
+        for field, span in zip(wire, spans, strict=True)
     }
     keys = [place[field.name] for field in definition.fields]
-    pick: Callable[[Values], Values]
+    pick: Callable[[Values], Any] = itemgetter(*keys)
     if keys == list(range(HEADER_VALUES, HEADER_VALUES + len(keys))):
         pick = itemgetter(slice(HEADER_VALUES, None))
-    elif len(keys) == 1:  # one array: itemgetter would hand it out bare
-        pick = itemgetter(slice(keys[0], None)) if isinstance(keys[0], int) else lambda v, k=keys[0]: (v[k],)
-    else:
-        pick = itemgetter(*keys)
+    elif len(keys) == 1:  # itemgetter hands a single item out bare
+        pick = _wrapped(pick)
     texts = [i for i, field in enumerate(definition.fields) if field.type == "char"]
     if not texts:
         return pick
@@ -138,14 +151,13 @@ def _declarer(definition: Definition, spans: list[slice]) -> Callable[[Values], 
     return declare
 
 
-def _flattener(name: str, wire: Sequence[Field], get: Callable[[Any], Any]) -> Callable[[Any], Values]:
-    """From an object to flat values; `get` takes the fields from it in wire order."""
-    if len(wire) == 1:
-        bare = get
+def _wrapped(get: Callable[[Any], Any]) -> Callable[[Any], Values]:
+    return lambda source: (get(source),)
 
-        def get(source: Any) -> Values:
-            return (bare(source),)
 
+def _flattener(name: str, wire: Sequence[Field], getter: Callable[[Any], Any]) -> Callable[[Any], Values]:
+    """From an object to flat values; `getter` takes the fields from it in wire order."""
+    get = getter if len(wire) > 1 else _wrapped(getter)
     openers = [(i, _opener(name, field)) for i, field in enumerate(wire) if field.length]
     if not openers:
         return get
@@ -153,14 +165,14 @@ def _flattener(name: str, wire: Sequence[Field], get: Callable[[Any], Any]) -> C
         i, opener = openers[0]
 
         def flatten_one(source: Any) -> Values:
-            values = get(source)
+            values: Values = get(source)
             return (*values[:i], *opener(values[i]), *values[i + 1 :])
 
         return flatten_one
     openers.reverse()
 
     def flatten(source: Any) -> Values:
-        values = get(source)
+        values: Values = get(source)
         for i, opener in openers:
             values = (*values[:i], *opener(values[i]), *values[i + 1 :])
         return values

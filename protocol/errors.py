@@ -48,7 +48,9 @@ class UnknownMessage(LocalProtocolError):
 
     def __init__(self, what: int | str) -> None:
         self.what = what
-        super().__init__(f"the dialect has no message {what!r}; add it to robotree.xml and regenerate the table")
+        super().__init__(
+            f"the dialect has no message {what!r}; add it to robotree.xml and regenerate the table"
+        )
 
 
 class LinkError(ProtocolError):
@@ -96,4 +98,6 @@ class LinkOverrun(LinkError):
 
     def __init__(self, address: str, waiting: int) -> None:
         self.waiting = waiting
-        super().__init__(address, f"{address} was cut: {waiting} bytes wait and the far end does not read them")
+        super().__init__(
+            address, f"{address} was cut: {waiting} bytes wait and the far end does not read them"
+        )

@@ -2,23 +2,22 @@
 
 ::
 
-    FD | length | flags | flags | sequence | system | component | id ×3 | payload ≤ 255 | crc ×2 | signature ×13
+    FD, length, flags, flags, sequence, system, component, id (3), payload (0 to 255), crc (2), signature (13)
 
-Zeros at the end of the payload are not sent, except for its first byte. The checksum is CRC-16/MCRF4XX from the
-length to the payload, and then over one byte that stands for the message's definition.
+Zeros at the end of the payload are not sent, except for its first byte. The checksum is CRC-16/MCRF4XX from
+the length to the payload, and then over one byte that stands for the message's definition.
 """
 
 from __future__ import annotations
 
-import struct
 from math import isfinite
 from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
-from robotree.protocol.codec import HEADER_BYTES
-from robotree.protocol.messages.base import AnyMessage, Untyped
+from robotree.protocol.codec import HEADER_BYTES, PACKING_ERRORS
+from robotree.protocol.messages.base import AnyMessage, Untyped, fields_of
 
 if TYPE_CHECKING:
     from robotree.protocol.codec import Codec
@@ -28,6 +27,7 @@ MAGIC_V1 = 0xFE
 SIGNED = 0x01
 """The only incompatibility flag there is."""
 SIGNATURE_BYTES = 13
+HEADER_BYTES_V1 = 6
 LARGEST_FRAME = 1 + HEADER_BYTES + 255 + 2 + SIGNATURE_BYTES
 _START = b"\xfd"
 
@@ -61,6 +61,28 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
         """The MAVLink version of the frame: 1 or 2."""
         return 2 if self.raw[0] == MAGIC else 1
 
+    @property
+    def target(self) -> tuple[int, int]:
+        """System and component that the message is addressed to; 0: to all."""
+        if isinstance(self.message, Untyped):
+            fields = fields_of(self.message)
+            system, component = fields.get("target_system", 0), fields.get("target_component", 0)
+        else:
+            system = getattr(self.message, "target_system", 0)
+            component = getattr(self.message, "target_component", 0)
+        return (system if isinstance(system, int) else 0, component if isinstance(component, int) else 0)
+
+    def is_for(self, system: int, *components: int) -> bool:
+        """Whether the message is addressed to one of these components of a system, or to all."""
+        to_system, to_component = self.target
+        return to_system in (0, system) and to_component in (0, *components)
+
+    @property
+    def payload(self) -> bytes:
+        """The payload as it was sent, without the zeros that were left out at its end."""
+        start = 1 + HEADER_BYTES if self.raw[0] == MAGIC else HEADER_BYTES_V1
+        return self.raw[start : start + self.raw[1]]
+
 
 def encode(
     message: AnyMessage, *, sequence: int, system: int, component: int, signer: Signer | None = None
@@ -87,7 +109,7 @@ def encode(
         )
         if message.finite and not isfinite(sum(codec.floats(flat))):
             codec.require_finite(flat)
-    except (struct.error, OverflowError, TypeError) as error:
+    except PACKING_ERRORS as error:
         raise codec.diagnose(flat) from error
     if not body[-1]:
         end = max(len(body.rstrip(b"\0")), HEADER_BYTES + 1)

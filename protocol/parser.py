@@ -1,7 +1,7 @@
 """From a stream of bytes to frames. Nothing that arrives can raise; whatever is no frame is counted.
 
-After a bad checksum or an unknown id the parser steps one byte, never the length that the broken frame claims:
-that is what loses no intact frame behind it.
+After a bad checksum or an unknown id the parser steps one byte, never the length that the broken frame
+claims: that is what loses no intact frame behind it.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from robotree.protocol.dialect.table import Definition, Field
 from robotree.protocol.errors import DialectError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
     from pymavlink.generator.mavparse import MAVXML, MAVType
 
@@ -36,7 +36,7 @@ def base_directory() -> Path:
 
 
 @contextlib.contextmanager
-def workspace(xml: Path) -> Iterator[Path]:
+def workspace(xml: Path) -> Generator[Path]:
     """A temporary folder with `xml`, its neighbours and the base files, since includes are relative.
 
     Yields:
@@ -55,7 +55,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
     Raises:
         DialectError: the XML is wrong; the error tells what pymavlink found.
     """
-    from pymavlink.generator import mavparse  # noqa: PLC0415  only the generator needs it
+    from pymavlink.generator import mavparse
 
     def read(path: Path, seen: dict[Path, MAVXML], depth: int = 0) -> None:
         if path in seen:
@@ -73,7 +73,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
             duplicate = mavparse.check_duplicates(list(seen.values()))
         except DialectError:
             raise
-        except Exception as error:  # whatever a parser of foreign files may raise
+        except Exception as error:  # whatever the parser may raise
             raise DialectError(str(xml), f"{type(error).__name__}: {error}") from error
     if duplicate:
         raise DialectError(str(xml), said.getvalue().strip())
@@ -90,7 +90,8 @@ def build(xml: Path = DIALECT) -> list[Definition]:
     table = sorted((_definition(message) for message in messages), key=lambda each: each.id)
     for each in table:
         if each.length > LARGEST_PAYLOAD:
-            raise DialectError(str(xml), f"{each.name} has {each.length} bytes, the wire carries {LARGEST_PAYLOAD}")
+            problem = f"{each.name} has {each.length} bytes, the wire carries {LARGEST_PAYLOAD}"
+            raise DialectError(str(xml), problem)
     return table
 
 
@@ -129,14 +130,14 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     Raises:
         DialectError: the generator failed, whichever way it chose to say so.
     """
-    from pymavlink.generator import mavgen  # noqa: PLC0415  only the generator needs it
+    from pymavlink.generator import mavgen
 
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)
         try:
             done = mavgen.mavgen(options, [str(copy)]) is True
-        except (Exception, SystemExit) as error:  # it raises what it likes, SystemExit included
+        except (Exception, SystemExit) as error:  # noqa: BLE001  it raises what it likes, SystemExit included
             failure = f"{type(error).__name__}: {error}"
     if not done:
         raise DialectError(str(xml), failure or said.getvalue().strip()[-2000:])
@@ -144,6 +145,6 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
 
 def languages() -> tuple[str, ...]:
     """What pymavlink can generate."""
-    from pymavlink.generator import mavgen  # noqa: PLC0415  only the generator needs it
+    from pymavlink.generator import mavgen
 
     return tuple(mavgen.supportedLanguages)

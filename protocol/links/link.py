@@ -1,0 +1,99 @@
+"""What a link is: a way for bytes to go there and back, told through callbacks.
+
+A link neither knows messages nor cuts the incoming stream at frames; a `Handler`, usually an
+`robotree.protocol.endpoint.Endpoint`, does. `robotree.protocol.testing.check_link` examines any new one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from robotree.protocol.errors import LinkError
+
+
+class LinkStatistics(msgspec.Struct, frozen=True):
+    """One reading of a link's gauges."""
+
+    sent: int
+    """[bytes] handed to the system."""
+    received: int
+    """[bytes] handed to the handler."""
+    waiting: int
+    """[bytes] that the far end has not made room for."""
+    superseded: int
+    """Telemetry frames that a newer one of their topic replaced while they waited."""
+    dropped: int
+    """Frames that were sent after the end of the link."""
+
+
+class Link(Protocol):
+    """One end of an open link."""
+
+    @property
+    def address(self) -> str:
+        """Names the link for people: scheme, and whom it leads to."""
+        ...
+
+    @property
+    def congested(self) -> bool:
+        """Whether frames wait for the far end; what can be left out (a picture) should be."""
+        ...
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The gauges now."""
+        ...
+
+    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+        """Send one whole frame, or queue it. Never blocks, never raises; after the end it only counts.
+
+        Args:
+            frame: one whole frame.
+            topic: None: must arrive or the link ends. Else telemetry: while it waits, a newer frame of the
+                same topic takes its place.
+        """
+        ...
+
+    def close(self) -> None:
+        """End the link; the handler is told. What waits may be lost. Harmless when repeated."""
+        ...
+
+
+class Handler(Protocol):
+    """Hears a link."""
+
+    def received(self, data: bytes) -> None:
+        """Some bytes came, cut anywhere."""
+        ...
+
+    def closed(self, reason: LinkError) -> None:
+        """The link ended; told exactly once, and nothing is told after it."""
+        ...
+
+
+Accept = Callable[[Link], Handler]
+"""Called with every link that opens, before any byte is told; what it returns hears the link."""
+
+
+class Listener(Protocol):
+    """Waits for links from outside."""
+
+    @property
+    def address(self) -> str:
+        """What others pass to `connect`, with the port that was really taken."""
+        ...
+
+    @property
+    def links(self) -> frozenset[Link]:
+        """The links that are open now."""
+        ...
+
+    async def close(self) -> None:
+        """Listen no more and end all links."""
+        ...

@@ -1,0 +1,224 @@
+"""MAVLink over TCP.
+
+Whole frames go to the socket, each in one write, without Nagle's delay; the system's buffer is kept small
+so that telemetry which waits is superseded here instead of growing old there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from typing import TYPE_CHECKING
+
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
+from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.links.url import require_loopback
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.url import Url
+
+CONNECT_TIMEOUT = 5.0
+"""[s]"""
+SYSTEM_BUFFER = 64 * 1024
+"""[bytes] that the system keeps for us; a few hundred frames."""
+HIGH_WATER = 16 * 1024
+"""[bytes] that asyncio keeps before our own outbox does."""
+HARD_BOUND = 1024 * 1024
+"""[bytes] in the outbox; a far end that lets more wait never reads and is cut."""
+LARGEST_CROWD = 128
+"""Links of one listener; more are closed at once."""
+
+
+class TcpLink(asyncio.Protocol):
+    """One end of a TCP connection. Made by `connect` and `listen`."""
+
+    def __init__(self, accept: Accept, crowd: set[Link] | None = None, bound: int = HARD_BOUND) -> None:
+        self._accept, self._crowd, self._bound = accept, crowd, bound
+        self._transport: asyncio.Transport | None = None
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done when the handler was told of the end."""
+        self._handler: Handler | None = None
+        self._outbox = Outbox()
+        self._paused = False
+        self._reason: LinkError | None = None
+        self._sent = self._received = self._dropped = 0
+        self.address = "tcp:?"
+
+    @property
+    def congested(self) -> bool:
+        """Whether frames wait for the far end."""
+        return self._paused
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The gauges now."""
+        inside = self._transport.get_write_buffer_size() if self._transport is not None else 0
+        return LinkStatistics(
+            sent=self._sent,
+            received=self._received,
+            waiting=self._outbox.waiting + inside,
+            superseded=self._outbox.superseded,
+            dropped=self._dropped,
+        )
+
+    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+        """Send one whole frame, or queue it."""
+        if self._transport is None or self._reason is not None:
+            self._dropped += 1
+        elif not self._paused:
+            self._sent += len(frame)
+            self._transport.write(frame)
+        else:
+            self._outbox.put(frame, topic)
+            if self._outbox.waiting > self._bound:
+                self._end(LinkOverrun(self.address, self._outbox.waiting), self._transport)
+
+    def close(self) -> None:
+        """End the connection."""
+        if self._transport is not None and self._reason is None:
+            self._end(LinkClosed(self.address, by_us=True), self._transport)
+
+    def _end(self, reason: LinkError, transport: asyncio.Transport) -> None:
+        self._reason = reason
+        if self._paused:  # nobody reads: a polite end would wait for ever
+            transport.abort()
+        else:
+            transport.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Asyncio tells: the connection stands."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
+        host, port = transport.get_extra_info("peername")[:2]
+        self.address = f"tcp:[{host}]:{port}" if ":" in host else f"tcp:{host}:{port}"
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
+        transport.set_write_buffer_limits(high=HIGH_WATER, low=0)
+        if self._crowd is not None:
+            if len(self._crowd) >= LARGEST_CROWD:
+                transport.abort()
+                return
+            self._crowd.add(self)
+        self._transport = transport
+        self._handler = self._accept(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Asyncio tells: bytes came."""
+        if self._handler is not None and self._reason is None:
+            self._received += len(data)
+            self._handler.received(data)
+
+    def pause_writing(self) -> None:
+        """Asyncio tells: the far end does not read."""
+        self._paused = True
+
+    def resume_writing(self) -> None:
+        """Asyncio tells: the far end has read."""
+        self._paused = False
+        while self._transport is not None and not self._paused:
+            frame = self._outbox.pop()
+            if frame is None:
+                return
+            self._sent += len(frame)
+            self._transport.write(frame)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Asyncio tells: it is over."""
+        self._transport = None
+        if self._crowd is not None:
+            self._crowd.discard(self)
+        if self._reason is None:
+            self._reason = (
+                LinkClosed(self.address, by_us=False) if exc is None else LinkBroken(self.address, str(exc))
+            )
+        handler, self._handler = self._handler, None
+        if handler is not None:
+            handler.closed(self._reason)
+        if not self.over.done():
+            self.over.set_result(None)
+
+
+class TcpListener:
+    """Waits for TCP connections. Made by `listen`."""
+
+    def __init__(self, server: asyncio.Server, crowd: set[Link]) -> None:
+        self._server, self._crowd = server, crowd
+        host, port = server.sockets[0].getsockname()[:2]
+        self.address = f"tcp:[{host}]:{port}" if ":" in host else f"tcp:{host}:{port}"
+
+    @property
+    def links(self) -> frozenset[Link]:
+        """The connections that stand now."""
+        return frozenset(self._crowd)
+
+    async def close(self) -> None:
+        """Listen no more and end all connections."""
+        self._server.close()
+        links = [link for link in self._crowd if isinstance(link, TcpLink)]
+        for link in links:
+            link.close()
+        await self._server.wait_closed()
+        await asyncio.gather(*(link.over for link in links))
+
+
+async def connect(host: str, port: int, accept: Accept) -> Link:
+    """Open a connection.
+
+    Raises:
+        LinkRefused: nobody listens there, or nobody answers.
+    """
+    address = f"tcp:{host}:{port}"
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(CONNECT_TIMEOUT):
+            _, link = await loop.create_connection(lambda: TcpLink(accept), host, port)
+    except TimeoutError as error:
+        raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
+    except OSError as error:
+        raise LinkRefused(address, _cause(error)) from error
+    return link
+
+
+async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False) -> Listener:
+    """Wait for connections.
+
+    Args:
+        host: loopback, unless `exposed`.
+        port: 0 takes a free one; `Listener.address` tells which.
+        accept: hears of every connection.
+        exposed: allow an address that other machines reach.
+
+    Raises:
+        LinkRefused: the port is taken, or the address is not ours.
+        BadUrl: the address is not loopback and nobody asked for that.
+    """
+    address = f"tcp:{host}:{port}"
+    require_loopback(address, host, exposed=exposed)
+    crowd: set[Link] = set()
+    loop = asyncio.get_running_loop()
+    try:
+        server = await loop.create_server(lambda: TcpLink(accept, crowd), host, port, reuse_address=True)
+    except OSError as error:
+        raise LinkRefused(address, _cause(error)) from error
+    return TcpListener(server, crowd)
+
+
+def _cause(error: OSError) -> str:
+    return os.strerror(error.errno) if error.errno is not None and error.errno > 0 else str(error)
+
+
+async def connect_url(url: Url, accept: Accept) -> Link:
+    """`tcp:HOST:PORT`."""
+    url.only()
+    return await connect(*url.host_and_port(), accept)
+
+
+async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
+    """`tcp:PORT` or `tcp:HOST:PORT`."""
+    url.only()
+    return await listen(*url.host_and_port(), accept, exposed=exposed)

@@ -1,0 +1,173 @@
+"""Goals, the sender's side: ask until somebody answers, then listen, poll and cancel.
+
+A goal is repeated with its key until its first status comes. From then on only its status is asked for, so
+that a controller which restarted in the meantime says UNKNOWN instead of beginning again. When no answer
+came for `patience`, the goal is not repeated either: a link that comes back much later must not start a
+movement.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Verb
+from robotree.protocol.services.peer import Send
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Sequence
+
+RESEND = 0.25
+"""[s] between two repetitions of what was not answered."""
+POLL = 1.0
+"""[s] of silence after which the status is asked for."""
+PATIENCE = 3.0
+"""[s] of silence after which the goal counts as out of sight."""
+ARGUMENTS = 7
+_HALF = 0x8000
+
+
+class GoalProgress(msgspec.Struct, frozen=True):
+    """The controller told something new about a goal that goes on."""
+
+    key: int
+    state: GoalState
+    progress: float
+
+
+class GoalEnded(msgspec.Struct, frozen=True):
+    """The last word on a goal. UNKNOWN: the controller does not know it (any more)."""
+
+    key: int
+    state: GoalState
+    reason: int
+    text: str
+
+
+class GoalSilent(msgspec.Struct, frozen=True):
+    """Nothing was heard of a goal for `patience`: it may move or not. It is still asked for."""
+
+    key: int
+    acknowledged: bool
+    """Whether the controller ever answered."""
+
+
+Effect = Send | GoalProgress | GoalEnded | GoalSilent
+
+
+class _Pursuit(msgspec.Struct):
+    goal: Goal
+    begun: float
+    heard: float
+    asked: float
+    acknowledged: bool = False
+    silent: bool = False
+    cancelled: bool = False
+    sequence: int = -1
+
+
+class GoalClient:
+    """All goals that we have sent to one controller.
+
+    Args:
+        system: the controller's.
+        component: the controller's.
+        via: the link to it; may be set anew when the link was.
+    """
+
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        *,
+        via: Hashable = None,
+        resend: float = RESEND,
+        poll: float = POLL,
+        patience: float = PATIENCE,
+    ) -> None:
+        self.system, self.component, self.via = system, component, via
+        self._resend, self._poll, self._patience = resend, poll, patience
+        self._pursuits: dict[int, _Pursuit] = {}
+
+    @property
+    def pursued(self) -> list[int]:
+        """Keys of the goals whose end was not heard yet."""
+        return list(self._pursuits)
+
+    def start(
+        self, key: int, verb: Verb, args: Sequence[float], *, epoch: int, now: float, ttl: float = 0.0
+    ) -> list[Effect]:
+        """Ask for a movement. With a key that is being pursued, the same request is sent once more.
+
+        Args:
+            key: unique for us, 1 to 2^64 - 1.
+            verb: what to do.
+            args: up to 7; the others are NaN, as it is now.
+            epoch: of the lease.
+            now: [s]
+            ttl: time to live, [s]; 0: until reached.
+        """
+        padded = (*args, *[float("nan")] * (ARGUMENTS - len(args)))
+        goal = Goal(key, epoch, round(ttl * 1000), padded, verb, self.system, self.component)
+        self._pursuits[key] = _Pursuit(goal, begun=now, heard=now, asked=now)
+        return [Send(goal, self.via)]
+
+    def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
+        """Ask for the end of a goal; repeated until the end is heard."""
+        if (pursuit := self._pursuits.get(key)) is not None:
+            pursuit.cancelled, pursuit.asked = True, now
+            pursuit.goal = msgspec.structs.replace(pursuit.goal, epoch=epoch)
+        return [Send(GoalCancel(key, epoch, self.system, self.component), self.via)]
+
+    def forget(self, key: int) -> None:
+        """Ask no more about a goal."""
+        self._pursuits.pop(key, None)
+
+    def receive(self, status: GoalStatus, now: float) -> list[Effect]:
+        """Take a status that came from the controller and is addressed to us."""
+        pursuit = self._pursuits.get(status.key)
+        if pursuit is None:
+            return []
+        try:
+            state = GoalState(status.state)
+        except ValueError:
+            return []
+        if (
+            state == GoalState.UNKNOWN
+            and not pursuit.acknowledged
+            and not (pursuit.cancelled or pursuit.silent)
+        ):
+            return []  # an answer to an older question; our goal is still on its way
+        pursuit.heard, pursuit.acknowledged, pursuit.silent = now, True, False
+        if state.final or state == GoalState.UNKNOWN:
+            del self._pursuits[status.key]
+            return [GoalEnded(status.key, state, status.reason, status.text)]
+        if pursuit.sequence >= 0 and not 0 < (status.sequence - pursuit.sequence) & 0xFFFF < _HALF:
+            return []
+        pursuit.sequence = status.sequence
+        return [GoalProgress(status.key, state, status.progress)]
+
+    def tick(self, now: float) -> list[Effect]:
+        """Repeat and ask what is due."""
+        effects: list[Effect] = []
+        for key, pursuit in self._pursuits.items():
+            if not pursuit.silent and now - pursuit.heard >= self._patience:
+                pursuit.silent = True
+                effects.append(GoalSilent(key, pursuit.acknowledged))
+            effects += self._remind(pursuit, now)
+        return effects
+
+    def _remind(self, pursuit: _Pursuit, now: float) -> list[Effect]:
+        unanswered = pursuit.cancelled or not pursuit.acknowledged
+        if now - pursuit.asked < (self._resend if unanswered and not pursuit.silent else self._poll):
+            return []
+        if not unanswered and now - pursuit.heard < self._poll:
+            return []
+        pursuit.asked = now
+        goal = pursuit.goal
+        if pursuit.cancelled:
+            return [Send(GoalCancel(goal.key, goal.epoch, self.system, self.component), self.via)]
+        if pursuit.acknowledged or pursuit.silent:
+            goal = msgspec.structs.replace(goal, verb=Verb.STATUS)
+        return [Send(goal, self.via)]

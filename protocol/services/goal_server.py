@@ -1,0 +1,274 @@
+"""Goals, the controller's side: one movement per key, whatever the wire repeats, delays or reorders.
+
+A goal is known by its sender and key. The same key with the same content is answered with the stored
+status; with other content it is refused. A goal from an epoch older than one already obeyed is refused
+(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch and addresses are no
+content: a sender may ask for its goal again under a newer lease.
+
+The server decides; it does not move. It tells the firmware `Begin` and `Abandon`, and the firmware tells it
+`activate`, `progress` and `finish`. Every call returns what to do next.
+"""
+
+from __future__ import annotations
+
+from math import isinf
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
+from robotree.protocol.services.peer import Peer, Send
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
+CAPACITY = 256
+"""Goals whose status is kept; the oldest finished one makes room."""
+FORGOTTEN = 4096
+"""Keys that are still known to be used when their status is kept no more."""
+PROGRESS_PERIOD = 0.1
+"""[s] between two statuses that tell nothing but progress."""
+LONGEST_TEXT = 80
+
+
+class GoalId(msgspec.Struct, frozen=True):
+    """Names a goal on this controller. Its sender may come back on another link."""
+
+    system: int
+    component: int
+    key: int
+
+
+class Begin(msgspec.Struct, frozen=True):
+    """Please move: a new goal was accepted."""
+
+    id: GoalId
+    verb: int
+    args: tuple[float, ...]
+
+
+class Abandon(msgspec.Struct, frozen=True):
+    """Please hold: this goal has ended without being reached."""
+
+    id: GoalId
+    reason: Reason
+
+
+Effect = Send | Begin | Abandon
+Refusal = tuple[Reason, str]
+
+
+class _Record(msgspec.Struct):
+    peer: Peer
+    content: bytes
+    deadline: float
+    state: GoalState = GoalState.ACCEPTED
+    reason: Reason = Reason.NONE
+    text: str = ""
+    progress: float = 0.0
+    sequence: int = 0
+    told: float = float("-inf")
+
+
+class GoalServer:
+    """All goals of one controller.
+
+    Args:
+        verbs: the verbs that this controller knows.
+        check: why a goal cannot be begun now; None: it can.
+    """
+
+    def __init__(self, verbs: Collection[Verb], check: Callable[[Goal], Refusal | None]) -> None:
+        self._verbs, self._check = frozenset(verbs), check
+        self._records: dict[GoalId, _Record] = {}
+        self._forgotten: dict[GoalId, None] = {}
+        self.epoch = 0
+        """The highest epoch obeyed."""
+
+    @property
+    def unfinished(self) -> list[GoalId]:
+        """The goals that are accepted or active, oldest first."""
+        return [id_ for id_, record in self._records.items() if not record.state.final]
+
+    def fence(self, epoch: int) -> bool:
+        """Obey an epoch from now on; False: it is older than one already obeyed."""
+        if epoch < self.epoch:
+            return False
+        self.epoch = epoch
+        return True
+
+    def receive(self, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
+        """Take a message that is addressed to this controller."""
+        if isinstance(message, GoalCancel):
+            return self._cancel(message, peer, now)
+        id_ = GoalId(peer.system, peer.component, message.key)
+        if message.verb == Verb.STATUS:
+            return self._answer(id_, peer)
+        if (record := self._records.get(id_)) is None:
+            return self._new(message, id_, peer, now)
+        record.peer = peer
+        if record.content != _content(message):
+            text = "The key was used before with other content; take a new one."
+            return [self._refusal(id_, peer, Reason.KEY_REUSED, text)]
+        self.epoch = max(self.epoch, message.epoch)
+        return [self._status(id_, record)]
+
+    def activate(self, id_: GoalId, now: float) -> list[Effect]:
+        """The firmware tells: it moves."""
+        record = self._open(id_)
+        if record is None or record.state == GoalState.ACTIVE:
+            return []
+        record.state = GoalState.ACTIVE
+        return [self._changed(id_, record, now)]
+
+    def progress(self, id_: GoalId, fraction: float, now: float) -> list[Effect]:
+        """The firmware tells: this much is done, 0 to 1. Told on at most every `PROGRESS_PERIOD`."""
+        if (record := self._open(id_)) is None:
+            return []
+        record.progress = min(max(fraction, 0.0), 1.0)
+        return [self._changed(id_, record, now)] if now - record.told >= PROGRESS_PERIOD else []
+
+    def finish(
+        self, id_: GoalId, state: GoalState, now: float, reason: Reason = Reason.NONE, text: str = ""
+    ) -> list[Effect]:
+        """The firmware tells: it is over. Ignored when the goal has ended before.
+
+        Raises:
+            ValueError: the state is not a final one.
+        """
+        if not state.final:
+            raise ValueError(f"{state.name} does not end a goal; finish it with a final state")
+        if (record := self._open(id_)) is None:
+            return []
+        record.state, record.reason, record.text = state, reason, text
+        record.progress = 1.0 if state == GoalState.SUCCEEDED else record.progress
+        return [self._changed(id_, record, now)]
+
+    def abandon_all(
+        self, reason: Reason, now: float, text: str = "", state: GoalState = GoalState.CANCELLED
+    ) -> list[Effect]:
+        """End every unfinished goal, because of a stop, a hold or silence."""
+        return [effect for id_ in self.unfinished for effect in self._abandon(id_, state, reason, text, now)]
+
+    def tick(self, now: float) -> list[Effect]:
+        """End the goals whose time to live is over."""
+        late = [id_ for id_ in self.unfinished if now >= self._records[id_].deadline]
+        text = "Its time to live was over before it was reached."
+        return [
+            effect for id_ in late for effect in self._abandon(id_, GoalState.EXPIRED, Reason.NONE, text, now)
+        ]
+
+    def _new(self, goal: Goal, id_: GoalId, peer: Peer, now: float) -> list[Effect]:
+        if id_ in self._forgotten:
+            return self._answer(id_, peer)
+        if not goal.key:
+            return [self._refusal(id_, peer, Reason.BAD_ARGUMENT, "The key of a goal must not be 0.")]
+        if not self.fence(goal.epoch):
+            text = f"Epoch {goal.epoch} is over; {self.epoch} was already obeyed."
+            return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
+        if not self._make_room():
+            return [
+                self._refusal(id_, peer, Reason.FAULT, f"{CAPACITY} goals are unfinished; end one first.")
+            ]
+        deadline = now + goal.ttl_ms / 1000 if goal.ttl_ms else float("inf")
+        record = self._records[id_] = _Record(peer, _content(goal), deadline)
+        if (refusal := self._objection(goal)) is not None:
+            return self.finish(id_, GoalState.REFUSED, now, *refusal)
+        return [self._changed(id_, record, now), Begin(id_, goal.verb, goal.args)]
+
+    def _objection(self, goal: Goal) -> Refusal | None:
+        if goal.verb not in self._verbs:
+            known = ", ".join(sorted(verb.name for verb in self._verbs))
+            return Reason.UNKNOWN_VERB, f"Verb {goal.verb} is unknown here; known are {known}."
+        if any(map(isinf, goal.args)):
+            return Reason.BAD_ARGUMENT, "An argument is infinite."
+        return self._check(goal)
+
+    def _cancel(self, cancel: GoalCancel, peer: Peer, now: float) -> list[Effect]:
+        id_ = GoalId(peer.system, peer.component, cancel.key)
+        if not cancel.key:
+            if not self.fence(cancel.epoch):
+                text = f"Epoch {cancel.epoch} is over; {self.epoch} was already obeyed."
+                return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
+            return self.abandon_all(Reason.OPERATOR, now)
+        if (record := self._records.get(id_)) is None:
+            if id_ not in self._forgotten:
+                self._forget(id_)  # the goal itself may still be under way: it must not begin
+            return self._answer(id_, peer)
+        record.peer = peer
+        if record.state.final:
+            return [self._status(id_, record)]
+        return self._abandon(id_, GoalState.CANCELLED, Reason.OPERATOR, "", now)
+
+    def _abandon(self, id_: GoalId, state: GoalState, reason: Reason, text: str, now: float) -> list[Effect]:
+        return [Abandon(id_, reason), *self.finish(id_, state, now, reason, text)]
+
+    def _open(self, id_: GoalId) -> _Record | None:
+        record = self._records.get(id_)
+        return None if record is None or record.state.final else record
+
+    def _make_room(self) -> bool:
+        if len(self._records) < CAPACITY:
+            return True
+        oldest = next((id_ for id_, record in self._records.items() if record.state.final), None)
+        if oldest is None:
+            return False
+        del self._records[oldest]
+        self._forget(oldest)
+        return True
+
+    def _forget(self, id_: GoalId) -> None:
+        self._forgotten[id_] = None
+        if len(self._forgotten) > FORGOTTEN:
+            del self._forgotten[next(iter(self._forgotten))]
+
+    def _answer(self, id_: GoalId, peer: Peer) -> list[Effect]:
+        if (record := self._records.get(id_)) is not None:
+            record.peer = peer
+            return [self._status(id_, record)]
+        return [self._refusal(id_, peer, Reason.NONE, "", GoalState.UNKNOWN)]
+
+    def _changed(self, id_: GoalId, record: _Record, now: float) -> Send:
+        record.sequence = record.sequence + 1 & 0xFFFF
+        record.told = now
+        return self._status(id_, record)
+
+    def _status(self, id_: GoalId, record: _Record) -> Send:
+        return self._send(
+            record.peer, id_, record.state, record.reason, record.text, record.progress, record.sequence
+        )
+
+    def _refusal(
+        self, id_: GoalId, peer: Peer, reason: Reason, text: str, state: GoalState = GoalState.REFUSED
+    ) -> Send:
+        return self._send(peer, id_, state, reason, text, 0.0, 0)
+
+    def _send(
+        self,
+        peer: Peer,
+        id_: GoalId,
+        state: GoalState,
+        reason: Reason,
+        text: str,
+        progress: float,
+        sequence: int,
+    ) -> Send:
+        status = GoalStatus(
+            key=id_.key,
+            epoch=self.epoch,
+            progress=progress,
+            sequence=sequence,
+            reason=reason,
+            target_system=id_.system,
+            target_component=id_.component,
+            state=state,
+            text=text.encode()[:LONGEST_TEXT].decode(errors="ignore"),
+        )
+        return Send(status, peer.via)
+
+
+def _content(goal: Goal) -> bytes:
+    """What makes two goals the same, to the bit; NaN equals NaN here."""
+    return Goal.codec.content(
+        msgspec.structs.replace(goal, key=0, epoch=0, target_system=0, target_component=0)
+    )

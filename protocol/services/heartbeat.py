@@ -1,0 +1,104 @@
+"""Heartbeats: to be seen once a second, and to notice who has fallen silent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import Heartbeat
+from robotree.protocol.services.peer import Peer
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from robotree.protocol.frame import Frame
+
+PERIOD = 1.0
+"""[s]"""
+SILENCE = 3.0
+"""[s]: three heartbeats."""
+LARGEST_CROWD = 1024
+"""Peers that are remembered; a forged stream must not fill the memory."""
+
+
+class HeartbeatSender:
+    """Says when the next heartbeat is due; the first one at once."""
+
+    def __init__(self, period: float = PERIOD) -> None:
+        self.period = period
+        self.due = float("-inf")
+        """When to call `tick` again, [s]."""
+
+    def tick(self, heartbeat: Heartbeat, now: float) -> list[Heartbeat]:
+        """The heartbeat to send now, if it is time."""
+        if now < self.due:
+            return []
+        self.due = max(self.due + self.period, now + self.period / 2)
+        return [heartbeat]
+
+    def hurry(self) -> None:
+        """The state changed: the next `tick` sends."""
+        self.due = float("-inf")
+
+
+class PeerFound(msgspec.Struct, frozen=True):
+    """A peer was heard for the first time, or again after silence."""
+
+    peer: Peer
+    heartbeat: Heartbeat
+
+
+class PeerLost(msgspec.Struct, frozen=True):
+    """Nothing was heard from a peer for too long, or its link ended."""
+
+    peer: Peer
+    silence: float
+    """[s]"""
+
+
+class HeartbeatMonitor:
+    """Who is there. Any frame is a sign of life, but only a heartbeat introduces a peer.
+
+    Args:
+        silence: after how long without a sign of life a peer counts as lost, [s].
+    """
+
+    def __init__(self, silence: float = SILENCE) -> None:
+        self.silence = silence
+        self._heard: dict[Peer, float] = {}
+        self._heartbeats: dict[Peer, Heartbeat] = {}
+
+    @property
+    def peers(self) -> dict[Peer, Heartbeat]:
+        """Everyone who is there, with their latest heartbeat."""
+        return dict(self._heartbeats)
+
+    def heard(self, peer: Peer) -> float | None:
+        """When a peer gave its last sign of life, [s]; None: it is not there."""
+        return self._heard.get(peer)
+
+    def receive(self, frame: Frame, via: Hashable, now: float) -> list[PeerFound]:
+        """Note a sign of life."""
+        peer = Peer(via, frame.system, frame.component)
+        known = peer in self._heard
+        if isinstance(frame.message, Heartbeat) and (known or len(self._heard) < LARGEST_CROWD):
+            self._heartbeats[peer] = frame.message
+            self._heard[peer] = now
+            return [] if known else [PeerFound(peer, frame.message)]
+        if known:
+            self._heard[peer] = now
+        return []
+
+    def tick(self, now: float) -> list[PeerLost]:
+        """Who has fallen silent."""
+        return self._lose([peer for peer, heard in self._heard.items() if now - heard >= self.silence], now)
+
+    def link_closed(self, via: Hashable, now: float) -> list[PeerLost]:
+        """A link ended, and with it everyone who was heard on it."""
+        return self._lose([peer for peer in self._heard if peer.via == via], now)
+
+    def _lose(self, peers: list[Peer], now: float) -> list[PeerLost]:
+        for peer in peers:
+            del self._heartbeats[peer]
+        return [PeerLost(peer, now - self._heard.pop(peer)) for peer in peers]

@@ -1,0 +1,72 @@
+"""TIMESYNC: how far two clocks are apart, and how long a frame takes.
+
+The asker sends its time as ts1 with tc1 = 0; the answer brings ts1 back with the answerer's time as tc1.
+Half the round trip is the delay, if both ways take equally long; the error is at most half the round trip,
+so the best of the last few exchanges counts (the clock filter of NTP, RFC 5905 section 10).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import msgspec
+
+from robotree.protocol.messages import Timesync
+
+PERIOD = 1.0
+"""[s]"""
+KEPT = 8
+"""Exchanges among which the best counts."""
+OLDEST_ANSWER = 10.0
+"""[s]"""
+_NANO = 1_000_000_000
+
+
+def answer(question: Timesync, now: float) -> list[Timesync]:
+    """What to send back: the answer to a question, nothing to an answer."""
+    return [] if question.tc1 else [Timesync(tc1=max(round(now * _NANO), 1), ts1=question.ts1)]
+
+
+class Estimate(msgspec.Struct, frozen=True):
+    """What is known about the far clock."""
+
+    offset: float
+    """[s] to add to our clock to get the far one."""
+    delay: float
+    """[s] that a frame takes one way."""
+
+
+class Synchroniser:
+    """Asks once per period and estimates."""
+
+    def __init__(self, period: float = PERIOD) -> None:
+        self.period = period
+        self.due = float("-inf")
+        """When to call `tick` again, [s]."""
+        self._asked: deque[int] = deque(maxlen=KEPT)
+        self._exchanges: deque[Estimate] = deque(maxlen=KEPT)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The best of the latest exchanges; None before the first."""
+        return min(self._exchanges, key=lambda each: each.delay, default=None)
+
+    def tick(self, now: float) -> list[Timesync]:
+        """The question to send now, if it is time."""
+        if now < self.due:
+            return []
+        self.due = now + self.period
+        self._asked.append(round(now * _NANO))
+        return [Timesync(tc1=0, ts1=self._asked[-1])]
+
+    def receive(self, reply: Timesync, now: float) -> Estimate | None:
+        """Take an answer; None: it is not an answer to a question of ours."""
+        if not reply.tc1 or reply.ts1 not in self._asked:
+            return None
+        self._asked.remove(reply.ts1)
+        sent, far = reply.ts1 / _NANO, reply.tc1 / _NANO
+        if not 0 <= now - sent <= OLDEST_ANSWER:
+            return None
+        delay = (now - sent) / 2
+        self._exchanges.append(Estimate(offset=far - sent - delay, delay=delay))
+        return self.estimate
