@@ -1,0 +1,131 @@
+"""One grammar everywhere: what is written can be read back, and what cannot be read is explained."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui import grammar
+from robotree.tui.actions import ACTIONS, Where, shapes
+from robotree.tui.errors import BadLine, UnknownVerb
+from robotree.tui.grammar import Blank, Group, Line, Part, Value, Word
+
+EVERYWHERE = {"json": "", "realm": "NAME"}
+SHAPES = {action.verb: action.shape for action in ACTIONS}
+LITERALS = {"as", "on"}
+
+texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=12).filter(
+    lambda text: text not in LITERALS
+)
+
+
+def read(text: str) -> Line:
+    return grammar.parse(grammar.split(text), SHAPES, EVERYWHERE)
+
+
+@st.composite
+def filled(draw: st.DrawFn, parts: tuple[Part, ...]) -> dict[str, Value]:
+    found: dict[str, Value] = {}
+    for part in parts:
+        match part:
+            case Word():
+                pass
+            case Blank(name, repeated=True):
+                found[name] = tuple(draw(st.lists(texts, min_size=1, max_size=3)))
+            case Blank(name):
+                found[name] = draw(texts)
+            case Group(inner):
+                if draw(st.booleans()):
+                    found |= draw(filled(inner))
+    return found
+
+
+@st.composite
+def lines(draw: st.DrawFn) -> Line:
+    shape = draw(st.sampled_from(sorted(SHAPES.values(), key=lambda one: one.verb)))
+    values: dict[str, Value] = {}
+    for name, takes in {**EVERYWHERE, **shape.options}.items():
+        if draw(st.booleans()):
+            values[f"--{name}"] = draw(texts) if takes else True
+    return Line(shape.verb, {**values, **draw(filled(shape.parts))})
+
+
+@given(line=lines())
+def test_what_is_written_is_read_back(line: Line) -> None:
+    assert read(grammar.form(line, SHAPES)) == line
+
+
+@given(text=st.text(max_size=60))
+def test_a_line_is_understood_or_refused_in_one_sentence(text: str) -> None:
+    with contextlib.suppress(BadLine, UnknownVerb):
+        words = grammar.split(text)
+        if words:
+            assert grammar.parse(words, SHAPES, EVERYWHERE).verb == words[0]
+
+
+def test_a_usage_string_is_its_own_parser() -> None:
+    line = read("create examples/move_to.py:MoveTo as mover on host-1 --json")
+    assert line == Line(
+        "create", {"--json": True, "FILE": "examples/move_to.py:MoveTo", "NAME": "mover", "HOST": "host-1"}
+    )
+    assert line.text("NAME") == "mover"
+    assert line.flag("--json")
+    assert not line.flag("--views")
+
+
+def test_what_may_be_left_out_is_empty() -> None:
+    line = read("create a.py as b")
+    assert line.text("HOST") == ""
+    assert read("call arm-1.get_info").many("PARAMETER=VALUE") == ()
+
+
+def test_quotes_hold_a_value_with_its_unit_together() -> None:
+    line = read("call mover.move x=0.4 z='30 cm' # not this")
+    assert line.many("PARAMETER=VALUE") == ("x=0.4", "z=30 cm")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("create a.py", "'as' is missing"),
+        ("create a.py named b", "expected 'as' where 'named' stands"),
+        ("create a.py as", "NAME is missing"),
+        ("enslave mover.arm", "CHILD is missing"),
+        ("delete a b", "'b' is more than it takes"),
+        ("ls --colour", "unknown option --colour"),
+        ("ls --views=2", "--views takes no value"),
+        ("call a.b --within", "--within needs a TIME"),
+        ("delete 'a", "no closing quotation"),
+    ],
+)
+def test_a_wrong_line_is_told_what_is_wrong_and_how_it_should_look(text: str, reason: str) -> None:
+    with pytest.raises(BadLine) as refusal:
+        read(text)
+    assert reason in str(refusal.value)
+
+
+def test_a_mistyped_verb_is_guessed() -> None:
+    with pytest.raises(UnknownVerb, match="did you mean enslave"):
+        read("enslav mover.arm arm-1")
+
+
+def test_every_example_is_valid_and_is_of_its_own_verb() -> None:
+    for action in ACTIONS:
+        for example in action.examples:
+            assert read(example).verb == action.verb
+
+
+def test_every_surface_knows_how_to_stop() -> None:
+    for where in Where:
+        if where is not Where.SCREEN:
+            assert "stop" in shapes(where)
+
+
+def test_no_two_actions_share_a_key_or_a_verb() -> None:
+    keys = [action.key for action in ACTIONS if action.key]
+    verbs = [action.verb for action in ACTIONS]
+    assert len(set(keys)) == len(keys)
+    assert len(set(verbs)) == len(verbs)

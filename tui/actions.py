@@ -1,0 +1,301 @@
+"""The one registry of what a person can do.
+
+It feeds the keys and the footer, the help screen, the palette, the `:` prompt, the command line and the
+session scripts. Whatever is not here cannot be done anywhere; whatever is here reads the same everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from enum import Flag, auto
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from robotree.tui import grammar, verbs
+from robotree.tui.grammar import Line, Shape
+from robotree.tui.verbs import Outcome, Teller
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.tui.fleet_contract import FleetDoor
+
+Run = Callable[["FleetDoor", Line, Teller], Awaitable[Outcome]]
+
+
+class Where(Flag):
+    """On which surfaces an action can be asked for."""
+
+    SHELL = auto()
+    """As `robotree VERB …`."""
+    PROMPT = auto()
+    """At the `:` of the full screen."""
+    SCRIPT = auto()
+    """As a line of a session script."""
+    SCREEN = auto()
+    """By key or from the palette of the full screen."""
+
+
+ANYWHERE = Where.SHELL | Where.PROMPT | Where.SCRIPT | Where.SCREEN
+SHOWN = Where.PROMPT | Where.SCREEN
+LINES = Where.SHELL | Where.PROMPT | Where.SCRIPT
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing that can be done."""
+
+    usage: str
+    """Verb and values, as `grammar.shape` reads them."""
+    help: str
+    """One sentence."""
+    group: str
+    run: Run | None = None
+    """The function over the fleet; None: a process verb or one of the screen alone."""
+    where: Where = LINES
+    key: str = ""
+    """Key in the full screen, as Textual names it."""
+    label: str = ""
+    """Word beside the key in the footer; empty: not shown there."""
+    danger: bool = False
+    """It takes something away or makes something move: the full screen asks first."""
+    examples: tuple[str, ...] = ()
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The usage string, compiled."""
+        return grammar.shape(self.usage)
+
+    @property
+    def verb(self) -> str:
+        """First word of the usage."""
+        return self.usage.partition(" ")[0]
+
+
+LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
+
+ACTIONS: tuple[Action, ...] = (
+    # -- look
+    Action(
+        usage="ls [--views] [--hosts] [--lookups]",
+        help="List the robots that are free to be commanded (an enslaved one is under its parent in `tree`).",
+        group=LOOK,
+        run=verbs.ls,
+        examples=("ls", "ls --views --json"),
+    ),
+    Action(
+        usage="tree",
+        help="Show who commands whom.",
+        group=LOOK,
+        run=verbs.tree,
+        where=ANYWHERE,
+        key="t",
+        label="Tree",
+    ),
+    Action(
+        usage="show NAME",
+        help="Describe a robot: kinds, commands with units and ranges, slots, parent.",
+        group=LOOK,
+        run=verbs.show,
+        where=ANYWHERE,
+        key="i",
+        examples=("show arm-1",),
+    ),
+    Action(
+        usage="look VIEW [FILE] [--camera CAMERA] [--size SIZE]",
+        help="Fetch a picture of a workspace into a JPEG file.",
+        group=LOOK,
+        run=verbs.look,
+        examples=("look cell before.jpg --camera wrist --size 640x360",),
+    ),
+    Action(
+        usage="watch [NAME] [--within TIME]",
+        help="Tell each change of state of one robot or of all, until interrupted.",
+        group=LOOK,
+        run=verbs.watch,
+        where=Where.SHELL,
+        examples=("watch arm-1 --json",),
+    ),
+    # -- shape the tree
+    Action(
+        usage="create FILE as NAME [on HOST]",
+        help="Make a virtual robot from a Python file (FILE.py or FILE.py:Class) and name it.",
+        group=SHAPE,
+        run=verbs.create,
+        where=ANYWHERE,
+        key="n",
+        label="New",
+        examples=("create examples/move_to.py as mover", "create mine.py:Painter as painter on host-2"),
+    ),
+    Action(
+        usage="enslave PARENT.SLOT CHILD",
+        help="Put a virtual robot on top of another robot: fill its slot.",
+        group=SHAPE,
+        run=verbs.enslave,
+        where=ANYWHERE,
+        key="e",
+        label="Enslave",
+        examples=("enslave mover.arm arm-1",),
+    ),
+    Action(
+        usage="release PARENT.SLOT",
+        help="Let the child in a slot go; it is listed again.",
+        group=SHAPE,
+        run=verbs.release,
+        where=ANYWHERE,
+        key="r",
+        label="Release",
+        danger=True,
+        examples=("release mover.arm",),
+    ),
+    Action(
+        usage="delete NAME",
+        help="End a virtual robot; its children are released first.",
+        group=SHAPE,
+        run=verbs.delete,
+        where=ANYWHERE,
+        key="d",
+        label="Delete",
+        danger=True,
+        examples=("delete teleop",),
+    ),
+    # -- command
+    Action(
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME]",
+        help="Have a command carried out: progress on stderr, result on stdout.",
+        group=COMMAND,
+        run=verbs.call,
+        examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),
+    ),
+    Action(
+        usage="cancel NAME",
+        help="End the commands of a robot, running and waiting.",
+        group=COMMAND,
+        run=verbs.cancel,
+        where=ANYWHERE,
+        key="c",
+        label="Cancel",
+        examples=("cancel mover",),
+    ),
+    Action(
+        usage="stop [NAME]",
+        help="Protective stop of one robot, or of everything, now.",
+        group=COMMAND,
+        run=verbs.stop,
+        where=ANYWHERE,
+        key="space",
+        label="STOP",
+        examples=("stop", "stop arm-1"),
+    ),
+    Action(
+        usage="resume [NAME]",
+        help="Release the protective stop; nothing moves by itself.",
+        group=COMMAND,
+        run=verbs.resume,
+        where=ANYWHERE,
+        key="R",
+        label="Resume",
+        danger=True,
+        examples=("resume",),
+    ),
+    # -- run
+    Action(
+        usage="demo [--headless] [--pictures FOLDER]",
+        help="A whole cell in one command: simulated robots, proxies, lookups, a host, the full screen.",
+        group=PROCESS,
+        where=Where.SHELL,
+    ),
+    Action(
+        usage="supervise",
+        help="The full screen over the robots that run in this realm (also without any verb).",
+        group=PROCESS,
+        where=Where.SHELL,
+    ),
+    Action(
+        usage="run FILE",
+        help="Play a session script: the verbs above, one per line, and `expect CONDITION within TIME`.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("run examples/close_lever.session",),
+    ),
+    Action(
+        usage="sim KIND --listen URL",
+        help="Simulate a robot's controller on the wire.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("sim arm --listen tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="proxy KIND NAME --connect URL",
+        help="Bring a robot's controller among the agents.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="view NAME --connect URL",
+        help="Show the workspace of a robot's controller to whoever looks.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("view cell --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="host NAME",
+        help="Run virtual robots that are created.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("host host-1",),
+    ),
+    Action(
+        usage="lookup NAME",
+        help="Run a lookup service; any number of them serve together.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("lookup lookup-1",),
+    ),
+    # -- the screen alone
+    Action(
+        "panel",
+        "Open the panel of the selected robot: a form for each command.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="enter",
+        label="Panel",
+    ),
+    Action("robots", "List the free robots.", SCREEN, where=SHOWN, key="l", label="Robots"),
+    Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v", label="Views"),
+    Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g", label="Log"),
+    Action(
+        "filter",
+        "Show only what contains these letters.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="slash",
+        label="Filter",
+    ),
+    Action("prompt", "Type a verb.", SCREEN, where=Where.SCREEN, key="colon", label="Verb"),
+    Action(
+        "help",
+        "Show all keys and verbs.",
+        SCREEN,
+        where=SHOWN | Where.SHELL,
+        key="question_mark",
+        label="Help",
+    ),
+    Action("quit", "Leave; the robots stay as they are.", SCREEN, where=SHOWN, key="q", label="Quit"),
+)
+
+BY_VERB = {action.verb: action for action in ACTIONS}
+
+
+def shapes(where: Where) -> dict[str, Shape]:
+    """Return the verbs that a surface knows, for `grammar.parse`."""
+    return {action.verb: action.shape for action in ACTIONS if where in action.where}
+
+
+def groups(where: Where) -> dict[str, list[Action]]:
+    """Return the actions of a surface by group, in the order of the registry."""
+    found: dict[str, list[Action]] = {}
+    for action in ACTIONS:
+        if where in action.where:
+            found.setdefault(action.group, []).append(action)
+    return found

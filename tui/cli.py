@@ -1,0 +1,121 @@
+"""The command `robotree`: reads one line, and starts what it asks for.
+
+This is the composition root: the only place, with `demo.py`, that may start the other rooms. Everything
+heavy is imported where it is needed, so that help comes at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import AsyncIterator, Coroutine, Sequence
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+from robotree.tui import exit_codes, grammar, manual
+from robotree.tui.actions import Where, shapes
+from robotree.tui.errors import SupervisorError, UsageError
+from robotree.tui.grammar import Line
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command line.
+
+    Args:
+        words: without the program's name; None: those of this process.
+
+    Returns:
+        The exit code; see `exit_codes`.
+    """
+    given = list(sys.argv[1:] if words is None else words)
+    try:
+        return _obey(given)
+    except UsageError as error:
+        print(f"robotree: {error}", file=sys.stderr)
+        return exit_codes.USAGE
+    except KeyboardInterrupt:
+        print("robotree: interrupted", file=sys.stderr)
+        return exit_codes.INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output left (`robotree ls | head -1`): nothing to say, nobody to say it to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return exit_codes.DONE
+
+
+def _obey(given: list[str]) -> int:
+    if given[:1] in (["--help"], ["-h"]) or given == ["help"]:
+        print(manual.overview())
+        return exit_codes.DONE
+    if given[:1] in (["--version"], ["-V"]):
+        return _version()
+    if given[:1] == ["help"]:
+        return _help(given[1])
+    if not given or given[0].startswith("--"):
+        given = ["supervise", *given]
+    if "--help" in given or "-h" in given:
+        return _help(given[0])
+    line = grammar.parse(given, shapes(Where.SHELL), manual.EVERYWHERE)
+    return _start(line)
+
+
+def _help(verb: str) -> int:
+    known = shapes(Where.SHELL)
+    if verb not in known:
+        grammar.parse([verb], known, {})
+    print(manual.page(verb))
+    return exit_codes.DONE
+
+
+def _version() -> int:
+    from importlib.metadata import PackageNotFoundError, version
+
+    with suppress(PackageNotFoundError):
+        print(f"robotree {version('robotree')}")
+    return exit_codes.DONE
+
+
+def _start(line: Line) -> int:
+    """Start what the line asks for, in this process, and return its exit code."""
+    from robotree.tui.realm import chosen
+
+    realm = chosen(line.text("--realm"))
+    tether = line.flag("--tether")
+    match line.verb:
+        case "supervise":
+            from robotree.tui.app import supervise
+
+            return supervise(realm)
+        case "demo":
+            from robotree.tui import demo
+
+            return _run(demo.demo(headless=line.flag("--headless"), pictures=line.text("--pictures")))
+        case "run":
+            from robotree.tui.playing import play_file
+
+            return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json")))
+        case "sim" | "proxy" | "view" | "host" | "lookup":
+            return _run(_agent(line, realm, tether=tether))
+        case _:
+            from robotree.tui.shell import once
+
+            return _run(once(line, realm))
+
+
+def _run(work: Coroutine[Any, Any, int]) -> int:
+    import asyncio
+
+    return asyncio.run(work)
+
+
+async def _agent(line: Line, realm: str, *, tether: bool) -> int:
+    """Be one agent until told otherwise."""
+    from robotree.tui.serving import serve
+    from robotree.vr.errors import VrError
+
+    starts = {"sim": _sim, "proxy": _proxy, "view": _view, "host": _host, "lookup": _lookup}
+    try:
+        await serve(starts[line.verb](line, realm), tether=tether)
+    except (VrError, SupervisorError, OSError) as error:
+        print(f"robotree: {error}", file=sys.stderr)
+        return exit_codes.code_of(error)
+    return exit_codes.DONE

@@ -1,0 +1,26 @@
+"""What the command line answers to the shell that started it. Pure."""
+
+from __future__ import annotations
+
+from robotree.tui.errors import NothingToAsk, UsageError, ValueRefused
+
+DONE = 0
+REFUSED = 1
+"""A robot refused or failed, a session's expectation did not hold, a program could not start."""
+USAGE = 2
+"""The line was not understood; nothing was done."""
+NOBODY = 3
+"""Nobody answers: the agent has ended, the network is cut, or the realm is empty."""
+INTERRUPTED = 130
+"""Ctrl-C, as shells count it."""
+
+
+def code_of(error: Exception) -> int:
+    """Return the exit code for an error that ended a verb."""
+    from robotree.vr.errors import TransportError
+
+    if isinstance(error, UsageError | ValueRefused):
+        return USAGE
+    if isinstance(error, NothingToAsk | TransportError):
+        return NOBODY
+    return REFUSED

@@ -1,0 +1,272 @@
+"""The one grammar of robotree: command line, `:` prompt and session scripts read the same lines.
+
+A verb's usage string is both its help and its parser:
+
+    create FILE as NAME [on HOST]
+    call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME]
+
+UPPER CASE is a value to fill in, lower case a word to type as it is, `[…]` may be left out, `…` repeats the
+value before it, `--option` may stand anywhere. Values that begin with `--` are given after a bare `--`.
+Pure: text in, values out.
+"""
+
+from __future__ import annotations
+
+import difflib
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from robotree.tui.errors import BadLine, UnknownVerb
+
+Value = str | tuple[str, ...] | bool
+MORE = "…"
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A word to type as it is."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Blank:
+    """A value to fill in."""
+
+    name: str
+    repeated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Parts that come together or not at all."""
+
+    parts: tuple[Part, ...]
+
+
+Part = Word | Blank | Group
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """How the lines of one verb look."""
+
+    verb: str
+    usage: str
+    parts: tuple[Part, ...]
+    options: Mapping[str, str]
+    """Option without its dashes -> name of its value; empty for a flag."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line, understood: its verb and the values by the names of the blanks (options with dashes)."""
+
+    verb: str
+    values: Mapping[str, Value] = field(default_factory=dict[str, Value])
+
+    def text(self, name: str, default: str = "") -> str:
+        """Return a single value, or the default when it was left out."""
+        value = self.values.get(name, default)
+        return value if isinstance(value, str) else default
+
+    def many(self, name: str) -> tuple[str, ...]:
+        """Return a repeated value; empty when it was left out."""
+        value = self.values.get(name, ())
+        return value if isinstance(value, tuple) else ()
+
+    def flag(self, name: str) -> bool:
+        """Whether a flag was given."""
+        return self.values.get(name) is True
+
+
+def shape(usage: str) -> Shape:
+    """Compile a usage string.
+
+    Args:
+        usage: verb first, as described in the module's docstring.
+
+    Returns:
+        The shape that `parse` wants.
+    """
+    verb, *tokens = usage.replace("[", " [ ").replace("]", " ] ").split()
+    options: dict[str, str] = {}
+    parts, rest = _parts(tokens, options)
+    if rest:
+        raise ValueError(f"usage has a ']' too many: {usage}")
+    return Shape(verb, usage, parts, options)
+
+
+def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...], list[str]]:
+    """Read parts up to the end or a closing bracket; options are put aside."""
+    parts: list[Part] = []
+    while tokens and tokens[0] != "]":
+        first, *tokens = tokens
+        if first == "[":
+            inner, tokens = _parts(tokens, options)
+            tokens = tokens[1:]
+            parts += [Group(inner)] if inner else []
+        elif first.startswith("--"):
+            named = bool(tokens) and tokens[0].isupper()
+            options[first[2:]] = tokens[0] if named else ""
+            tokens = tokens[1:] if named else tokens
+        elif first.isupper():
+            repeated = tokens[:1] == [MORE]
+            tokens = tokens[1:] if repeated else tokens
+            parts.append(Blank(first, repeated))
+        else:
+            parts.append(Word(first))
+    return tuple(parts), tokens
+
+
+def split(text: str) -> tuple[str, ...]:
+    """Cut a line into words; quotes hold words together, `#` begins a comment.
+
+    Raises:
+        BadLine: a quote is not closed.
+    """
+    try:
+        return tuple(shlex.split(text, comments=True))
+    except ValueError as error:
+        raise BadLine(f"cannot read {text.strip()!r}: {str(error).lower()}", "") from None
+
+
+def parse(words: Iterable[str], shapes: Mapping[str, Shape], everywhere: Mapping[str, str]) -> Line:
+    """Understand one line.
+
+    Args:
+        words: the verb and its values, as `split` or a shell gives them.
+        shapes: the verbs.
+        everywhere: options that every verb takes, as in `Shape.options`.
+
+    Returns:
+        The verb and its values.
+
+    Raises:
+        UnknownVerb: there is no such verb.
+        BadLine: a value is missing, one is too many, or an option is unknown.
+    """
+    verb, *rest = words
+    if verb not in shapes:
+        raise UnknownVerb(verb, tuple(difflib.get_close_matches(verb, shapes, n=2)))
+    wanted = shapes[verb]
+    plain, values = _take_options(rest, {**everywhere, **wanted.options}, wanted.usage)
+    found = _match(wanted.parts, tuple(plain))
+    if found is None:
+        raise BadLine(_complaint(wanted, plain), wanted.usage)
+    return Line(verb, {**values, **found})
+
+
+def form(line: Line, shapes: Mapping[str, Shape]) -> str:
+    """Write a line so that `split` and `parse` read the same values again."""
+    wanted = shapes[line.verb]
+    words = [line.verb, *(text for text, _ in _options_of(line)), *(["--"] if _needs_guard(line) else [])]
+    words += _written(wanted.parts, line.values)
+    return shlex.join(words)
+
+
+def _options_of(line: Line) -> Iterable[tuple[str, str]]:
+    for name, value in line.values.items():
+        if name.startswith("--") and value is True:
+            yield name, name
+        elif name.startswith("--") and isinstance(value, str):
+            yield f"{name}={value}", name
+
+
+def _needs_guard(line: Line) -> bool:
+    values = [value for name, value in line.values.items() if not name.startswith("--")]
+    texts = [text for value in values for text in (value if isinstance(value, tuple) else (str(value),))]
+    return any(text.startswith("--") for text in texts)
+
+
+def _written(parts: tuple[Part, ...], values: Mapping[str, Value]) -> list[str]:
+    words: list[str] = []
+    for part in parts:
+        match part:
+            case Word(text):
+                words.append(text)
+            case Blank(name):
+                value = values.get(name, ())
+                words += value if isinstance(value, tuple) else [str(value)]
+            case Group(inner):
+                given = any(isinstance(one, Blank) and one.name in values for one in inner)
+                words += _written(inner, values) if given else []
+    return words
+
+
+def _take_options(
+    words: list[str], options: Mapping[str, str], usage: str
+) -> tuple[list[str], dict[str, Value]]:
+    """Part the options from the plain words; a bare `--` ends the options."""
+    plain: list[str] = []
+    values: dict[str, Value] = {}
+    queue = list(words)
+    while queue:
+        word = queue.pop(0)
+        if word == "--":
+            return plain + queue, values
+        if not word.startswith("--"):
+            plain.append(word)
+            continue
+        name, given, value = word[2:].partition("=")
+        if name not in options:
+            known = ", ".join(f"--{one}" for one in options)
+            raise BadLine(f"unknown option --{name} (known: {known})", usage)
+        if not options[name]:
+            if given:
+                raise BadLine(f"--{name} takes no value", usage)
+            values[f"--{name}"] = True
+            continue
+        if not given:
+            if not queue:
+                raise BadLine(f"--{name} needs a {options[name]}", usage)
+            value = queue.pop(0)
+        values[f"--{name}"] = value
+    return plain, values
+
+
+def _match(parts: tuple[Part, ...], words: tuple[str, ...]) -> dict[str, Value] | None:
+    """Match all words against all parts; groups are tried before they are left out."""
+    if not parts:
+        return {} if not words else None
+    first, rest = parts[0], parts[1:]
+    match first:
+        case Word(text):
+            return _match(rest, words[1:]) if words[:1] == (text,) else None
+        case Group(inner):
+            return _first(_match((*inner, *rest), words), _match(rest, words))
+        case Blank(name, repeated=False):
+            return _joined({name: words[0]}, _match(rest, words[1:])) if words else None
+        case Blank(name):
+            for count in range(len(words), 0, -1):
+                found = _joined({name: words[:count]}, _match(rest, words[count:]))
+                if found is not None:
+                    return found
+            return None
+
+
+def _first(one: dict[str, Value] | None, other: dict[str, Value] | None) -> dict[str, Value] | None:
+    return one if one is not None else other
+
+
+def _joined(one: dict[str, Value], other: dict[str, Value] | None) -> dict[str, Value] | None:
+    return None if other is None else {**one, **other}
+
+
+def _complaint(wanted: Shape, words: list[str]) -> str:
+    """Say what is missing, or what is too much."""
+    needed = [part for part in wanted.parts if not isinstance(part, Group)]
+    for position, part in enumerate(needed):
+        given = words[position] if position < len(words) else None
+        if given is None:
+            what = repr(part.text) if isinstance(part, Word) else part.name
+            return f"{wanted.verb}: {what} is missing"
+        if isinstance(part, Word) and part.text != given:
+            return f"{wanted.verb}: expected {part.text!r} where {given!r} stands"
+    return f"{wanted.verb}: {' '.join(words[len(needed) :])!r} is more than it takes"
+
+
+def closest(verb: str, shapes: Mapping[str, Shape]) -> tuple[str, ...]:
+    """Return the verbs that begin with these letters, for completion."""
+    return tuple(name for name in shapes if name.startswith(verb))

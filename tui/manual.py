@@ -1,0 +1,67 @@
+"""The help texts, made from the registry of actions, so that they are never stale. Pure."""
+
+from __future__ import annotations
+
+from robotree.tui.actions import BY_VERB, Action, Where, groups
+
+EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": "", "tether": ""}
+"""Options that every verb takes on the command line; `--tether` is for programs that start others."""
+
+_HEAD = """\
+robotree supervises robots through virtual robots: see every robot on the network, write a virtual robot in a
+page of Python, put it on top of other robots while everything runs, and command the new one.
+
+usage: robotree [VERB …] [--json] [--realm NAME]      without a verb: the full screen
+"""
+
+_TAIL = """\
+A first walk, with everything in one terminal:
+  robotree demo                                   simulated arm and rover, and the full screen
+The same by hand, in a second terminal while the demo runs:
+  robotree ls
+  robotree create examples/move_to.py as mover
+  robotree enslave mover.arm arm-1
+  robotree call mover.move x=0.45 y=0 z='30 cm'
+  robotree tree
+
+--json prints plain data. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
+exit codes: 0 done · 1 refused or failed · 2 not understood · 3 nobody answers · 130 interrupted
+robotree help VERB explains one verb."""
+
+
+def overview() -> str:
+    """Return what `robotree --help` prints."""
+    blocks = [_HEAD]
+    for group, actions in groups(Where.SHELL).items():
+        rows = [_row(action) for action in actions]
+        blocks.append("\n".join([group, *rows, ""]))
+    return "\n".join([*blocks, _TAIL])
+
+
+def _row(action: Action) -> str:
+    usage = action.usage
+    lead = f"  {usage}"
+    return f"{lead:<38}{action.help}" if len(lead) < 37 else f"{lead}\n{'':<38}{action.help}"
+
+
+def page(verb: str) -> str:
+    """Return the help of one verb.
+
+    Raises:
+        KeyError: there is no such verb.
+    """
+    action = BY_VERB[verb]
+    lines = [f"usage: robotree {action.usage}", "", action.help]
+    if action.examples:
+        lines += ["", "examples:", *(f"  robotree {example}" for example in action.examples)]
+    if action.key:
+        lines += ["", f"key in the full screen: {spell(action.key)}"]
+    return "\n".join(lines)
+
+
+_SPELLED = {"question_mark": "?", "slash": "/", "colon": ":", "escape": "esc"}
+
+
+def spell(key: str) -> str:
+    """Return a key as it is printed on keyboards."""
+    return _SPELLED.get(key, key)

@@ -1,0 +1,102 @@
+"""One verb from the command line: join the realm, do it, print, leave.
+
+Results go to standard output, progress and errors to standard error, so that pipes stay clean.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.actions import BY_VERB
+from robotree.tui.errors import NothingToAsk, SupervisorError
+from robotree.tui.grammar import Line
+from robotree.tui.verbs import Outcome
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.tui.fleet_contract import FleetDoor
+
+BAR = 24
+"""Width of the progress bar in characters."""
+
+
+class Console:
+    """A teller that prints; progress only where a person can see it."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        """Print plain data, or text for people."""
+        self.as_json = as_json
+        self._open = False
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Redraw the progress line on standard error."""
+        if not sys.stderr.isatty():
+            return
+        full = 0 if math.isnan(fraction) else round(min(max(fraction, 0.0), 1.0) * BAR)
+        share = "" if math.isnan(fraction) else f"{fraction:4.0%} "
+        print(f"\r\x1b[K{'━' * full}{'╌' * (BAR - full)} {share}{text}", end="", file=sys.stderr, flush=True)
+        self._open = True
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Print a result on standard output."""
+        self.settle()
+        if self.as_json:
+            if outcome.data is not None:
+                print(json.dumps(outcome.data, ensure_ascii=False), flush=True)
+        elif outcome.text:
+            print(outcome.text, flush=True)
+
+    def error(self, error: Exception) -> None:
+        """Print one sentence on standard error; as an object where plain data was asked for."""
+        self.settle()
+        if self.as_json:
+            data: dict[str, Any] = {"error": type(error).__name__, "message": str(error)}
+            print(json.dumps(data, ensure_ascii=False), file=sys.stderr)
+        else:
+            print(f"robotree: {error}", file=sys.stderr)
+
+    def settle(self) -> None:
+        """Take the progress line away before something else is printed."""
+        if self._open:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            self._open = False
+
+
+async def carry_out(fleet: FleetDoor, line: Line, console: Console) -> int:
+    """Do one verb and print what came of it.
+
+    Returns:
+        The exit code.
+    """
+    from robotree.vr.errors import VrError
+
+    run = BY_VERB[line.verb].run
+    if run is None:
+        raise SupervisorError(f"{line.verb} is not for a fleet")
+    try:
+        console.outcome(await run(fleet, line, console))
+    except (VrError, SupervisorError, OSError) as error:
+        console.error(error)
+        return exit_codes.code_of(error)
+    return exit_codes.DONE
+
+
+async def once(line: Line, realm: str) -> int:
+    """Join the realm, do one verb, leave.
+
+    Returns:
+        The exit code.
+    """
+    from robotree.tui.realm import joined
+    from robotree.vr.errors import VrError
+
+    console = Console(as_json=line.flag("--json"))
+    try:
+        async with joined(realm) as fleet:
+            return await carry_out(fleet, line, console)
+    except (VrError, NothingToAsk) as error:
+        console.error(error)
+        return exit_codes.code_of(error)

@@ -1,0 +1,87 @@
+"""Small values inside a line: durations, dotted paths, assignments, `FILE.py:Class`, comparisons.
+
+Pure. Each reader refuses with `ValueRefused` in one sentence.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from robotree.tui.errors import ValueRefused
+
+Scalar = float | int | bool | str
+
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0}
+_DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h)?")
+_INTEGER = re.compile(r"[+-]?\d{1,18}")
+_SIZE = re.compile(r"(\d{1,4})x(\d{1,4})")
+
+
+def duration(text: str) -> float:
+    """Read `5s`, `500ms`, `2min`, `1.5` as seconds.
+
+    Raises:
+        ValueRefused: it is no duration.
+    """
+    found = _DURATION.fullmatch(text.strip())
+    if not found:
+        raise ValueRefused("TIME", f"{text!r} is no duration; write for example 5s, 500ms or 2min")
+    return float(found[1]) * _SECONDS[found[2] or ""]
+
+
+def dotted(text: str, what: str) -> tuple[str, str]:
+    """Read `PARENT.SLOT` or `ROBOT.COMMAND`.
+
+    Raises:
+        ValueRefused: it has no dot, or nothing before or after it.
+    """
+    left, dot, right = text.partition(".")
+    if not (left and dot and right):
+        raise ValueRefused(what, f"{text!r} must have the form {what}")
+    return left, right
+
+
+def assignment(text: str) -> tuple[str, Scalar]:
+    """Read `name=value`.
+
+    Raises:
+        ValueRefused: there is no `=`, or no name before it.
+    """
+    name, sign, value = text.partition("=")
+    if not (sign and name.isidentifier()):
+        raise ValueRefused(
+            "PARAMETER=VALUE", f"{text!r} must have the form name=value, e.g. x=0.4 or x='40 cm'"
+        )
+    return name, scalar(value)
+
+
+def scalar(text: str) -> Scalar:
+    """Read a number, `true`, `false`, or else text (also `10 cm`: the robot knows its units)."""
+    if text in {"true", "false"}:
+        return text == "true"
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return number if math.isfinite(number) and "_" not in text else text
+
+
+def source(text: str) -> tuple[str, str]:
+    """Read `FILE.py` or `FILE.py:Class` as path and class name (empty: the only one in the file)."""
+    path, colon, wanted = text.rpartition(":")
+    return (path, wanted) if colon and path and wanted.isidentifier() else (text, "")
+
+
+def size(text: str) -> tuple[int, int]:
+    """Read `640x360` as width and height [px].
+
+    Raises:
+        ValueRefused: it is no size, or has no area.
+    """
+    found = _SIZE.fullmatch(text)
+    if not found or not (int(found[1]) and int(found[2])):
+        raise ValueRefused("SIZE", f"{text!r} is no picture size; write for example 640x360")
+    return int(found[1]), int(found[2])

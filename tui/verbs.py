@@ -1,0 +1,201 @@
+"""What the verbs do: functions over the fleet, without a screen and without a keyboard.
+
+Each takes the fleet, the line that was understood and a `Teller`, and returns an `Outcome`: plain data for
+`--json`, text for people. Errors of the agents pass through: they already say what to do.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from robotree.tui import forest, values, wording
+from robotree.tui.grammar import Line
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from collections.abc import Sequence
+
+    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.description import Listing, RobotDescription
+    from robotree.vr.requests import State
+
+CALL_LIMIT = 120.0
+"""[s] that a command may take when the line does not say."""
+
+PICTURE = (640, 360)
+"""[px] size of a picture when the line does not say: 16:9, about 40 kB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a verb has to tell."""
+
+    data: Any
+    """Plain data: what `--json` prints."""
+    text: str = ""
+    """The same for people; may be empty."""
+
+
+class Teller(Protocol):
+    """Who hears of a verb while it goes on."""
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Take how far a command is: 0 to 1, NaN when it cannot be said."""
+        ...
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Take one of many outcomes (`watch`)."""
+        ...
+
+
+# -- looking ---------------------------------------------------------------------------------------
+
+
+async def ls(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """List robots, views, hosts or lookup services."""
+    if line.flag("--lookups"):
+        names = sorted(fleet.services)
+        return Outcome([{"name": name} for name in names], "\n".join(names) or "no lookup service is running")
+    if line.flag("--hosts"):
+        hosts = sorted(await fleet.hosts(), key=lambda host: host.address.name)
+        runs = {one.address.name: [each.name for each in one.robots] for one in hosts}
+        data = [{"name": name, "robots": robots} for name, robots in runs.items()]
+        rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
+        return Outcome(data, wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running")
+    if line.flag("--views"):
+        return _listed(fleet.views(), "view")
+    return _listed(fleet.robots(), "robot")
+
+
+def _listed(listings: Sequence[Listing], what: str) -> Outcome:
+    found = sorted(listings, key=lambda one: one.name)
+    rows = [(one.name, one.kind, one.host or "-", wording.summary(one.doc)) for one in found]
+    head = ("NAME", "KIND", "HOST", "ABOUT")
+    text = wording.columns([head, *rows]) if rows else f"no {what} is listed"
+    return Outcome([plain(one) for one in found], text)
+
+
+async def tree(fleet: FleetDoor, _line: Line, _teller: Teller) -> Outcome:
+    """Show who commands whom."""
+    roots = forest.forest(await fleet.tree())
+    return Outcome([forest.structure(root) for root in roots], forest.drawing(roots) or "no robot is running")
+
+
+async def show(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Describe one robot."""
+    return _described(await fleet.describe(line.text("NAME")))
+
+
+async def look(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Fetch one picture into a file."""
+    view, camera = line.text("VIEW"), line.text("--camera")
+    width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
+    picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
+    path = Path(line.text("FILE") or f"{view}-{picture.camera}.jpg")
+    await asyncio.to_thread(path.write_bytes, picture.jpeg)
+    data = {"file": str(path), "camera": picture.camera, "width": picture.width, "height": picture.height}
+    return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")
+
+
+async def watch(fleet: FleetDoor, line: Line, teller: Teller) -> Outcome:
+    """Tell each change of state, until it is interrupted or the time is over."""
+
+    def tell(name: str, state: State) -> None:
+        word = wording.mood(
+            busy=state.busy, stopped=state.stopped, online=state.online, bond=bool(state.bond)
+        )
+        readings = "  ".join(
+            f"{key}={wording.number(value)}" for key, value in sorted(state.readings.items())
+        )
+        teller.outcome(Outcome({"name": name, **plain(state)}, f"{name}  {word}  {readings}".rstrip()))
+
+    limit = values.duration(line.text("--within")) if line.text("--within") else None
+    watching = await fleet.watch_state(line.text("NAME") or None, tell)
+    try:
+        await asyncio.wait_for(asyncio.Event().wait(), limit)
+    except TimeoutError:
+        pass
+    finally:
+        await watching.close()
+    return Outcome(None)
+
+
+# -- shaping the tree ------------------------------------------------------------------------------
+
+
+async def create(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Make a virtual robot from a file."""
+    path, wanted = values.source(line.text("FILE"))
+    robot = await fleet.create(path, line.text("NAME"), host=line.text("HOST"), wanted=wanted)
+    return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
+
+
+async def enslave(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Put a robot on top of another one."""
+    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    robot = await fleet.enslave(parent, slot, line.text("CHILD"))
+    return _did(robot, f"{parent}.{slot} commands {line.text('CHILD')}")
+
+
+async def release(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Let a child go."""
+    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    return _did(await fleet.release(parent, slot), f"{parent}.{slot} is empty")
+
+
+async def delete(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """End a virtual robot."""
+    await fleet.delete(line.text("NAME"))
+    return Outcome({"deleted": line.text("NAME")}, f"{line.text('NAME')} is deleted")
+
+
+# -- commanding ------------------------------------------------------------------------------------
+
+
+async def call(fleet: FleetDoor, line: Line, teller: Teller) -> Outcome:
+    """Have a command carried out and wait for it."""
+    robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
+    given = dict(values.assignment(text) for text in line.many("PARAMETER=VALUE"))
+    limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
+    thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
+    rows = wording.result(None, thing)
+    text = wording.columns([row if row[0] else row[1:] for row in rows])
+    return Outcome(plain(thing), text or f"{robot}.{command} is done")
+
+
+async def cancel(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """End the commands of a robot."""
+    await fleet.cancel(line.text("NAME"))
+    return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
+
+
+async def stop(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Stop one robot, or all, protectively."""
+    told = await fleet.stop(line.text("NAME") or None)
+    return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'nobody is there'}")
+
+
+async def resume(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+    """Release the protective stop."""
+    told = await fleet.resume(line.text("NAME") or None)
+    return Outcome({"resumed": sorted(told)}, f"released: {', '.join(sorted(told)) or 'nobody is there'}")
+
+
+# -- plain data ------------------------------------------------------------------------------------
+
+
+def plain(thing: Any) -> Any:
+    """Return what JSON can say of a value of the agents."""
+    import msgspec
+
+    return msgspec.to_builtins(thing, str_keys=True)
+
+
+def _described(robot: RobotDescription) -> Outcome:
+    return Outcome(plain(robot), wording.portrait(robot))
+
+
+def _did(robot: RobotDescription, text: str) -> Outcome:
+    return Outcome(plain(robot), text)
