@@ -4,15 +4,15 @@ Each control period: read the joints and the wrist sensor, walk the attractor on
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from robotree.protocol.messages import Reason, Verb
-from robotree.sim.compliance import NaturalAdmittance
-from robotree.sim.device import Progress
+from robotree.sim.compliance import TOOL_STIFFNESS, NaturalAdmittance
+from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, UnknownVerb
 from robotree.sim.gripper import WIDEST, Grip, Gripper
 from robotree.sim.kinematics import Kinematics, twist_of
@@ -24,10 +24,17 @@ from robotree.sim.wrist import WristSensor
 
 TOP_SPEED: Final = 0.25
 """[m/s] that a goal may ask for: the reduced speed of ISO 10218-1 for people near an arm."""
-REACHED: Final = 0.005
+SLOWEST: Final = 0.005
+"""[m/s] that a goal may ask for."""
+REACHED: Final = 0.004
 """[m] between tool and goal that counts as reached; friction leaves 1 mm, 3 mm at worst."""
-SETTLED: Final = 0.03
+YIELDING: Final = 0.025
+"""[m] that the tool may be short of a goal, and the goal still count as reached, while the world pulls at it: a
+compliant arm yields 20 mm to 10 N, and a lever or a spring at the end of a move is no failure."""
+SETTLED: Final = 0.01
 """[rad/s] of the fastest joint that counts as standing."""
+STILL_FOR: Final = 0.1
+"""[s] of standing that ends a move."""
 SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a path by which the tool must be there, or something holds it."""
 
@@ -45,9 +52,9 @@ class ArmState:
         width_commanded: asked for [m].
         grip: what the fingers are doing.
         grip_force: of each finger [N].
-        peak_force: largest net force since the start that contacts put on the hand [N]: the true sum over all
-            contacts of the hand and the fingers with the world, taken from the physics at every step, not from the
-            sensor; what one finger exerts against the other cancels.
+        peak_force: largest net force since the start that the world put on the hand [N]: the true sum over all
+            contacts of palm and fingers (and pushes that a test applies to them), taken from the physics at every
+            step, not from the sensor; what one finger exerts against the other cancels.
     """
 
     q: Vector
@@ -83,32 +90,36 @@ class Arm:
         self._position, self._rotation = self._kinematics.pose(ports.q)
         self._follower = Follower(self._here())
         self._wrench: Vector = np.zeros(6)
-        self._load = self._error = self._waited = self._peak = 0.0
-        self._running: Callable[[], Progress] = lambda: Progress(1.0, done=True)
-        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], None]] = {
+        self._error: Vector = np.zeros(3)
+        self._load = self._waited = self._still = self._peak = 0.0
+        self._running: Callable[[], Progress] = _ended
+        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
             Verb.GO_TO: self._go_to,
             Verb.GRIP: self._grip,
             Verb.HOLD: self._stay,
         }
 
     @property
-    def verbs(self) -> Mapping[Verb, Callable[[tuple[float, ...]], None]]:
+    def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
-        return self._verbs
+        return self._verbs.keys()
 
-    def begin(self, verb: Verb, args: tuple[float, ...]) -> None:
-        """Begin one movement in place of whatever runs.
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
 
         Args:
             verb: GO_TO, GRIP or HOLD.
-            args: as in robotree.xml.
+            args: (7,) as in robotree.xml.
+
+        Returns:
+            What begins the movement, in place of whatever runs.
 
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
         if verb not in self._verbs:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
-        self._verbs[verb](args)
+        return self._verbs[Verb(verb)](args)
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
@@ -117,7 +128,7 @@ class Arm:
     def hold(self) -> None:
         """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
         self._follower.rest(self._here())
-        self._running = lambda: Progress(1.0, done=True)
+        self._running = _ended
 
     def control(self, dt: float) -> None:
         """One period [s] of the control law."""
@@ -129,6 +140,7 @@ class Arm:
         ports.torque[:] = effort.torque
         self._load, self._error = effort.load, effort.error
         self._waited = 0.0 if self._follower.moving else self._waited + dt
+        self._still = self._still + dt if float(np.abs(ports.v).max()) < SETTLED else 0.0
         self._position[:], self._rotation[:] = dynamics.position, dynamics.rotation
         width, speed = 2.0 * float(ports.finger[0]), 2.0 * float(ports.finger_speed[0])
         ports.finger_target[0] = 0.5 * self._gripper.advance(dt, width, speed)
@@ -153,26 +165,35 @@ class Arm:
     def _here(self) -> Vector:
         return np.array((*self._position, twist_of(self._rotation)))
 
-    def _go_to(self, args: tuple[float, ...]) -> None:
+    def _go_to(self, args: tuple[float, ...]) -> Start:
         names = ("x", "y", "z", "twist")
-        now = self._follower.setpoint.pose
-        goal = np.array([_or_now(name, arg, float(here)) for name, arg, here in zip(names, args, now, strict=False)])
+        start = self._follower.setpoint
+        goal = np.array([_or_now(*each) for each in zip(names, args, start.pose.tolist(), strict=False)])
         speed = _or_now("speed", args[4], TOOL_SPEED)
-        if not 0.0 < speed <= TOP_SPEED:
-            raise BadArgument("speed", speed, f"above 0 and at most {TOP_SPEED} m/s")
-        self._follower.follow(self._planner.plan(self._follower.setpoint, np.array(self._ports.q), goal, speed))
-        self._running = self._travelling
+        if not SLOWEST <= speed <= TOP_SPEED:
+            raise BadArgument("speed", speed, f"{SLOWEST} to {TOP_SPEED} m/s")
+        path = self._planner.plan(start, np.array(self._ports.q), goal, speed)
 
-    def _grip(self, args: tuple[float, ...]) -> None:
+        def begin() -> None:
+            self._follower.follow(path)
+            self._running = self._travelling
+
+        return begin
+
+    def _grip(self, args: tuple[float, ...]) -> Start:
         width = _or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
         if not 0.0 <= width <= WIDEST:
-            raise BadArgument("width", width, f"between 0 and {WIDEST} m")
-        self.hold()
-        self._gripper.move(width)
-        self._running = self._gripping
+            raise BadArgument("width", width, f"0 to {WIDEST} m")
 
-    def _stay(self, _: tuple[float, ...]) -> None:
-        self.hold()
+        def begin() -> None:
+            self.hold()
+            self._gripper.move(width)
+            self._running = self._gripping
+
+        return begin
+
+    def _stay(self, _: tuple[float, ...]) -> Start:
+        return self.hold
 
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
@@ -180,8 +201,12 @@ class Arm:
             return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
         if self._follower.moving:
             return Progress(fraction)
-        if self._error < REACHED and float(np.abs(self._ports.v).max()) < SETTLED:
-            return Progress(1.0, done=True)
+        if self._still >= STILL_FOR:
+            # At rest spring and world balance: what the world's pull does not explain is friction's share.
+            short = float(np.linalg.norm(self._error))
+            unexplained = float(np.linalg.norm(self._error + self._wrench[:3] / TOOL_STIFFNESS))
+            if unexplained < REACHED and short < YIELDING:
+                return Progress(1.0, done=True, text=self._held_up() if short > REACHED else "")
         if self._waited > SETTLE_WITHIN:
             return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
         return Progress(min(fraction, 0.99))
@@ -191,8 +216,12 @@ class Arm:
         return Progress(0.5 if moving else 1.0, done=not moving)
 
     def _held_up(self) -> str:
-        force = math.sqrt(float(self._wrench[:3] @ self._wrench[:3]))
-        return f"something holds the tool with {force:.0f} N, {1e3 * self._error:.0f} mm short; move it away or go around"
+        force = float(np.linalg.norm(self._wrench[:3]))
+        return f"Something holds the tool with {force:.0f} N, {1e3 * float(np.linalg.norm(self._error)):.0f} mm short."
+
+
+def _ended() -> Progress:
+    return ENDED
 
 
 def _or_now(name: str, value: float, now: float) -> float:

@@ -35,19 +35,22 @@ FORCE_LIMIT: Final = 30.0
 TORQUE_LIMIT: Final = 4.0
 """[N m] pull of the rotational spring."""
 
+TOOL_STIFFNESS: Final = 500.0
+"""[N/m] of the translational spring: a push of 10 N yields 20 mm."""
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
     """Numbers of the law; chosen by measurement on this arm.
 
     Attributes:
-        stiffness: (6,) K, x y z [N/m] and about x y z [N m/rad]. 500 N/m: a push of 10 N yields 20 mm.
+        stiffness: (6,) K, x y z [N/m] and about x y z [N m/rad].
         damping: (6,) D, [N s/m] and [N m s/rad]; critical for the 6 kg felt at the tool.
         beta: gain of the velocity servo [1/s].
         leak: how fast the reference forgets what the arm does not follow [1/s].
     """
 
-    stiffness: tuple[float, ...] = (500.0, 500.0, 500.0, 30.0, 30.0, 12.0)
+    stiffness: tuple[float, ...] = (TOOL_STIFFNESS, TOOL_STIFFNESS, TOOL_STIFFNESS, 30.0, 30.0, 12.0)
     damping: tuple[float, ...] = (110.0, 110.0, 110.0, 3.2, 3.2, 1.0)
     beta: float = 80.0
     leak: float = 8.0
@@ -59,12 +62,12 @@ class Effort(NamedTuple):
     Attributes:
         torque: (6,) for the joints [N m].
         load: pull of the spring as a share of its limit; 1 and more: saturated.
-        error: distance of the tool from the attractor [m].
+        error: (3,) from the tool to the attractor [m].
     """
 
     torque: Vector
     load: float
-    error: float
+    error: Vector
 
 
 class NaturalAdmittance:
@@ -110,5 +113,4 @@ class NaturalAdmittance:
             dynamics.mass_inverse @ (wanted + jacobian.T @ wrench) + self._leak * (v - self._reference)
         )
         torque = wanted + dynamics.bias + self._beta * (dynamics.mass @ (self._reference - v))
-        distance = math.sqrt(float(error[:3] @ error[:3]))
-        return Effort(torque, max(pull, turn), distance)
+        return Effort(torque, max(pull, turn), error[:3])

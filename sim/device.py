@@ -1,12 +1,13 @@
 """What the firmware and the cell expect of any simulated robot, and the values they exchange."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Protocol, TypeAlias
 
 from robotree.protocol.messages import Reason, Verb
 
-NAN_FREE: Final = "a finite number"
+Start: TypeAlias = Callable[[], None]
+"""Begins the movement that was prepared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +18,7 @@ class Progress:
         fraction: 0 to 1.
         done: whether it has ended.
         reason: NONE when it ended well or still runs, else why it failed.
-        text: the reason as one sentence.
+        text: the reason as one sentence; of a goal that ended well, what is worth knowing about it.
     """
 
     fraction: float
@@ -26,20 +27,27 @@ class Progress:
     text: str = ""
 
 
+ENDED = Progress(1.0, done=True)
+"""Nothing runs."""
+
+
 class Device(Protocol):
     """One robot of a cell: a control law below, verbs above."""
 
     @property
-    def verbs(self) -> Mapping[Verb, Any]:
+    def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
         ...
 
-    def begin(self, verb: Verb, args: tuple[float, ...]) -> None:
-        """Begin one movement in place of whatever runs.
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
 
         Args:
             verb: what to do.
-            args: its arguments as in robotree.xml; NaN means "as it is now".
+            args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
+
+        Returns:
+            What begins the movement, in place of whatever runs; good until time passes.
 
         Raises:
             GoalRefused: with the reason; nothing has changed.

@@ -1,14 +1,14 @@
 """The rover as one robot: a jerk-limited set-point, a servo on its drive, and the verb MOVE."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from robotree.protocol.messages import Reason, Verb
-from robotree.sim.device import Progress
+from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, OutOfReach, UnknownVerb
 from robotree.sim.models.rover import RoverPorts
 from robotree.sim.models.scenery import ARENA
@@ -56,30 +56,33 @@ class Rover:
         self._ports = ports
         self._follower = Follower(ports.position)
         self._load = self._waited = 0.0
-        self._running: Callable[[], Progress] = lambda: Progress(1.0, done=True)
-        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], None]] = {
+        self._running: Callable[[], Progress] = _ended
+        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
             Verb.MOVE: self._move,
             Verb.HOLD: self._stay,
         }
 
     @property
-    def verbs(self) -> Mapping[Verb, Callable[[tuple[float, ...]], None]]:
+    def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
-        return self._verbs
+        return self._verbs.keys()
 
-    def begin(self, verb: Verb, args: tuple[float, ...]) -> None:
-        """Begin one movement in place of whatever runs.
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
 
         Args:
             verb: MOVE or HOLD.
-            args: as in robotree.xml.
+            args: (7,) as in robotree.xml.
+
+        Returns:
+            What begins the movement, in place of whatever runs.
 
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
         if verb not in self._verbs:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
-        self._verbs[verb](args)
+        return self._verbs[Verb(verb)](args)
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
@@ -88,7 +91,7 @@ class Rover:
     def hold(self) -> None:
         """Drop the movement and rest here."""
         self._follower.rest(self._ports.position)
-        self._running = lambda: Progress(1.0, done=True)
+        self._running = _ended
 
     def control(self, dt: float) -> None:
         """One period [s] of the drive servo: spring, bounded, and damper on the set-point's velocity."""
@@ -105,7 +108,7 @@ class Rover:
         """One reading, not changed by later steps."""
         return RoverState(np.array(self._ports.position), np.array(self._ports.velocity))
 
-    def _move(self, args: tuple[float, ...]) -> None:
+    def _move(self, args: tuple[float, ...]) -> Start:
         for name, value in zip(("dx", "dy"), args, strict=False):
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
@@ -119,11 +122,16 @@ class Rover:
         if float(np.abs(goal).max()) > ARENA:
             raise OutOfReach((*goal.tolist(), 0.0), f"the rover's floor ends {ARENA} m from its middle")
         limits = Limits((speed, speed), (ACCELERATION,) * 2, (JERK,) * 2)
-        self._follower.follow(Line(start, goal, limits))
-        self._running = self._travelling
+        path = Line(start, goal, limits)
 
-    def _stay(self, _: tuple[float, ...]) -> None:
-        self.hold()
+        def begin() -> None:
+            self._follower.follow(path)
+            self._running = self._travelling
+
+        return begin
+
+    def _stay(self, _: tuple[float, ...]) -> Start:
+        return self.hold
 
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
@@ -138,3 +146,5 @@ class Rover:
         return Progress(min(fraction, 0.99))
 
 
+def _ended() -> Progress:
+    return ENDED

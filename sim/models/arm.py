@@ -33,7 +33,8 @@ class ArmPorts:
         finger_force: (1,) force of the gripper's servo on its tendon [N]; half of it reaches each finger.
         wrist_force: (3,) what link6 exerts on the hand, in the sensor's frame [N].
         wrist_torque: (3,) the same, torque [N m].
-        contact: (n, 6) torque and force that contacts exert on the bodies of the hand, world axes [N m, N].
+        contact: (n, 6) torque and force of contacts (and applied pushes) on the bodies of the hand, axes of W
+            [N m, N]; the physics computes them for the wrist sensor.
         hand_bodies: ids of those bodies.
         hand_mass: mass beyond the wrist sensor [kg].
         hand_centre: (3,) its centre of mass in the sensor's frame [m].

@@ -19,11 +19,13 @@ ARENA: Final = 1.5
 CRATE: Final = (0.80, -0.90)
 """[m] x, y of a crate in the rover's arena."""
 
-_WOOD: Final = (0.72, 0.58, 0.42, 1.0)
+_WOOD: Final = (0.80, 0.68, 0.52, 1.0)
 _STEEL: Final = (0.42, 0.45, 0.50, 1.0)
-_FLOOR: Final = (0.52, 0.56, 0.62, 1.0)
+_FLOOR: Final = (0.70, 0.73, 0.77, 1.0)
 _WALL: Final = (0.33, 0.37, 0.44, 1.0)
-_CRATE: Final = (0.80, 0.60, 0.25, 1.0)
+_CRATE: Final = (0.85, 0.58, 0.20, 1.0)
+_BIN: Final = (0.20, 0.42, 0.66, 1.0)
+_DOCK: Final = (0.20, 0.60, 0.42, 1.0)
 
 
 def arm_cell() -> mujoco.MjSpec:
@@ -32,7 +34,7 @@ def arm_cell() -> mujoco.MjSpec:
     _table(cell)
     _attach(cell, arm.spec(), arm.PREFIX, (0.0, 0.0, 0.0))
     _attach(cell, lever.spec(), lever.PREFIX, LEVER_FOOT)
-    _camera(cell, eye=(1.22, -0.98, 0.74), target=(0.22, 0.02, 0.22), fovy=38.0)
+    _camera(cell, eye=(1.42, -1.22, 0.80), target=(0.17, 0.03, 0.27), fovy=36.0)
     return cell
 
 
@@ -43,8 +45,10 @@ def rover_cell() -> mujoco.MjSpec:
     for name, x, y in (("east", 1, 0), ("west", -1, 0), ("north", 0, 1), ("south", 0, -1)):
         _box(cell, f"wall_{name}", (x * reach, y * reach, 0.06), (0.02 if x else reach, 0.02 if y else reach, 0.06), _WALL)
     _box(cell, "crate", (*CRATE, 0.12), (0.14, 0.14, 0.12), _CRATE)
+    _box(cell, "bin", (-0.95, 1.05, 0.16), (0.18, 0.12, 0.16), _BIN)
+    _box(cell, "dock", (0.0, 0.0, 0.001), (0.19, 0.19, 0.001), _DOCK)
     _attach(cell, rover.spec(), rover.PREFIX, (0.0, 0.0, 0.0))
-    _camera(cell, eye=(-2.1, -2.4, 2.3), target=(0.15, 0.0, 0.0), fovy=50.0)
+    _camera(cell, eye=(-2.3, -2.3, 2.1), target=(0.05, 0.05, -0.12), fovy=42.0)
     return cell
 
 
