@@ -77,7 +77,7 @@ ACTIONS: tuple[Action, ...] = (
     # -- look
     Action(
         usage="ls [--views] [--hosts] [--lookups]",
-        help="List the robots that are free to be commanded (an enslaved one is under its parent in `tree`).",
+        help="List the free robots (enslaved ones: `tree`).",
         group=LOOK,
         run=verbs.ls,
         examples=("ls", "ls --views --json"),
@@ -93,7 +93,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="show NAME",
-        help="Describe a robot: kinds, commands with units and ranges, slots, parent.",
+        help="Describe a robot: kinds, commands, slots, parent.",
         group=LOOK,
         run=verbs.show,
         where=ANYWHERE,
@@ -109,7 +109,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="watch [NAME] [--within TIME]",
-        help="Tell each change of state of one robot or of all, until interrupted.",
+        help="Tell each change of state, until interrupted.",
         group=LOOK,
         run=verbs.watch,
         where=Where.SHELL,
@@ -118,7 +118,7 @@ ACTIONS: tuple[Action, ...] = (
     # -- shape the tree
     Action(
         usage="create FILE as NAME [on HOST]",
-        help="Make a virtual robot from a Python file (FILE.py or FILE.py:Class) and name it.",
+        help="Make a virtual robot from FILE.py or FILE.py:Class.",
         group=SHAPE,
         run=verbs.create,
         where=ANYWHERE,
@@ -200,19 +200,19 @@ ACTIONS: tuple[Action, ...] = (
     # -- run
     Action(
         usage="demo [--headless] [--pictures FOLDER]",
-        help="A whole cell in one command: simulated robots, proxies, lookups, a host, the full screen.",
+        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen.",
         group=PROCESS,
         where=Where.SHELL,
     ),
     Action(
         usage="supervise",
-        help="The full screen over the robots that run in this realm (also without any verb).",
+        help="The full screen over the robots of this realm.",
         group=PROCESS,
         where=Where.SHELL,
     ),
     Action(
         usage="run FILE",
-        help="Play a session script: the verbs above, one per line, and `expect CONDITION within TIME`.",
+        help="Play a script of verbs and `expect CONDITION within TIME`.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("run examples/close_lever.session",),

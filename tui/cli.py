@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import AsyncIterator, Coroutine, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Coroutine, Sequence
+from contextlib import suppress
 from typing import Any
 
 from robotree.tui import exit_codes, grammar, manual
 from robotree.tui.actions import Where, shapes
 from robotree.tui.errors import SupervisorError, UsageError
 from robotree.tui.grammar import Line
+from robotree.tui.terminal import complain, put
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -31,10 +32,10 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         return _obey(given)
     except UsageError as error:
-        print(f"robotree: {error}", file=sys.stderr)
+        complain(error)
         return exit_codes.USAGE
     except KeyboardInterrupt:
-        print("robotree: interrupted", file=sys.stderr)
+        complain("interrupted")
         return exit_codes.INTERRUPTED
     except BrokenPipeError:
         # The reader of our output left (`robotree ls | head -1`): nothing to say, nobody to say it to.
@@ -44,7 +45,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _obey(given: list[str]) -> int:
     if given[:1] in (["--help"], ["-h"]) or given == ["help"]:
-        print(manual.overview())
+        put(manual.overview())
         return exit_codes.DONE
     if given[:1] in (["--version"], ["-V"]):
         return _version()
@@ -62,7 +63,7 @@ def _help(verb: str) -> int:
     known = shapes(Where.SHELL)
     if verb not in known:
         grammar.parse([verb], known, {})
-    print(manual.page(verb))
+    put(manual.page(verb))
     return exit_codes.DONE
 
 
@@ -70,7 +71,7 @@ def _version() -> int:
     from importlib.metadata import PackageNotFoundError, version
 
     with suppress(PackageNotFoundError):
-        print(f"robotree {version('robotree')}")
+        put(f"robotree {version('robotree')}")
     return exit_codes.DONE
 
 
@@ -116,6 +117,6 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
     try:
         await serve(starts[line.verb](line, realm), tether=tether)
     except (VrError, SupervisorError, OSError) as error:
-        print(f"robotree: {error}", file=sys.stderr)
+        complain(error)
         return exit_codes.code_of(error)
     return exit_codes.DONE

@@ -104,6 +104,10 @@ class FleetDoor(Protocol):
         """Release the protective stop; returns who was told."""
         ...
 
+    async def readings(self, name: str) -> Mapping[str, float]:
+        """Return the newest readings of a robot."""
+        ...
+
     async def look(self, view: str, *, camera: str, width: int, height: int, quality: int) -> Picture:
         """Fetch one picture."""
         ...

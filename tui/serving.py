@@ -10,8 +10,10 @@ import asyncio
 import signal
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+
+from robotree.tui.terminal import put
 
 Running = AbstractAsyncContextManager[str]
 """Inside its block an agent is up; its value is the agent's address."""
@@ -34,7 +36,7 @@ async def serve(running: Running, *, tether: bool) -> None:
     if tether:
         hold(loop, over.set)
     async with running as address:
-        print(f"ready {address}", flush=True)
+        put(f"ready {address}")
         await over.wait()
 
 
@@ -58,9 +60,3 @@ def _abandon() -> None:
     import os
 
     os._exit(1)
-
-
-@asynccontextmanager
-async def nothing(address: str) -> AsyncIterator[str]:
-    """Be up and do nothing; for tests of `serve`."""
-    yield address

@@ -14,6 +14,7 @@ from robotree.tui import exit_codes
 from robotree.tui.actions import BY_VERB
 from robotree.tui.errors import NothingToAsk, SupervisorError
 from robotree.tui.grammar import Line
+from robotree.tui.terminal import complain, note, over, put
 from robotree.tui.verbs import Outcome
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -37,7 +38,7 @@ class Console:
             return
         full = 0 if math.isnan(fraction) else round(min(max(fraction, 0.0), 1.0) * BAR)
         share = "" if math.isnan(fraction) else f"{fraction:4.0%} "
-        print(f"\r\x1b[K{'━' * full}{'╌' * (BAR - full)} {share}{text}", end="", file=sys.stderr, flush=True)
+        over(f"{'━' * full}{'╌' * (BAR - full)} {share}{text}")
         self._open = True
 
     def outcome(self, outcome: Outcome) -> None:
@@ -45,23 +46,23 @@ class Console:
         self.settle()
         if self.as_json:
             if outcome.data is not None:
-                print(json.dumps(outcome.data, ensure_ascii=False), flush=True)
+                put(json.dumps(outcome.data, ensure_ascii=False))
         elif outcome.text:
-            print(outcome.text, flush=True)
+            put(outcome.text)
 
     def error(self, error: Exception) -> None:
         """Print one sentence on standard error; as an object where plain data was asked for."""
         self.settle()
         if self.as_json:
             data: dict[str, Any] = {"error": type(error).__name__, "message": str(error)}
-            print(json.dumps(data, ensure_ascii=False), file=sys.stderr)
+            note(json.dumps(data, ensure_ascii=False))
         else:
-            print(f"robotree: {error}", file=sys.stderr)
+            complain(error)
 
     def settle(self) -> None:
         """Take the progress line away before something else is printed."""
         if self._open:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            over("")
             self._open = False
 
 

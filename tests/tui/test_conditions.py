@@ -1,0 +1,111 @@
+"""What a session can expect, and when it holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui.conditions import Scene, condition
+from robotree.tui.errors import ValueRefused
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+
+MOVER = Address("robot", "mover", "1")
+ARM = Address("robot", "arm-1", "2")
+
+
+def mover(child: Address | None = ARM, busy: str = "") -> RobotDescription:
+    slot = SlotSpec(name="arm", kind="Arm", child=child)
+    return RobotDescription(
+        address=MOVER, kinds=("MoveTo", "VirtualRobot", "Robot"), slots=(slot,), busy=busy
+    )
+
+
+def arm(*, free: bool = False) -> RobotDescription:
+    bond = None if free else BondSpec(parent=MOVER, slot="arm", epoch=3, remaining=4.0)
+    return RobotDescription(address=ARM, kinds=("Arm", "Robot"), bond=bond)
+
+
+def scene(
+    *robots: RobotDescription, listed: tuple[str, ...] = (), result: Any = None, refusal: str = ""
+) -> Scene:
+    return Scene(
+        listed=frozenset(listed),
+        robots={robot.name: robot for robot in robots},
+        readings={"cell": {"lever_angle": 0.8}},
+        result=result,
+        refusal=refusal,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "there"),
+    [
+        ("arm-1 listed", scene(listed=("arm-1",))),
+        ("arm-1 gone", scene()),
+        ("arm-1 enslaved by mover.arm", scene(arm())),
+        ("mover.arm holds arm-1", scene(mover())),
+        ("mover.arm empty", scene(mover(child=None))),
+        ("mover idle", scene(mover())),
+        ("reading cell.lever_angle > 0.75", scene()),
+        ("reading cell.lever_angle=0.8", scene()),
+        ("result.z >= 0.29", scene(result={"z": 0.3})),
+        ("result = 0.3", scene(result=0.3000001)),
+        ("result.pose.x < 1", scene(result={"pose": {"x": 0}})),
+        ("result = closed", scene(result="closed")),
+        ("result = true", scene(result=True)),
+        ("result != 3", scene(result=4)),
+        ("refused", scene(refusal="NotInControl")),
+        ("refused NotInControl", scene(refusal="NotInControl")),
+        ("done", scene()),
+    ],
+)
+def test_a_condition_holds_where_it_should(text: str, there: Scene) -> None:
+    assert condition(text).judge(there).holds
+
+
+@pytest.mark.parametrize(
+    ("text", "there", "seen"),
+    [
+        ("arm-1 listed", scene(), "not listed"),
+        ("arm-1 gone", scene(arm()), "there"),
+        ("arm-1 gone", scene(listed=("arm-1",)), "there"),
+        ("arm-1 enslaved by mover.arm", scene(arm(free=True)), "free"),
+        ("arm-1 enslaved by mover.arm", scene(), "arm-1 does not answer"),
+        ("arm-1 enslaved by other.arm", scene(arm()), "enslaved by mover.arm"),
+        ("mover.arm empty", scene(mover()), "holds arm-1"),
+        ("mover.leg empty", scene(mover()), "mover has no slot leg"),
+        ("mover.arm holds arm-2", scene(mover()), "holds arm-1"),
+        ("mover idle", scene(mover(busy="move")), "busy: move"),
+        ("reading cell.lever_angle < 0.75", scene(), "0.8"),
+        ("reading cell.height > 0", scene(), "cell has no reading height; it has lever_angle"),
+        ("reading hall.height > 0", scene(), "hall tells nothing"),
+        ("result.z > 0", scene(result={"x": 1}), "the result is x 1"),
+        ("result > 0", scene(result="closed"), "closed cannot be compared with 0"),
+        ("refused StaleEpoch", scene(refusal="NotInControl"), "NotInControl"),
+        ("refused", scene(), "done"),
+    ],
+)
+def test_a_condition_that_does_not_hold_says_what_was_seen(text: str, there: Scene, seen: str) -> None:
+    verdict = condition(text).judge(there)
+    assert not verdict.holds
+    assert verdict.seen == seen
+
+
+@pytest.mark.parametrize(
+    "text", ["", "arm-1", "arm-1 enslaved by mover", "reading cell.x > high", "result >", "arm-1 lost"]
+)
+def test_what_is_no_condition_is_refused(text: str) -> None:
+    with pytest.raises(ValueRefused, match="expect"):
+        condition(text)
+
+
+@given(number=st.floats(-1e6, 1e6), bound=st.floats(-1e6, 1e6))
+def test_larger_and_not_larger_exclude_each_other(number: float, bound: float) -> None:
+    there = Scene(result=number)
+    larger = condition(f"result > {bound!r}").judge(there).holds
+    assert larger != condition(f"result <= {bound!r}").judge(there).holds
+    assert larger == (number > bound)

@@ -1,0 +1,73 @@
+"""A session is understood as a whole before anything moves, and told step by step."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotree.tui.errors import BadScript
+from robotree.tui.session import Do, Expect, Pause, Report, Told, read, transcript
+
+SCRIPT = """\
+# closes the lever
+create examples/move_to.py as mover
+
+enslave mover.arm arm-1     # the arm is free
+expect arm-1 enslaved by mover.arm within 2s
+expect result = 'very true'
+try call arm-1.go_to x=0.4
+expect refused NotInControl
+pause 500ms
+"""
+
+
+def test_a_script_is_the_verbs_one_per_line() -> None:
+    steps = read(SCRIPT, "a.session").steps
+    assert [step.number for step in steps] == [2, 4, 5, 6, 7, 8, 9]
+    assert [type(step.deed) for step in steps] == [Do, Do, Expect, Expect, Do, Expect, Pause]
+    assert isinstance(steps[2].deed, Expect)
+    assert steps[2].deed.within == 2.0
+    assert steps[2].deed.condition.text == "arm-1 enslaved by mover.arm"
+    assert isinstance(steps[4].deed, Do)
+    assert steps[4].deed.may_fail
+    assert steps[6].deed == Pause(0.5)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("enslav mover.arm arm-1", "did you mean enslave"),
+        ("enslave mover.arm", "CHILD is missing"),
+        ("expect mover flies", "is no condition"),
+        ("expect mover listed within soon", "is no duration"),
+        ("pause", "is no duration"),
+        ("try", "names no verb"),
+        ("call 'a.b", "no closing quotation"),
+        ("sim arm --listen tcp:127.0.0.1:1", "no verb 'sim'"),
+        ("run other.session", "no verb 'run'"),
+    ],
+)
+def test_the_first_line_that_cannot_be_understood_is_named(line: str, reason: str) -> None:
+    with pytest.raises(BadScript) as refusal:
+        read(f"stop\n{line}\n", "a.session")
+    assert refusal.value.number == 2
+    assert reason in str(refusal.value)
+    assert str(refusal.value).startswith("a.session, line 2: ")
+
+
+def told(*, held: bool, seen: str = "") -> Told:
+    return Told(step=read("stop", "a").steps[0], held=held, seen=seen, began=1.234, took=0.1)
+
+
+def test_a_report_is_good_only_when_all_was_played_and_held() -> None:
+    assert Report(script="a", told=(told(held=True),)).ok
+    assert not Report(script="a", told=(told(held=True), told(held=False))).ok
+    assert not Report(script="a", told=(told(held=True),), left=("stop",)).ok
+
+
+def test_a_transcript_shows_when_what_and_how_it_went() -> None:
+    assert transcript(told(held=True, seen="stopped: arm-1")) == "   1.23 s  ✓  stop  → stopped: arm-1"
+    assert transcript(told(held=False)) == "   1.23 s  ✗  stop"
+    assert transcript(told(held=True, seen="x 1\ny 2")).splitlines()[1:] == [
+        " " * 14 + "x 1",
+        " " * 14 + "y 2",
+    ]

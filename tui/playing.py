@@ -1,0 +1,191 @@
+"""Plays session scripts against a fleet: waits, looks, does, and tells each step as it happens."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.actions import BY_VERB
+from robotree.tui.conditions import Scene, Verdict
+from robotree.tui.errors import BadScript, SessionError, SupervisorError
+from robotree.tui.grammar import Line
+from robotree.tui.session import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
+from robotree.tui.terminal import complain, note, put
+from robotree.tui.verbs import Outcome
+
+if TYPE_CHECKING:  # a script is read before the agents are needed
+    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.description import RobotDescription
+
+LOOK_AGAIN = 0.1
+"""[s] between two looks at a condition that does not hold yet."""
+
+Tell = Callable[[Told], None]
+
+
+class Silent:
+    """A teller that nobody hears."""
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Take no notice."""
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Take no notice."""
+
+
+class Player:
+    """Plays one script."""
+
+    def __init__(self, fleet: FleetDoor, script: Script, tell: Tell) -> None:
+        """Play `script` on `fleet`; `tell` hears of each step when it is over."""
+        self.fleet, self.script, self.tell = fleet, script, tell
+        self.result: Any = None
+        self.refusal = ""
+
+    async def play(self) -> Report:
+        """Play until the end or until a step does not hold."""
+        began = time.monotonic()
+        told: list[Told] = []
+        for position, step in enumerate(self.script.steps):
+            start = time.monotonic()
+            verdict, data = await self._step(step)
+            now = time.monotonic()
+            told.append(
+                Told(
+                    step=step,
+                    held=verdict.holds,
+                    seen=verdict.seen,
+                    began=start - began,
+                    took=now - start,
+                    data=data,
+                )
+            )
+            self.tell(told[-1])
+            if not verdict.holds:
+                left = tuple(one.text for one in self.script.steps[position + 1 :])
+                return self._report(told, began, left)
+        return self._report(told, began, ())
+
+    def _report(self, told: list[Told], began: float, left: tuple[str, ...]) -> Report:
+        wall = time.monotonic() - began
+        return Report(script=self.script.path, told=tuple(told), wall_s=wall, left=left)
+
+    async def _step(self, step: Step) -> tuple[Verdict, Any]:
+        match step.deed:
+            case Pause(seconds):
+                await asyncio.sleep(seconds)
+                return Verdict(holds=True, seen=""), None
+            case Expect() as expect:
+                return await self._expect(expect), None
+            case Do(line, may_fail):
+                return await self._do(line, may_fail=may_fail)
+
+    async def _do(self, line: Line, *, may_fail: bool) -> tuple[Verdict, Any]:
+        from robotree.vr.errors import VrError
+
+        run = BY_VERB[line.verb].run
+        if run is None:
+            raise SupervisorError(f"{line.verb} has no place in a session")
+        try:
+            outcome = await run(self.fleet, self._placed(line), Silent())
+        except (VrError, SupervisorError, OSError) as error:
+            self.refusal = type(error).__name__
+            return Verdict(may_fail, f"{self.refusal}: {error}"), None
+        self.refusal = ""
+        if line.verb == "call":
+            self.result = outcome.data
+        return Verdict(holds=True, seen=outcome.text), outcome.data
+
+    def _placed(self, line: Line) -> Line:
+        """Find a source beside the script when it is not in the current folder."""
+        given = line.text("FILE")
+        beside = Path(self.script.path).parent / given
+        if line.verb != "create" or not given or Path(given.rpartition(":")[0] or given).exists():
+            return line
+        return replace(line, values={**line.values, "FILE": str(beside)})
+
+    async def _expect(self, expect: Expect) -> Verdict:
+        end = time.monotonic() + expect.within
+        while True:
+            verdict = expect.condition.judge(await self._scene(expect))
+            if verdict.holds:
+                return verdict
+            if time.monotonic() >= end:
+                return Verdict(holds=False, seen=f"not within {expect.within:g} s: {verdict.seen}")
+            await asyncio.sleep(LOOK_AGAIN)
+
+    async def _scene(self, expect: Expect) -> Scene:
+        wanted = expect.condition
+        robots = {name: await self._described(name) for name in wanted.robots}
+        return Scene(
+            listed=frozenset(one.name for one in self.fleet.robots()),
+            robots={name: robot for name, robot in robots.items() if robot},
+            readings={name: await self._readings(name) for name in wanted.readings},
+            result=self.result,
+            refusal=self.refusal,
+        )
+
+    async def _described(self, name: str) -> RobotDescription | None:
+        from robotree.vr.errors import VrError
+
+        try:
+            return await self.fleet.describe(name)
+        except VrError:
+            return None
+
+    async def _readings(self, name: str) -> Mapping[str, float]:
+        from robotree.vr.errors import VrError
+
+        try:
+            if any(view.name == name for view in self.fleet.views()):
+                return (await self.fleet.describe_view(name)).readings
+            return await self.fleet.readings(name)
+        except VrError:
+            return {}
+
+
+def read_file(path: str) -> Script:
+    """Read a script from a file.
+
+    Raises:
+        BadScript: a line cannot be understood.
+        SessionError: the file cannot be read.
+    """
+    try:
+        return read(Path(path).read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise SessionError(f"cannot read the session {path}: {reason}") from None
+
+
+async def play_file(path: str, realm: str, *, as_json: bool) -> int:
+    """Play a script in a realm and print it as it happens.
+
+    Returns:
+        The exit code: 0 only when everything held.
+    """
+    from robotree.tui.realm import joined
+    from robotree.vr.errors import VrError
+
+    tell = note if as_json else put
+    try:
+        script = await asyncio.to_thread(read_file, path)
+        async with joined(realm) as fleet:
+            report = await Player(fleet, script, lambda told: tell(transcript(told))).play()
+    except BadScript as error:
+        complain(error)
+        return exit_codes.USAGE
+    except (VrError, SupervisorError) as error:
+        complain(error)
+        return exit_codes.code_of(error)
+    if as_json:
+        put(json.dumps(report.structure(), ensure_ascii=False))
+    else:
+        put(f"{'held' if report.ok else 'did NOT hold'}: {path}, {report.wall_s:.1f} s")
+    return exit_codes.DONE if report.ok else exit_codes.REFUSED
