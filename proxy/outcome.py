@@ -6,13 +6,14 @@ that says what happened and what to do next. The controller's sentence wins over
 
 from __future__ import annotations
 
-from robotree.protocol.messages import GoalState, GoalStatus, Reason
+from robotree.protocol.messages import GoalState, Reason
+from robotree.protocol.services.goal_client import GoalEnded
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
 
 SENTENCES: dict[Reason, str] = {
     Reason.NONE: "the controller gave no reason",
     Reason.OUT_OF_REACH: "no posture of the arm reaches the point; choose one nearer to it",
-    Reason.PATH_BLOCKED: "the point can be reached, but neither straight nor around the base; go in two moves",
+    Reason.PATH_BLOCKED: "the point can be reached, but neither straight nor around the base; use two moves",
     Reason.BAD_ARGUMENT: "the controller refuses one of the values",
     Reason.UNKNOWN_VERB: "this controller cannot do that",
     Reason.STALE_EPOCH: "a newer lease is already obeyed",
@@ -27,36 +28,37 @@ SENTENCES: dict[Reason, str] = {
 """One for every reason of the dialect; a test compares."""
 
 
-def explain(status: GoalStatus) -> str:
-    """Why a goal stands where it stands, as one sentence without its full stop."""
-    if status.text:
-        return status.text.rstrip(". ")
+def explain(end: GoalEnded) -> str:
+    """Why a goal ended as it did, as one sentence without its full stop."""
+    if end.text:
+        return end.text.rstrip(". ") or end.text
     try:
-        return SENTENCES[Reason(status.reason)]
+        return SENTENCES[Reason(end.reason)]
     except ValueError:
-        return f"the controller gave reason {status.reason}, which this proxy does not know"
+        return f"the controller gave reason {end.reason}, which this proxy does not know"
 
 
-def error_of(status: GoalStatus, *, robot: str, command: str, epoch: int) -> VrError | None:
-    """What a final status raises at the caller; None when the goal was reached.
+def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int) -> VrError | None:
+    """What the end of a goal raises at the caller; None when the goal was reached.
 
     Args:
-        status: final, or UNKNOWN as the answer about a goal that was sent before.
+        end: the controller's last word.
         robot: name of the robot, for the sentence.
         command: name of the command, for the sentence.
         epoch: the one under which the goal was sent.
+        obeyed: the highest that the controller has told of.
     """
-    match status.state:
+    match end.state:
         case GoalState.SUCCEEDED:
             return None
-        case GoalState.REFUSED if status.reason == Reason.STALE_EPOCH:
-            return StaleEpoch(robot=robot, epoch=epoch, current=status.epoch)
+        case GoalState.REFUSED if end.reason == Reason.STALE_EPOCH:
+            return StaleEpoch(robot=robot, epoch=epoch, current=max(obeyed, epoch + 1))
         case GoalState.CANCELLED:
-            return CommandCancelled(robot=robot, command=command, reason=explain(status))
+            return CommandCancelled(robot=robot, command=command, reason=explain(end))
         case GoalState.EXPIRED:
             return DeadlineExceeded(robot=robot, command=command)
         case GoalState.UNKNOWN:
             detail = "the controller has forgotten it; was it restarted? Look at the robot, then repeat"
             return CommandFailed(robot=robot, command=command, detail=detail)
         case _:
-            return CommandFailed(robot=robot, command=command, detail=explain(status))
+            return CommandFailed(robot=robot, command=command, detail=explain(end))

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 from robotree.protocol.messages import (
     AnyMessage,
-    Goal,
     Gripper,
     Joints,
     LocalPositionNed,
@@ -23,11 +22,10 @@ from robotree.protocol.messages import (
 )
 from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
 
-FOREVER_MS = 0
+FOREVER = 0.0
 """Time to live of a goal without a deadline."""
-LONGEST_MS = 2**32 - 1
-ARGUMENTS = 7
-"""Length of a goal's `args`."""
+SHORTEST, LONGEST = 0.001, (2**32 - 1) / 1000.0
+"""[s] What the wire can say of a time to live: whole milliseconds in 32 bits, and 0 means for ever."""
 
 
 class Target(NamedTuple):
@@ -35,6 +33,13 @@ class Target(NamedTuple):
 
     system: int
     component: int
+
+
+class Request(NamedTuple):
+    """What a goal asks for, as the wire puts it."""
+
+    verb: Verb
+    args: tuple[float, ...]
 
 
 def goal_key(command_key: str) -> int:
@@ -47,54 +52,41 @@ def goal_key(command_key: str) -> int:
     return int.from_bytes(digest, "little") or 1
 
 
-def ttl_ms(remaining: float) -> int:
+def time_to_live(remaining: float) -> float:
     """Time to live for the wire.
 
     Args:
         remaining: [s] until the deadline; infinite: none.
 
     Returns:
-        [ms], at least 1 when there is a deadline, since 0 means for ever.
+        [s], never shorter than the wire can say when there is a deadline, and not longer.
     """
-    if math.isinf(remaining):
-        return FOREVER_MS
-    return max(1, min(LONGEST_MS, math.ceil(remaining * 1000.0)))
+    return FOREVER if math.isinf(remaining) else max(SHORTEST, min(LONGEST, remaining))
 
 
-def to_goal(motion: Motion, *, key: int, epoch: int, ttl_ms: int, target: Target) -> Goal:
-    """Put a motion on the wire."""
-    args: tuple[float, ...]
+def request_of(motion: Motion) -> Request:
+    """Put a motion into the wire's words."""
     match motion:
         case GoTo(x=x, y=y, z=z, twist=twist, speed=speed):
-            verb, args = Verb.GO_TO, (x, y, z, twist, speed)
+            return Request(Verb.GO_TO, (x, y, z, twist, speed))
         case Grip(width=width):
-            verb, args = Verb.GRIP, (width,)
+            return Request(Verb.GRIP, (width,))
         case Move(dx=dx, dy=dy, speed=speed):
-            verb, args = Verb.MOVE, (dx, dy, speed)
+            return Request(Verb.MOVE, (dx, dy, speed))
         case Hold():
-            verb, args = Verb.HOLD, ()
-    return Goal(
-        key=key,
-        epoch=epoch,
-        ttl_ms=ttl_ms,
-        args=args + (0.0,) * (ARGUMENTS - len(args)),
-        verb=verb,
-        target_system=target.system,
-        target_component=target.component,
-    )
+            return Request(Verb.HOLD, ())
 
 
-def from_goal(goal: Goal) -> Motion | None:
-    """Read a goal back; None: its verb is no motion. The inverse of `to_goal`."""
-    a = goal.args
-    match goal.verb:
-        case Verb.GO_TO:
-            return GoTo(x=a[0], y=a[1], z=a[2], twist=a[3], speed=a[4])
-        case Verb.GRIP:
-            return Grip(width=a[0])
-        case Verb.MOVE:
-            return Move(dx=a[0], dy=a[1], speed=a[2])
-        case Verb.HOLD:
+def motion_of(verb: int, args: tuple[float, ...]) -> Motion | None:
+    """Read a goal's words; None: they ask for no motion. The inverse of `request_of`."""
+    match verb, args:
+        case Verb.GO_TO, (x, y, z, twist, speed, *_):
+            return GoTo(x=x, y=y, z=z, twist=twist, speed=speed)
+        case Verb.GRIP, (width, *_):
+            return Grip(width=width)
+        case Verb.MOVE, (dx, dy, speed, *_):
+            return Move(dx=dx, dy=dy, speed=speed)
+        case Verb.HOLD, _:
             return Hold()
         case _:
             return None

@@ -4,17 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.protocol.messages import GoalState, GoalStatus, Reason
+from robotree.protocol.messages import GoalState, Reason
+from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.outcome import SENTENCES, error_of, explain
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
 
 
-def status(state: int, reason: int = Reason.NONE, text: str = "", epoch: int = 9) -> GoalStatus:
-    return GoalStatus(1, epoch, 0.5, 3, reason, 255, 190, state, text)
-
-
-def ended(state: int, reason: int = Reason.NONE, text: str = "") -> VrError | None:
-    return error_of(status(state, reason, text), robot="arm-1", command="go_to", epoch=7)
+def ended(state: GoalState, reason: int = Reason.NONE, text: str = "") -> VrError | None:
+    end = GoalEnded(1, state, reason, text)
+    return error_of(end, robot="arm-1", command="go_to", epoch=7, obeyed=9)
 
 
 def test_every_reason_of_the_dialect_has_a_sentence() -> None:
@@ -49,7 +47,8 @@ def test_a_stale_epoch_says_which_one_is_obeyed() -> None:
     assert "no longer obeys epoch 7, it is at 9" in str(ended(GoalState.REFUSED, Reason.STALE_EPOCH))
 
 
-@given(state=st.integers(0, 255), reason=st.integers(0, 65535), text=st.text(max_size=80))
-def test_no_status_from_a_wire_raises(state: int, reason: int, text: str) -> None:
-    assert (ended(state, reason, text) is None) == (state == GoalState.SUCCEEDED)
-    assert explain(status(state, reason, text))
+@given(state=st.sampled_from(GoalState), reason=st.integers(0, 65535), text=st.text(max_size=80))
+def test_no_end_from_a_wire_is_without_a_sentence(state: GoalState, reason: int, text: str) -> None:
+    error = ended(state, reason, text)
+    assert (error is None) == (state == GoalState.SUCCEEDED)
+    assert explain(GoalEnded(1, state, reason, text))

@@ -5,6 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
     Goal,
     Gripper,
@@ -15,17 +16,11 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
+from robotree.protocol.parser import Parser
+from robotree.protocol.services.goal_client import GoalClient
+from robotree.protocol.services.peer import Send
 from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
-from robotree.proxy.translate import (
-    LONGEST_MS,
-    Target,
-    from_goal,
-    goal_key,
-    readings_of,
-    to_goal,
-    ttl_ms,
-    twist_of,
-)
+from robotree.proxy.translate import goal_key, motion_of, readings_of, request_of, time_to_live, twist_of
 
 numbers = st.floats(-10, 10, width=32)
 motions: st.SearchStrategy[Motion] = st.one_of(
@@ -34,25 +29,26 @@ motions: st.SearchStrategy[Motion] = st.one_of(
     st.builds(Move, dx=numbers, dy=numbers, speed=numbers),
     st.just(Hold()),
 )
-ARM = Target(1, 1)
 
 
 @given(motion=motions, key=st.integers(1, 2**64 - 1), epoch=st.integers(0, 2**32 - 1))
-def test_a_motion_survives_the_way_into_a_goal_and_back(motion: Motion, key: int, epoch: int) -> None:
-    goal = to_goal(motion, key=key, epoch=epoch, ttl_ms=1000, target=ARM)
-    assert from_goal(goal) == motion
-    assert (goal.key, goal.epoch, goal.target_system, goal.target_component) == (key, epoch, 1, 1)
+def test_a_motion_survives_the_way_over_the_wire(motion: Motion, key: int, epoch: int) -> None:
+    request = request_of(motion)
+    client = GoalClient(1, 1)
+    (send,) = client.start(key, request.verb, request.args, epoch=epoch, now=0.0)
+    assert isinstance(send, Send)
+    (frame,) = Parser().feed(encode(send.message, sequence=0, system=255, component=190))
+    goal = frame.message
+    assert isinstance(goal, Goal)
+    assert motion_of(goal.verb, goal.args) == motion
+    assert (goal.key, goal.epoch) == (key, epoch)
 
 
-@given(motion=motions)
-def test_a_goal_made_of_a_motion_fits_the_wire(motion: Motion) -> None:
-    goal = to_goal(motion, key=1, epoch=2, ttl_ms=3, target=ARM)
-    assert len(goal.args) == 7
-    assert all(math.isfinite(value) for value in goal.args)
-
-
-def test_a_status_request_is_no_motion() -> None:
-    assert from_goal(Goal(1, 1, 0, (0.0,) * 7, Verb.STATUS, 1, 1)) is None
+@given(verb=st.integers(0, 65535), args=st.lists(st.floats(), max_size=7))
+def test_what_asks_for_no_motion_is_none(verb: int, args: list[float]) -> None:
+    motion = motion_of(verb, tuple(args))
+    known = {Verb.GO_TO: 5, Verb.GRIP: 1, Verb.MOVE: 3, Verb.HOLD: 0}
+    assert (motion is not None) == (verb in known and len(args) >= known[Verb(verb)])
 
 
 @given(key=st.text())
@@ -67,14 +63,15 @@ def test_different_commands_are_different_goals(keys: set[str]) -> None:
 
 
 @given(remaining=st.floats(-100, 1e12))
-def test_a_deadline_never_becomes_for_ever_and_is_never_cut_short(remaining: float) -> None:
-    ttl = ttl_ms(remaining)
-    assert 1 <= ttl <= LONGEST_MS
-    assert ttl >= min(remaining * 1000.0, LONGEST_MS)
+def test_a_deadline_never_becomes_for_ever(remaining: float) -> None:
+    on_wire = round(time_to_live(remaining) * 1000)
+    assert 1 <= on_wire <= 2**32 - 1
+    if 0.001 <= remaining <= 4e6:
+        assert abs(on_wire / 1000 - remaining) <= 0.000_501
 
 
 def test_no_deadline_means_until_reached() -> None:
-    assert ttl_ms(math.inf) == 0
+    assert time_to_live(math.inf) == 0.0
 
 
 @given(twist=st.floats(-3.14, 3.14))

@@ -1,0 +1,223 @@
+"""A conversation with one controller: what is said, what is heard, what follows. Pure.
+
+The session composes the wire's services into what a proxy needs. It outlives links: `opened` and `closed`
+tell it of each, and goals, twin and stop go on from one to the next. Messages and moments go in, effects come
+out; the shell in `connection.py` carries them out.
+
+A robot is *online* while its link is open and its controller was heard within SILENCE. A stop is kept until
+it is released: a controller that restarts in the meantime is stopped again as soon as it is heard.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from robotree.protocol.frame import Frame
+from robotree.protocol.messages import (
+    AnyMessage,
+    GoalStatus,
+    Heartbeat,
+    MavAutopilot,
+    MavComponent,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    SetMode,
+)
+from robotree.protocol.services.goal_client import GoalClient, GoalEnded, GoalProgress, GoalSilent
+from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
+from robotree.protocol.services.peer import Send
+from robotree.protocol.services.picture import Picture, PictureReceiver
+from robotree.protocol.services.statustext import Listener, Sentence
+from robotree.proxy.translate import Request, Target
+from robotree.proxy.twin import Twin
+
+CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
+"""Where a robot's controller is found on its own link, by MAVLink's custom."""
+SUPERVISOR_SYSTEM = 255
+"""System id of ground stations, by the same custom."""
+INSIST = 0.25
+"""[s] between two repetitions of a stop that is not confirmed."""
+DEAD = 2 * SILENCE
+"""[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
+RELEASE_WITHIN = 3.0
+"""[s] for which the release of a stop is repeated. A stop is repeated for ever."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineChanged:
+    """The controller can be commanded now, or no longer."""
+
+    online: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Redial:
+    """Nothing comes over the open link; close it and open another."""
+
+    trouble: str
+
+
+Event = OnlineChanged | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
+"""What the session has to tell."""
+Effect = Send | Redial | Event
+"""What the session has to tell, and what it asks the shell to do."""
+
+
+class Session:
+    """One side of the conversation.
+
+    Args:
+        component: which part of the supervisor's system speaks; the controller knows goals by it.
+        controller: whom to speak to.
+    """
+
+    def __init__(
+        self, *, component: int = MavComponent.MISSIONPLANNER, controller: Target = CONTROLLER
+    ) -> None:
+        self.component = component
+        self.controller = controller
+        self.twin = Twin()
+        self.online = False
+        self.trouble = "it was not heard yet"
+        """Why it is offline, for people; the end of a sentence that begins with the robot's name."""
+        self.heard_at = -math.inf
+        """[s] The last sign of life of the controller."""
+        self._open = False
+        self._opened_at = -math.inf
+        self._goals = GoalClient(*controller)
+        self._heartbeats = HeartbeatSender()
+        self._pictures = PictureReceiver()
+        self._listener = Listener()
+        self._wish: ModeKind | None = None
+        self._wish_epoch = 0
+        self._wish_until = math.inf
+        self._wished_at = -math.inf
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop is wanted, confirmed or not."""
+        return self._wish == ModeKind.SAFE_STOP
+
+    @property
+    def obeyed(self) -> int:
+        """The highest epoch that the controller has told of."""
+        mode = self.twin.latest(Mode)
+        return 0 if mode is None else mode.epoch
+
+    # -- the link ----------------------------------------------------------------------------------
+
+    def opened(self, now: float) -> list[Effect]:
+        """A link was opened; the controller has yet to be heard on it."""
+        self._open = True
+        self._opened_at = now
+        self.trouble = "nothing was heard from its controller yet"
+        self._heartbeats.hurry()
+        return self.tick(now)
+
+    def closed(self, trouble: str) -> list[Effect]:
+        """The link ended, or could not be opened; `trouble` says why, in one clause."""
+        self._open = False
+        self._pictures.link_closed(None)
+        return self._turn(online=False, trouble=trouble)
+
+    def hear(self, frame: Frame, now: float) -> list[Effect]:
+        """Take one intact frame."""
+        if frame.system != self.controller.system:
+            return []
+        message = frame.message
+        effects: list[Effect] = [*self._pictures.receive(frame, None)]
+        effects += self._listener.receive(frame, None, now)
+        if frame.component != self.controller.component:
+            return effects
+        self.heard_at = now
+        self.twin.hear(message, now)
+        if isinstance(message, Heartbeat) and self._open:
+            effects += self._turn(online=True, trouble="")
+        elif isinstance(message, GoalStatus) and self._for_us(message):
+            effects += self._goals.receive(message, now)
+        elif isinstance(message, Mode):
+            effects += self._compare(message, now)
+        return effects
+
+    def tick(self, now: float) -> list[Effect]:
+        """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
+        effects: list[Effect] = [*self._listener.tick(now), *self._goals.tick(now)]
+        if self.online and now - self.heard_at >= SILENCE:
+            effects += self._turn(online=False, trouble=f"its controller has been silent for {SILENCE:g} s")
+        if not self._open:
+            return [effect for effect in effects if not isinstance(effect, Send)]
+        effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
+        if now - max(self._opened_at, self.heard_at) >= DEAD:
+            effects.append(Redial(f"nothing came over the link for {DEAD:g} s"))
+        return effects + self._insist(now)
+
+    # -- what is asked of the controller -----------------------------------------------------------
+
+    def start(self, key: int, request: Request, *, epoch: int, ttl: float, now: float) -> list[Effect]:
+        """Ask for a movement.
+
+        Args:
+            key: of the goal, 1 to 2^64 - 1.
+            request: what to do.
+            epoch: of the lease under which it is asked.
+            ttl: [s] it may take; 0: until reached.
+            now: [s]
+        """
+        return [*self._goals.start(key, request.verb, request.args, epoch=epoch, now=now, ttl=ttl)]
+
+    def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
+        """Ask for the end of a movement; repeated until its end is heard."""
+        return [*self._goals.cancel(key, epoch=epoch, now=now)]
+
+    def ask_for(self, message: AnyMessage) -> list[Effect]:
+        """Say one thing once."""
+        return [Send(message)]
+
+    def stop(self, now: float) -> list[Effect]:
+        """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
+        self._wish, self._wish_until, self._wished_at = ModeKind.SAFE_STOP, math.inf, -math.inf
+        return self._insist(now)
+
+    def release(self, epoch: int, now: float) -> list[Effect]:
+        """Release the stop."""
+        self._wish, self._wish_epoch = ModeKind.READY, epoch
+        self._wish_until, self._wished_at = now + RELEASE_WITHIN, -math.inf
+        return self._insist(now)
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _for_us(self, status: GoalStatus) -> bool:
+        return (status.target_system, status.target_component) == (SUPERVISOR_SYSTEM, self.component)
+
+    def _turn(self, *, online: bool, trouble: str) -> list[Effect]:
+        self.trouble = trouble
+        if online == self.online:
+            return []
+        self.online = online
+        return [OnlineChanged(online)]
+
+    def _compare(self, mode: Mode, now: float) -> list[Effect]:
+        """The controller has told its mode: is it the one that is wished for?"""
+        if self._wish == ModeKind.READY and mode.mode != ModeKind.SAFE_STOP:
+            self._wish = None
+        return self._insist(now)
+
+    def _insist(self, now: float) -> list[Effect]:
+        if self._wish is None or not self._open or now - self._wished_at < INSIST:
+            return []
+        if now >= self._wish_until:
+            self._wish = None
+            return []
+        mode = self.twin.latest(Mode)
+        confirmed = mode is not None and mode.mode == ModeKind.SAFE_STOP
+        if self._wish == ModeKind.SAFE_STOP and confirmed and self._wished_at > -math.inf:
+            return []
+        self._wished_at = now
+        return [Send(SetMode(self._wish_epoch, *self.controller, self._wish))]
+
+
+def _heartbeat() -> Heartbeat:
+    return Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)

@@ -1,0 +1,196 @@
+"""A controller to talk to: the wire's own goal server, heartbeats and modes, moved by the test's hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import LinkError
+from robotree.protocol.frame import Frame
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    GoalCancel,
+    GoalState,
+    Heartbeat,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+    Tool,
+    Verb,
+)
+from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer, Refusal
+from robotree.protocol.services.heartbeat import HeartbeatSender
+from robotree.protocol.services.peer import Peer, Send
+from robotree.proxy.session import SUPERVISOR_SYSTEM, OnlineChanged, Redial, Session
+from robotree.proxy.session import Effect as SessionEffect
+
+LONG_AGO = float("-inf")
+
+
+class Controller:
+    """A robot's controller without a robot."""
+
+    def __init__(self) -> None:
+        self.goals = GoalServer(set(Verb), self._check)
+        self.refusal: Refusal | None = None
+        self.begun: list[Begin] = []
+        self.abandoned: list[Abandon] = []
+        self.heard: list[AnyMessage] = []
+        self.mode = ModeKind.READY
+        self.mute = False
+        self.now = 0.0
+        self._heartbeats = HeartbeatSender()
+        self._mode_told = LONG_AGO
+        self._endpoint: Endpoint | None = None
+
+    def accept(self, link: Link) -> Endpoint:
+        self._endpoint = Endpoint(link, system=1, component=1, on_frame=self._hear, on_closed=self._closed)
+        self._heartbeats.hurry()
+        return self._endpoint
+
+    def say(self, message: AnyMessage) -> None:
+        if self._endpoint is not None and not self.mute:
+            self._endpoint.send(message)
+
+    def tell_tool(self) -> None:
+        self.say(Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 0))
+
+    def tick(self, now: float) -> None:
+        self.now = now
+        for beat in self._heartbeats.tick(Heartbeat(0, 0, 0, 0, 4), now):
+            self.say(beat)
+        if now - self._mode_told >= 0.5:
+            self._tell_mode()
+        self._carry_out(self.goals.tick(now))
+
+    def progress(self, fraction: float) -> None:
+        self._carry_out(self.goals.activate(self.begun[-1].id, self.now))
+        self._carry_out(self.goals.progress(self.begun[-1].id, fraction, self.now))
+
+    def finish(self, state: GoalState, reason: Reason = Reason.NONE, text: str = "") -> None:
+        self._carry_out(self.goals.finish(self.begun[-1].id, state, self.now, reason, text))
+
+    def restart(self) -> None:
+        """Forget everything, as a power cycle does."""
+        self.goals, self.mode = GoalServer(set(Verb), self._check), ModeKind.READY
+
+    def _check(self, _: Goal) -> Refusal | None:
+        return (Reason.STOPPED, "") if self.mode == ModeKind.SAFE_STOP else self.refusal
+
+    def _hear(self, frame: Frame) -> None:
+        message = frame.message
+        self.heard.append(message)
+        if isinstance(message, (Goal, GoalCancel)):
+            peer = Peer(None, frame.system, frame.component)
+            self._carry_out(self.goals.receive(message, peer, self.now))
+        elif isinstance(message, SetMode):
+            self._set_mode(message)
+
+    def _set_mode(self, message: SetMode) -> None:
+        if message.mode == ModeKind.SAFE_STOP:
+            self._carry_out(self.goals.abandon_all(Reason.STOPPED, self.now))
+            self.mode = ModeKind.SAFE_STOP
+        elif self.goals.fence(message.epoch):
+            self.mode = ModeKind.READY
+        self._tell_mode()
+
+    def _tell_mode(self) -> None:
+        self._mode_told = self.now
+        self.say(Mode(round(self.now * 1000), self.goals.epoch, 1000, self.mode, 0))
+
+    def _carry_out(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            match effect:
+                case Send(message=message):
+                    self.say(message)
+                case Begin():
+                    self.begun.append(effect)
+                case Abandon():
+                    self.abandoned.append(effect)
+
+    def _closed(self, _: LinkError) -> None:
+        self._endpoint = None
+
+
+class Talk:
+    """A session and a controller on a loopback link, in time that passes by hand."""
+
+    def __init__(self, accidents: Accidents | None = None) -> None:
+        self.session = Session()
+        self.controller = Controller()
+        self.events: list[SessionEffect] = []
+        self.redials: list[Redial] = []
+        self.now = 0.0
+        self._accidents = accidents
+        self._loopback: Loopback | None = None
+        self._endpoint: Endpoint | None = None
+        self.connect()
+
+    @property
+    def turns(self) -> list[bool]:
+        return [event.online for event in self.events if isinstance(event, OnlineChanged)]
+
+    def connect(self) -> None:
+        self._loopback = Loopback(self._accept, self.controller.accept, self._accidents, self.now)
+        self.perform(self.session.opened(self.now))
+
+    def cut(self) -> None:
+        assert self._loopback is not None
+        self._loopback.cut()
+        self._loopback.advance()
+
+    def perform(self, effects: list[SessionEffect]) -> None:
+        for effect in effects:
+            match effect:
+                case Send(message=message):
+                    if self._endpoint is not None:
+                        self._endpoint.send(message)
+                case Redial():
+                    self.redials.append(effect)
+                case _:
+                    self.events.append(effect)
+
+    def wait(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
+        """Let time pass, in steps of 50 ms."""
+        assert self._loopback is not None
+        for _ in range(round(seconds / 0.05)):
+            self.now = round(self.now + 0.05, 6)
+            self.controller.tick(self.now)
+            self.perform(self.session.tick(self.now))
+            self._loopback.advance(self.now)
+            each()
+
+    def _accept(self, link: Link) -> Endpoint:
+        self._endpoint = Endpoint(
+            link,
+            system=SUPERVISOR_SYSTEM,
+            component=self.session.component,
+            on_frame=lambda frame: self.perform(self.session.hear(frame, self.now)),
+            on_closed=self._closed,
+        )
+        return self._endpoint
+
+    def _closed(self, reason: LinkError) -> None:
+        self._endpoint = None
+        self.perform(self.session.closed(str(reason)))
+
+
+@pytest.fixture
+def talk() -> Talk:
+    return Talk()
+
+
+@pytest.fixture
+def make_talk() -> type[Talk]:
+    return Talk
+
+
+@pytest.fixture
+def make_controller() -> type[Controller]:
+    return Controller

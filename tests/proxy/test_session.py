@@ -1,0 +1,227 @@
+"""Stories of a conversation with a controller, in time that passes by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.messages import Goal, GoalState, Heartbeat, ModeKind, Reason, SetMode, Verb
+from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
+from robotree.protocol.services.heartbeat import SILENCE
+from robotree.proxy.session import DEAD
+from robotree.proxy.translate import Request
+
+Talk = Any
+GRIP = Request(Verb.GRIP, (0.02,))
+
+
+def start(talk: Talk, key: int = 7, epoch: int = 5, ttl: float = 0.0) -> None:
+    talk.perform(talk.session.start(key, GRIP, epoch=epoch, ttl=ttl, now=talk.now))
+
+
+def ends(talk: Talk) -> list[GoalState]:
+    return [event.state for event in talk.events if isinstance(event, GoalEnded)]
+
+
+def test_a_robot_is_online_once_its_controller_was_heard(talk: Talk) -> None:
+    assert not talk.session.online
+    talk.wait(0.1)
+    assert talk.session.online
+    assert talk.turns == [True]
+
+
+def test_both_sides_hear_a_heartbeat_every_second(talk: Talk) -> None:
+    talk.wait(10.0)
+    beats = [message for message in talk.controller.heard if isinstance(message, Heartbeat)]
+    assert 10 <= len(beats) <= 11
+    assert talk.turns == [True]
+
+
+def test_a_silent_controller_is_offline_and_its_link_is_given_up(talk: Talk) -> None:
+    talk.wait(1.0)
+    talk.controller.mute = True
+    talk.wait(SILENCE - 1.0)
+    assert talk.session.online
+    talk.wait(1.1)
+    assert not talk.session.online
+    assert talk.session.trouble == "its controller has been silent for 3 s"
+    assert not talk.redials
+    talk.wait(DEAD - SILENCE)
+    assert talk.redials
+
+
+def test_a_link_on_which_nobody_speaks_is_given_up(talk: Talk) -> None:
+    talk.controller.mute = True
+    talk.wait(DEAD - 0.5)
+    assert not talk.redials
+    talk.wait(1.0)
+    assert talk.redials
+    assert talk.turns == []
+
+
+def test_a_broken_link_is_offline_at_once_and_online_again_with_the_next(talk: Talk) -> None:
+    talk.wait(1.0)
+    talk.cut()
+    assert not talk.session.online
+    talk.connect()
+    talk.wait(0.1)
+    assert talk.turns == [True, False, True]
+
+
+def test_a_goal_tells_its_progress_and_its_end(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.controller.progress(0.1)
+    talk.wait(0.2)
+    talk.controller.progress(0.5)
+    talk.wait(0.1)
+    talk.controller.finish(GoalState.SUCCEEDED)
+    talk.wait(0.1)
+    assert max(event.progress for event in talk.events if isinstance(event, GoalProgress)) == 0.5
+    assert ends(talk) == [GoalState.SUCCEEDED]
+    assert talk.controller.begun[0].args[0] == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bad_link_moves_a_robot_once_and_tells_its_end(make_talk: type[Talk], seed: int) -> None:
+    talk = make_talk(Accidents(loss=0.3, duplication=0.3, delay=0.05, jitter=0.2, seed=seed))
+    talk.wait(5.0)
+    start(talk)
+    talk.wait(2.5)
+    talk.controller.finish(GoalState.SUCCEEDED)
+    talk.wait(10.0)
+    assert len(talk.controller.begun) == 1
+    assert ends(talk) == [GoalState.SUCCEEDED]
+
+
+def test_the_controller_is_told_the_epoch_and_the_time_to_live(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk, epoch=9, ttl=2.0)
+    talk.wait(0.1)
+    (goal,) = [message for message in talk.controller.heard if isinstance(message, Goal)]
+    assert (goal.epoch, goal.ttl_ms) == (9, 2000)
+    assert talk.session.obeyed < 9
+    talk.wait(2.5)
+    assert ends(talk) == [GoalState.EXPIRED]
+    assert talk.session.obeyed == 9
+
+
+def test_a_goal_of_an_older_epoch_is_refused(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk, key=1, epoch=9)
+    start(talk, key=2, epoch=8)
+    talk.wait(0.1)
+    (end,) = [event for event in talk.events if isinstance(event, GoalEnded)]
+    assert (end.key, end.state, end.reason) == (2, GoalState.REFUSED, Reason.STALE_EPOCH)
+
+
+def test_a_cancelled_goal_ends_where_the_robot_is(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.perform(talk.session.cancel(7, epoch=5, now=talk.now))
+    talk.wait(0.1)
+    assert ends(talk) == [GoalState.CANCELLED]
+    assert [abandoned.reason for abandoned in talk.controller.abandoned] == [Reason.OPERATOR]
+
+
+def test_a_goal_survives_a_short_break_of_its_link(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.controller.progress(0.3)
+    talk.cut()
+    talk.wait(1.0)
+    talk.controller.finish(GoalState.SUCCEEDED)
+    talk.connect()
+    talk.wait(1.5)
+    assert ends(talk) == [GoalState.SUCCEEDED]
+    assert len(talk.controller.begun) == 1
+
+
+def test_a_goal_that_a_restarted_controller_forgot_is_not_begun_again(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.cut()
+    talk.controller.restart()
+    talk.connect()
+    talk.wait(2.0)
+    assert ends(talk) == [GoalState.UNKNOWN]
+    assert len(talk.controller.begun) == 1
+
+
+def test_a_goal_of_which_nothing_is_heard_is_told_silent(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.cut()
+    talk.wait(PATIENCE + 0.2)
+    assert [event.key for event in talk.events if isinstance(event, GoalSilent)] == [7]
+
+
+def test_a_stop_is_repeated_until_it_is_confirmed(make_talk: type[Talk]) -> None:
+    for seed in range(10):
+        talk = make_talk(Accidents(loss=0.6, seed=seed))
+        talk.wait(1.0)
+        talk.perform(talk.session.stop(talk.now))
+        talk.wait(10.0)
+        assert talk.controller.mode == ModeKind.SAFE_STOP
+        sent = len([message for message in talk.controller.heard if isinstance(message, SetMode)])
+        assert 1 <= sent < 15, "confirmed stops are not repeated"
+
+
+def test_a_stop_outlives_the_controller_and_ends_only_with_its_release(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk)
+    talk.wait(0.1)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(0.1)
+    assert ends(talk) == [GoalState.CANCELLED]
+    talk.cut()
+    talk.controller.restart()
+    assert talk.controller.mode == ModeKind.READY
+    talk.connect()
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    assert talk.session.stopped
+    talk.perform(talk.session.release(6, talk.now))
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.READY
+    assert not talk.session.stopped
+
+
+def test_a_stop_that_was_asked_for_while_the_link_was_down_comes_with_the_link(talk: Talk) -> None:
+    talk.cut()
+    talk.perform(talk.session.stop(talk.now))
+    assert talk.controller.mode == ModeKind.READY
+    talk.connect()
+    talk.wait(0.1)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+
+
+def test_a_release_with_a_stale_epoch_is_given_up(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk, epoch=9)
+    talk.wait(0.1)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(0.5)
+    talk.perform(talk.session.release(8, talk.now))
+    talk.wait(10.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    asked = len([m for m in talk.controller.heard if isinstance(m, SetMode) and m.mode == ModeKind.READY])
+    assert 10 <= asked <= 13
+
+
+def test_what_is_heard_is_remembered_beyond_the_end_of_the_link(talk: Talk) -> None:
+    talk.wait(0.1)
+    talk.controller.tell_tool()
+    talk.wait(0.1)
+    talk.cut()
+    talk.wait(5.0)
+    readings = talk.session.twin.readings(talk.now)
+    assert readings["x"] == pytest.approx(0.1)
+    assert readings["age"] == pytest.approx(5.0, abs=0.1)
