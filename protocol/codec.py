@@ -15,12 +15,15 @@ from math import isfinite
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import astuple
+
 from robotree.protocol.errors import InvalidMessage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from robotree.protocol.dialect.table import Definition, Field
+    from robotree.protocol.messages.base import Message
 
 Value = int | float | str | bytes | tuple[int, ...] | tuple[float, ...]
 Values = tuple[Any, ...]
@@ -49,6 +52,7 @@ class Codec:
         "id_low",
         "length",
         "pack",
+        "size",
         "unpack",
         "wire",
     )
@@ -61,20 +65,20 @@ class Codec:
         self.crc_extra = bytes((definition.crc_extra,))
         self.length = definition.length
         packer = struct.Struct(HEADER + definition.format[1:])
-        self.pack, self.unpack = packer.pack, packer.unpack_from
+        self.size, self.pack, self.unpack = packer.size, packer.pack, packer.unpack_from
         self.wire = tuple(sorted(definition.fields, key=lambda field: field.offset))
         names = [field.name for field in definition.fields]
         order = [field.name for field in self.wire]
         self.declare = _declarer(definition, _spans(self.wire, HEADER_VALUES))
         """From what `unpack` gives, header included, to declared values."""
-        self.flatten = _flattener(definition.name, self.wire, attrgetter(*order))
-        """From an object whose attributes are the fields to flat values."""
-        self.flatten_declared = _flattener(definition.name, self.wire, itemgetter(*map(names.index, order)))
+        self.flatten = _flattener(definition, _getter(attrgetter, order, astuple if order == names else None))
+        """From a typed message to flat values."""
+        self.flatten_declared = _flattener(definition, _getter(itemgetter, [*map(names.index, order)]))
         """From declared values to flat values."""
         self.floats = _floats(self.wire)
         """From flat values to those of floating-point fields."""
 
-    def content(self, message: object) -> bytes:
+    def content(self, message: Message) -> bytes:
         """The full payload of a message, zeros at its end included; equal when every bit is.
 
         Raises:
@@ -155,26 +159,37 @@ def _wrapped(get: Callable[[Any], Any]) -> Callable[[Any], Values]:
     return lambda source: (get(source),)
 
 
-def _flattener(name: str, wire: Sequence[Field], getter: Callable[[Any], Any]) -> Callable[[Any], Values]:
-    """From an object to flat values; `getter` takes the fields from it in wire order."""
-    get = getter if len(wire) > 1 else _wrapped(getter)
-    openers = [(i, _opener(name, field)) for i, field in enumerate(wire) if field.length]
+def _getter(
+    kind: Callable[..., Callable[[Any], Any]],
+    keys: list[Any],
+    shortcut: Callable[[Any], Values] | None = None,
+) -> Callable[[Any], Values]:
+    """A function that takes the fields from an object, in wire order."""
+    if shortcut is not None:
+        return shortcut
+    return kind(*keys) if len(keys) > 1 else _wrapped(kind(*keys))
+
+
+def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable[[Any], Values]:
+    """From an object to flat values; `get` takes the fields from it in wire order."""
+    wire = sorted(definition.fields, key=lambda field: field.offset)
+    openers = [(i, _opener(definition.name, field)) for i, field in enumerate(wire) if field.length]
+    openers.reverse()
     if not openers:
         return get
     if len(openers) == 1:
         i, opener = openers[0]
 
         def flatten_one(source: Any) -> Values:
-            values: Values = get(source)
-            return (*values[:i], *opener(values[i]), *values[i + 1 :])
+            values = get(source)
+            return values[:i] + opener(values[i]) + values[i + 1 :]
 
         return flatten_one
-    openers.reverse()
 
     def flatten(source: Any) -> Values:
-        values: Values = get(source)
+        values = get(source)
         for i, opener in openers:
-            values = (*values[:i], *opener(values[i]), *values[i + 1 :])
+            values = values[:i] + opener(values[i]) + values[i + 1 :]
         return values
 
     return flatten
@@ -190,9 +205,9 @@ def _opener(name: str, field: Field) -> Callable[[Any], Values]:
             raise InvalidMessage(name, field.name, f"holds {length} bytes, not {len(data)}")
         return (data,)
 
-    def open_numbers(value: Values) -> Values:
+    def open_numbers(value: Sequence[float]) -> Values:
         if len(value) != length:
             raise InvalidMessage(name, field.name, f"holds exactly {length} numbers, not {len(value)}")
-        return value
+        return tuple(value)
 
     return open_bytes if field.is_bytes else open_numbers

@@ -11,10 +11,11 @@ the length to the payload, and then over one byte that stands for the message's 
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
+from msgspec.structs import force_setattr
 
 from robotree.protocol.codec import HEADER_BYTES, PACKING_ERRORS
 from robotree.protocol.messages.base import AnyMessage, Untyped, fields_of
@@ -40,21 +41,73 @@ class Signer(Protocol):
         ...
 
 
-class Frame(msgspec.Struct, frozen=True, gc=False):
-    """One intact frame as it came from the wire."""
+class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """One intact frame as it came from the wire. Equal when every byte is."""
 
-    system: int
-    component: int
-    sequence: int
-    msgid: int
-    message: AnyMessage
     raw: bytes
     """The whole frame, checksum and signature included."""
+    codec: Codec
+    unpacked: tuple[Any, ...]
+    """Header and payload, in wire order, as `codec.unpack` gives them."""
+    made: AnyMessage | None = None
+    """The message, once it was asked for; see `message`."""
+
+    @classmethod
+    def of(cls, message: AnyMessage, *, system: int = 1, component: int = 1, sequence: int = 0) -> Frame:
+        """The frame in which a message would arrive."""
+        raw = encode(message, sequence=sequence, system=system, component=component)
+        return decode(raw, message.codec)
+
+    @property
+    def system(self) -> int:
+        """Who speaks."""
+        return self.unpacked[4]
+
+    @property
+    def component(self) -> int:
+        """Which part of it speaks."""
+        return self.unpacked[5]
+
+    @property
+    def sequence(self) -> int:
+        """The speaker's count of frames on this link, modulo 256."""
+        return self.unpacked[3]
+
+    @property
+    def msgid(self) -> int:
+        """The message's id."""
+        return self.codec.definition.id
+
+    @property
+    def name(self) -> str:
+        """The message's name on the wire."""
+        return self.codec.definition.name
+
+    @property
+    def message(self) -> AnyMessage:
+        """The message; made when first asked for, since many frames are only passed on."""
+        if self.made is None:
+            force_setattr(self, "made", self.codec.build(*self.codec.declare(self.unpacked)))
+        return cast("AnyMessage", self.made)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Frame) and self.raw == other.raw
+
+    def __hash__(self) -> int:
+        return hash(self.raw)
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.system}/{self.component} #{self.sequence} {self.message!r}>"
+
+    @property
+    def flags(self) -> int:
+        """The incompatibility flags; 0 in MAVLink 1."""
+        return self.unpacked[1]
 
     @property
     def signed(self) -> bool:
         """Whether it carries a signature (and, where the parser has a verifier, a good one)."""
-        return self.raw[0] == MAGIC and bool(self.raw[2] & SIGNED)
+        return bool(self.flags & SIGNED)
 
     @property
     def version(self) -> int:
@@ -120,18 +173,13 @@ def encode(
 
 def decode(raw: bytes, codec: Codec) -> Frame:
     """The value of one MAVLink 2 frame whose checksum was found good."""
-    length = raw[1]
-    if length >= codec.length:
-        values = codec.unpack(raw, 1)
-    else:
-        values = codec.unpack(raw[1 : 1 + HEADER_BYTES + length] + bytes(codec.length - length))
-    msgid = codec.definition.id
-    return Frame(values[4], values[5], values[3], msgid, codec.build(*codec.declare(values)), raw)
+    body = raw[1 : 1 + HEADER_BYTES + raw[1]]
+    return Frame(raw, codec, codec.unpack(body.ljust(codec.size, b"\0")))
 
 
 def decode_v1(raw: bytes, codec: Codec) -> Frame:
     """The value of one MAVLink 1 frame whose checksum was found good; extensions read as zero."""
-    length, sequence, system, component, msgid = raw[1:6]
-    header = bytes((length, 0, 0, sequence, system, component, msgid, 0, 0))
-    values = codec.unpack(header + raw[6 : 6 + length] + bytes(codec.length - length))
-    return Frame(system, component, sequence, msgid, codec.build(*codec.declare(values)), raw)
+    length, sequence, system, component, msgid = raw[1:HEADER_BYTES_V1]
+    body = bytes((length, 0, 0, sequence, system, component, msgid, 0, 0))
+    body += raw[HEADER_BYTES_V1 : HEADER_BYTES_V1 + length]
+    return Frame(raw, codec, codec.unpack(body.ljust(codec.size, b"\0")))

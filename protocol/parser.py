@@ -13,7 +13,7 @@ import msgspec
 from fastcrc.crc16 import mcrf4xx
 
 from robotree.protocol.dialect.table import definitions
-from robotree.protocol.frame import MAGIC, MAGIC_V1, SIGNATURE_BYTES, SIGNED, Frame, decode, decode_v1
+from robotree.protocol.frame import MAGIC, MAGIC_V1, SIGNATURE_BYTES, SIGNED, Frame, decode_v1
 from robotree.protocol.messages.base import codec_of
 
 if TYPE_CHECKING:
@@ -84,9 +84,10 @@ class Parser:
     def __init__(self, verifier: Verifier | None = None) -> None:
         self._verifier = verifier
         self._rest = b""
-        self._expected: dict[int, int] = {}
+        self._system = self._component = self._next = -1
+        self._expected: dict[tuple[int, int], int] = {}
         self._received = self._bad_crc = self._unknown = self._incompatible = self._refused = 0
-        self._version_1 = self._lost = self._late = self._framed = self._bytes = 0
+        self._version_1 = self._lost = self._late = self._skipped = self._bytes = 0
 
     @property
     def statistics(self) -> ParserStatistics:
@@ -100,7 +101,7 @@ class Parser:
             version_1=self._version_1,
             lost=self._lost,
             late=self._late,
-            skipped=self._bytes - self._framed - len(self._rest),
+            skipped=self._skipped,
             bytes=self._bytes,
         )
 
@@ -113,6 +114,7 @@ class Parser:
         """The stream ended or paused: what looks like the beginning of a frame is none."""
         frames: list[Frame] = []
         while self._rest:
+            self._skipped += 1
             frames += self._scan(self._rest[1:])
         return frames
 
@@ -130,57 +132,82 @@ class Parser:
             codec = _CODECS[buffer[i + 7 : i + 10]]
             if codec is None:
                 self._unknown += 1
+                self._skipped += 1
                 i += 1
                 continue
             crc = i + 10 + buffer[i + 1]
             stop = crc + (2 + SIGNATURE_BYTES if buffer[i + 2] & SIGNED else 2)
             if stop > end:
                 break
-            if mcrf4xx(buffer[i + 1 : crc] + codec.crc_extra) != buffer[crc] | buffer[crc + 1] << 8:
+            body = buffer[i + 1 : crc]
+            if mcrf4xx(body + codec.crc_extra) != buffer[crc] | buffer[crc + 1] << 8:
                 self._bad_crc += 1
+                self._skipped += 1
                 i += 1
                 continue
-            if buffer[i + 2] & ~SIGNED:
-                self._incompatible += 1
-            else:
-                self._take(decode(buffer[i:stop], codec), frames)
-            self._framed += stop - i
+            if crc - i <= codec.size:  # zeros were left out
+                body = body.ljust(codec.size, b"\0")
+            frame = Frame(buffer[i:stop], codec, codec.unpack(body))
             i = stop
+            if (body[1] or self._verifier is not None) and not self._admits(frame):
+                continue
+            if body[3] != self._next or body[4] != self._system or body[5] != self._component:
+                self._turn(frame)
+            else:
+                self._next = body[3] + 1 & 0xFF
+            frames.append(frame)
+        self._received += len(frames)
         self._rest = buffer[i:]
         return frames
-
-    def _take(self, frame: Frame, frames: list[Frame]) -> None:
-        """Hand out an intact frame, unless the verifier objects."""
-        if self._verifier is not None and not self._verifier.verify(frame):
-            self._refused += 1
-            return
-        self._received += 1
-        sender, sequence = frame.system << 8 | frame.component, frame.sequence
-        if (missing := (sequence - self._expected.get(sender, sequence)) & 0xFF) >= _LATE:
-            self._late += 1
-        else:
-            self._lost += missing
-            self._expected[sender] = sequence + 1
-        frames.append(frame)
 
     def _other(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
         """Where to go on after a byte that does not begin a frame of MAVLink 2; `i`: it takes more bytes."""
         if buffer[i] != MAGIC_V1:
             found = _MAGIC.search(buffer, i)
-            return found.start() if found else len(buffer)
+            start = found.start() if found else len(buffer)
+            self._skipped += start - i
+            return start
         if len(buffer) - i < _OVERHEAD_V1:
             return i
         codec = _CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
         if codec is None or buffer[i + 1] > codec.definition.minimum:
             self._unknown += 1
+            self._skipped += 1
             return i + 1
         crc = i + 6 + buffer[i + 1]
         if crc + 2 > len(buffer):
             return i
         if mcrf4xx(buffer[i + 1 : crc] + codec.crc_extra) != buffer[crc] | buffer[crc + 1] << 8:
             self._bad_crc += 1
+            self._skipped += 1
             return i + 1
-        self._version_1 += 1
-        self._take(decode_v1(buffer[i : crc + 2], codec), frames)
-        self._framed += crc + 2 - i
+        frame = decode_v1(buffer[i : crc + 2], codec)
+        if self._admits(frame):
+            self._version_1 += 1
+            self._turn(frame)
+            frames.append(frame)
         return crc + 2
+
+    def _admits(self, frame: Frame) -> bool:
+        """Whether an intact frame may be handed out."""
+        if frame.flags & ~SIGNED:
+            self._incompatible += 1
+            return False
+        if self._verifier is not None and not self._verifier.verify(frame):
+            self._refused += 1
+            return False
+        return True
+
+    def _turn(self, frame: Frame) -> None:
+        """Count gaps where another speaker takes its turn, or the same one's numbers do not follow."""
+        if self._next >= 0:
+            self._expected[self._system, self._component] = self._next
+        self._system, self._component = speaker = frame.system, frame.component
+        expected = self._expected.get(speaker, frame.sequence)
+        missing = (frame.sequence - expected) & 0xFF
+        if missing >= _LATE:
+            self._late += 1
+            self._next = expected
+        else:
+            self._lost += missing
+            self._next = frame.sequence + 1 & 0xFF
