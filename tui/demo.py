@@ -1,0 +1,138 @@
+"""The whole system from one command: a cell, proxies, lookup services, a host, and the supervisor on top.
+
+Everything is a process of its own, as on a real network, and everything ends with the demo (`processes.py`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import tempfile
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robotree.tui import exit_codes
+from robotree.tui.processes import Crew, MemberFailed
+from robotree.tui.terminal import complain, note, put
+
+if TYPE_CHECKING:
+    from robotree.tui.fleet_contract import FleetDoor
+
+VIEW = "cell"
+LOOKUPS = ("lookup-1", "lookup-2")
+HOST = "host-1"
+PICTURE = {"camera": "", "width": 640, "height": 360, "quality": 85}
+
+
+async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
+    """Start everything, hand over to a person or to the session script, and end everything.
+
+    Args:
+        headless: play `examples/close_lever.session` instead of showing the supervisor.
+        realm: where; empty: the default realm for a person (so that a second terminal sees the demo), a
+            realm of its own for the script.
+        pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
+
+    Returns:
+        The exit code.
+    """
+    realm = realm or (f"demo-{os.getpid()}" if headless else "default")
+    with tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
+        try:
+            async with _ends_on_signals(), Crew(realm, Path(folder)) as crew:
+                note(
+                    f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
+                )
+                await cast(crew)
+                if headless:
+                    return await _play(realm, Path(pictures or "robotree-demo"))
+                return await _supervise(realm)
+        except MemberFailed as failure:
+            complain(failure)
+            return exit_codes.REFUSED
+        except asyncio.CancelledError:
+            note("the demo was ended from outside")
+            return exit_codes.INTERRUPTED
+
+
+async def cast(crew: Crew) -> None:
+    """Bring up the demo's agents, each as soon as what it needs is there.
+
+    Raises:
+        MemberFailed: one did not come up.
+    """
+    anywhere = "tcp:127.0.0.1:0"
+    arm, rover, *_ = await crew.start_all(
+        ("sim", "arm", "--listen", anywhere),
+        ("sim", "rover", "--listen", anywhere),
+        *(("lookup", name) for name in LOOKUPS),
+        ("host", HOST),
+    )
+    await crew.start_all(
+        ("proxy", "arm", "arm-1", "--connect", arm.address),
+        ("proxy", "rover", "rover-1", "--connect", rover.address),
+        ("view", VIEW, "--connect", arm.address),
+    )
+
+
+@asynccontextmanager
+async def _ends_on_signals() -> AsyncIterator[None]:
+    """Let SIGTERM and SIGHUP end the demo in order, as Ctrl-C does."""
+    task, loop = asyncio.current_task(), asyncio.get_running_loop()
+    signals = (signal.SIGTERM, signal.SIGHUP)
+    if task:
+        for one in signals:
+            loop.add_signal_handler(one, task.cancel)
+    try:
+        yield
+    finally:
+        for one in signals:
+            loop.remove_signal_handler(one)
+
+
+async def _supervise(realm: str) -> int:
+    from robotree.tui.app import Supervisor
+    from robotree.tui.realm import joined
+
+    async with joined(realm) as fleet:
+        return await Supervisor(fleet, realm=realm).run_async() or exit_codes.DONE
+
+
+async def _play(realm: str, folder: Path) -> int:
+    """Play the lever's story and print, as the last line, what came of it as one JSON object."""
+    from robotree.tui.playing import Player, read_file
+    from robotree.tui.realm import joined
+    from robotree.tui.session import transcript
+
+    began = time.monotonic()
+    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
+    with as_file(files("robotree.examples")) as examples:
+        script = await asyncio.to_thread(read_file, str(examples / "close_lever.session"))
+        async with joined(realm) as fleet:
+            before = await _photograph(fleet, folder / "before.jpg")
+            report = await Player(fleet, script, lambda told: put(transcript(told))).play()
+            after = await _photograph(fleet, folder / "after.jpg")
+            readings = (await fleet.describe_view(VIEW)).readings
+    verdict = {
+        "ok": report.ok and {"lever", "peak_f"} <= readings.keys(),
+        "lever_angle_rad": readings.get("lever"),
+        "peak_force_n": readings.get("peak_f"),
+        "wall_s": round(time.monotonic() - began, 2),
+        "steps": len(report.told),
+        "not_played": len(report.left),
+        "pictures": [str(before), str(after)],
+    }
+    put(json.dumps(verdict))
+    return exit_codes.DONE if verdict["ok"] else exit_codes.REFUSED
+
+
+async def _photograph(fleet: FleetDoor, path: Path) -> Path:
+    picture = await fleet.look(VIEW, **PICTURE)
+    await asyncio.to_thread(path.write_bytes, picture.jpeg)
+    return path
