@@ -1,1 +1,44 @@
-"""Virtual robots (nothing to do with goggles): agents that wrap other robots' commands into coarser ones."""
+"""Virtual robots (nothing to do with goggles): agents that wrap other robots' commands into coarser ones.
+
+What an author of a robot needs is here. What runs robots and reaches them lies in `host/`, who is where in
+`lookup/`; every error is in `errors.py`.
+"""
+
+from robotree.vr.child import Child, Record
+from robotree.vr.command import command
+from robotree.vr.context import CallFuture, CommandContext
+from robotree.vr.errors import (
+    BadArgument,
+    CommandCancelled,
+    CommandError,
+    CommandFailed,
+    DeadlineExceeded,
+    SlotEmpty,
+    VrError,
+)
+from robotree.vr.robot import Robot
+from robotree.vr.units import Range, Unit
+from robotree.vr.virtual_robot import VirtualRobot
+
+__all__ = [
+    # a robot
+    "Robot",
+    "VirtualRobot",
+    "Child",
+    # its commands
+    "command",
+    "Unit",
+    "Range",
+    # inside of them
+    "CallFuture",
+    "CommandContext",
+    "Record",
+    # what can go wrong
+    "VrError",
+    "CommandError",
+    "BadArgument",
+    "CommandCancelled",
+    "CommandFailed",
+    "DeadlineExceeded",
+    "SlotEmpty",
+]

@@ -6,10 +6,12 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
+                      Stopped · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · CycleOfBonds · NotInControl
-      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded
+      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · TransportClosed · Garbled
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
+      SpaceError      BrokenSpace
 """
 
 from __future__ import annotations
@@ -150,6 +152,18 @@ class Busy(CommandError):
     )
 
 
+class Stopped(CommandError):
+    """A protective stop holds the robot."""
+
+    sentence = "{robot} is stopped ({reason}); when it is safe, go on with `robotree resume {commander}`"
+
+
+class KeyReused(CommandError):
+    """Two different calls came under one key."""
+
+    sentence = "{robot} has seen the key {key!r} with another call of {command}; a key is for one call only"
+
+
 # -- leases ----------------------------------------------------------------------------------------
 
 
@@ -225,6 +239,12 @@ class StillBonded(BondError):
     sentence = "{robot} is enslaved by {holder}; delete {holder} or release {holder}.{slot} first"
 
 
+class NotVirtual(BondError):
+    """Only a virtual robot has children and can be deleted."""
+
+    sentence = "{robot} is no virtual robot: it cannot {what}"
+
+
 # -- transport -------------------------------------------------------------------------------------
 
 
@@ -285,3 +305,16 @@ class SeveralVirtualRobots(BundleError):
     """The source defines several virtual robots and none was named."""
 
     sentence = "{path} defines several virtual robots ({known}); say which: {path}:CLASS"
+
+
+# -- space -----------------------------------------------------------------------------------------
+
+
+class SpaceError(VrError):
+    """The durable store cannot be used."""
+
+
+class BrokenSpace(SpaceError):
+    """The file is damaged, of another kind, or cannot be written."""
+
+    sentence = "{path} cannot be used as a space: {reason}; move it away, and a new one is made"

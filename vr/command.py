@@ -1,0 +1,83 @@
+"""Commands: methods of a robot that others may call.
+
+    @command
+    def drive(self, length: Annotated[float, Unit("m"), Range(0, 2), "how far"]) -> None:
+        "Drive ahead."
+
+A command is plain sequential code and runs in its own thread, one at a time per robot. One that only reads
+(`effect="read"`) runs beside the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, overload
+
+import msgspec
+
+from robotree.vr.description import CommandSpec, Effect
+from robotree.vr.robot import Robot
+from robotree.vr.signature import spec_of
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_MARK = "__robotree_effect__"
+_CACHE = "__robotree_commands__"
+
+
+class Command(msgspec.Struct, frozen=True):
+    """One command of a class: how it looks, and what runs."""
+
+    spec: CommandSpec
+    function: Callable[..., Any]
+    """Takes the robot and the arguments by name."""
+
+
+@overload
+def command(function: _F, /) -> _F: ...
+@overload
+def command(*, effect: Effect = "once") -> Callable[[_F], _F]: ...
+def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | Callable[[_F], _F]:
+    """Make a method callable by others.
+
+    Args:
+        function: the method; its docstring and annotations are what callers see.
+        effect: what a repetition does: `read` changes nothing, `repeat` ends the same, `once` adds up.
+
+    Returns:
+        The method, which stays an ordinary method for its own class.
+    """
+
+    def mark(function: _F) -> _F:
+        setattr(function, _MARK, effect)
+        return function
+
+    return mark if function is None else mark(function)
+
+
+def commands_of(cls: type[Any]) -> Mapping[str, Command]:
+    """Return the commands of a robot's class by name, those of its base classes first.
+
+    Raises:
+        TypeError: one is declared in a way that cannot be called from afar.
+    """
+    known: dict[str, Command] | None = cls.__dict__.get(_CACHE)
+    if known is None:
+        known = _collect(cls)
+        setattr(cls, _CACHE, known)
+    return known
+
+
+def _collect(cls: type[Any]) -> dict[str, Command]:
+    found: dict[str, Command] = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            effect: Effect | None = getattr(value, _MARK, None)
+            if effect is None:
+                found.pop(name, None)
+            elif name.startswith("_") or hasattr(Robot, name):
+                raise TypeError(
+                    f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
+                )
+            else:
+                found[name] = Command(spec_of(value, effect), value)
+    return found

@@ -1,0 +1,201 @@
+"""Leases: who may command a robot, and until when.
+
+The child is the lessor, so the truth about who commands a robot lives with the robot, and its clock decides
+when a lease ends. A parent that falls silent loses the robot without anyone having to notice. The epoch
+grows with each grant and each end, so that a command which was delayed on its way comes with a smaller one
+and is refused (fencing).
+
+The parent is the lessee. It counts from the moment its request left, never from the answer, so it believes
+the lease over before the child does. Round trips are estimated as TCP does (RFC 6298, section 2).
+
+Pure: `now` is any monotonic clock [s], `unix` seconds since 1970, both given by the caller.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from robotree.vr.address import Address
+from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, StaleEpoch
+
+DEFAULT_TERM = 5.0
+"""[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""
+SHORTEST_TERM = 0.1
+"""[s]"""
+
+
+def later_epoch(epoch: int, unix: float) -> int:
+    """Return an epoch above another, and above those of earlier incarnations, which began earlier."""
+    return max(epoch + 1, int(unix))
+
+
+class Tenure(msgspec.Struct, frozen=True, kw_only=True):
+    """The lease that a child has granted."""
+
+    parent: Address
+    slot: str
+    epoch: int
+    expires: float
+    """[s] on the child's clock."""
+    lineage: tuple[str, ...]
+    """Names from the topmost ancestor down to the parent."""
+
+
+class Lessor:
+    """The child's side: grants its own command to one parent at a time."""
+
+    def __init__(self, robot: str, *, term: float = DEFAULT_TERM, unix: float) -> None:
+        """Begin free.
+
+        Args:
+            robot: name, for messages and for the search for cycles.
+            term: [s] longest lease that it grants.
+            unix: [s] since 1970: the first epoch.
+        """
+        self.robot, self.term = robot, max(term, SHORTEST_TERM)
+        self.epoch = int(unix)
+        self.tenure: Tenure | None = None
+
+    def petition(
+        self, parent: Address, slot: str, lineage: tuple[str, ...], wanted: float, *, now: float, unix: float
+    ) -> Tenure:
+        """Grant the lease, anew if the same slot of the same parent asks again.
+
+        Args:
+            parent: who asks.
+            slot: the parent's slot.
+            lineage: the parent's ancestors and the parent.
+            wanted: [s] term asked for.
+            now: [s] monotonic.
+            unix: [s] since 1970.
+
+        Raises:
+            CycleOfBonds: the robot is the parent itself or one of its ancestors.
+            LeaseDenied: another slot holds the robot.
+        """
+        self.tick(now, unix)
+        self._refuse_cycle(parent, lineage)
+        if self.tenure is not None and (self.tenure.parent, self.tenure.slot) != (parent, slot):
+            raise LeaseDenied(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
+        self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
+        self.epoch = later_epoch(self.epoch, unix)
+        self.tenure = Tenure(
+            parent=parent,
+            slot=slot,
+            epoch=self.epoch,
+            expires=now + self.term_granted,
+            lineage=lineage,
+        )
+        return self.tenure
+
+    def renew(
+        self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float, unix: float
+    ) -> Tenure:
+        """Prolong the lease by the term first granted.
+
+        Raises:
+            StaleEpoch: this is not the lease in force.
+            CycleOfBonds: the robot has become an ancestor of its parent; the lease is over.
+        """
+        self.tick(now, unix)
+        if self.tenure is None or (self.tenure.parent, self.tenure.epoch) != (parent, epoch):
+            raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+        try:
+            self._refuse_cycle(parent, lineage)
+        except CycleOfBonds:
+            self.end(unix)
+            raise
+        self.tenure = msgspec.structs.replace(self.tenure, expires=now + self.term_granted, lineage=lineage)
+        return self.tenure
+
+    def release(self, parent: Address, epoch: int, *, unix: float) -> Tenure | None:
+        """End the lease if it is this one; return it, or None when it was over already."""
+        if self.tenure is None or (self.tenure.parent, self.tenure.epoch) != (parent, epoch):
+            return None
+        return self.end(unix)
+
+    def tick(self, now: float, unix: float) -> Tenure | None:
+        """End the lease if its time is over; return it if so."""
+        return self.end(unix) if self.tenure is not None and self.tenure.expires <= now else None
+
+    def end(self, unix: float) -> Tenure | None:
+        """End the lease, whatever it is; return it. The epoch grows."""
+        ended, self.tenure = self.tenure, None
+        if ended is not None:
+            self.epoch = later_epoch(self.epoch, unix)
+        return ended
+
+    def check(self, epoch: int | None) -> None:
+        """Refuse a caller who may not command the robot.
+
+        Args:
+            epoch: of the caller's lease; None: the caller has none.
+
+        Raises:
+            NotInControl: a parent commands the robot, and the caller has no lease.
+            StaleEpoch: the caller's lease is not the one in force.
+        """
+        if epoch is None:
+            if self.tenure is not None:
+                raise NotInControl(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
+        elif self.tenure is None or epoch != self.tenure.epoch:
+            raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+
+    def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
+        if self.robot in {*lineage, parent.name}:
+            raise CycleOfBonds(parent=parent.name, child=self.robot, lineage=" > ".join(lineage))
+
+    term_granted: float = DEFAULT_TERM
+    """[s] of the present or the last lease."""
+
+
+class Lessee:
+    """The parent's side: when to ask again, and when to believe the lease lost."""
+
+    def __init__(self, *, epoch: int, term: float, sent: float, now: float) -> None:
+        """Begin with a grant.
+
+        Args:
+            epoch: as granted.
+            term: [s] as granted.
+            sent: [s] when the request left.
+            now: [s] when the grant arrived.
+        """
+        self.epoch, self.term = epoch, term
+        self._confirmed = self._asked = sent
+        self._round_trip = max(now - sent, 0.0)
+        self._deviation = self._round_trip / 2
+
+    @property
+    def expires(self) -> float:
+        """[s] when the lease is over unless a later request is granted; never after the child's moment."""
+        return self._confirmed + self.term
+
+    @property
+    def patience(self) -> float:
+        """[s] after which an answer that has not come is late."""
+        return self._round_trip + 4 * self._deviation
+
+    @property
+    def due(self) -> float:
+        """[s] when the next request should leave.
+
+        A third of the term after the last granted one left, sooner when the way is slow; while an answer is
+        out, whenever it is late: requests may overlap.
+        """
+        least = self.term / 10
+        if self._asked > self._confirmed:
+            return self._asked + max(least, min(self.patience, self.term / 3))
+        return self._confirmed + max(least, min(self.term / 3, self.term - 3 * self.patience))
+
+    def asked(self, now: float) -> None:
+        """Note that a request leaves."""
+        self._asked = max(self._asked, now)
+
+    def granted(self, *, sent: float, now: float, term: float) -> None:
+        """Note the grant of the request that left at `sent`. Grants may arrive in any order."""
+        sample = max(now - sent, 0.0)
+        self._deviation += (abs(sample - self._round_trip) - self._deviation) / 4
+        self._round_trip += (sample - self._round_trip) / 8
+        if sent > self._confirmed:
+            self._confirmed, self.term = sent, term

@@ -1,0 +1,82 @@
+"""What a robot is to the other agents: something with a name that carries out typed commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from robotree.vr.address import check_name
+from robotree.vr.context import CommandContext, running
+
+
+class Robot:
+    """Anything that accepts typed commands: a proxy in front of a real robot, or a virtual one.
+
+    Subclasses mark methods with `@command`; what stands below *inside a command* works only in those.
+    """
+
+    online: bool = True
+    """False while what stands behind this robot cannot be reached: its readings are stale."""
+
+    def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
+        """Name the robot.
+
+        Args:
+            name: unique in the realm.
+            attributes: free key-value pairs that lookup templates may ask for.
+
+        Raises:
+            BadName: that cannot be a name.
+        """
+        self.name = check_name(name)
+        self.attributes = dict(attributes or {})
+
+    @classmethod
+    def kinds(cls) -> tuple[str, ...]:
+        """Return the names of its classes, most special first: what a child slot is matched against."""
+        return tuple(base.__name__ for base in cls.__mro__ if issubclass(base, Robot))
+
+    # -- hooks ------------------------------------------------------------------------------------
+
+    def readings(self) -> dict[str, float]:
+        """Return what a panel draws, in SI units (`x`, `fx`, `width` …). Quick: asked ten times a second."""
+        return {}
+
+    def safe_stop(self, reason: str) -> None:
+        """Take part in a protective stop. Quick; the agent cancels commands and tells the children."""
+
+    def resume(self) -> None:
+        """Take part in the release of a protective stop. Quick."""
+
+    # -- inside a command -------------------------------------------------------------------------
+
+    @property
+    def context(self) -> CommandContext:
+        """Key, epoch, caller and deadline of the running command."""
+        return running().context
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the running command has been asked to end."""
+        return running().cancelled
+
+    def check(self) -> None:
+        """Raise if the running command has been asked to end: call it now and then in long computations.
+
+        Raises:
+            CommandCancelled: on request, by a stop, or because the bond has ended.
+            DeadlineExceeded: its time is over.
+        """
+        running().check()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait [s]; ends early, as `check` would, when the command is asked to end."""
+        running().sleep(seconds)
+
+    def progress(self, fraction: float, text: str = "") -> None:
+        """Tell the caller how far the command is.
+
+        Args:
+            fraction: 0 to 1; NaN when it cannot be said.
+            text: a word about it.
+        """
+        running().progress(fraction, text)

@@ -1,0 +1,45 @@
+"""What a user subclasses: a robot made of other robots' commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from robotree.vr.bond import Slots
+from robotree.vr.child import Child, Exposed
+from robotree.vr.robot import Robot
+
+
+class VirtualRobot(Robot):
+    """A robot that commands the children in its slots.
+
+    Subclasses declare slots (`rover = Child("Rover")`), commands (`@command`) and what they let through from
+    their children (`move = rover.exposed("move")`). The agent that runs it binds children to the slots.
+    """
+
+    def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
+        """Name the robot; all its slots are empty.
+
+        Args:
+            name: unique in the realm.
+            attributes: free key-value pairs that lookup templates may ask for.
+
+        Raises:
+            BadName: that cannot be a name.
+        """
+        super().__init__(name, attributes)
+        self.child_slots = Slots(name, (child.spec() for child in slots_of(type(self)).values()))
+
+
+def slots_of(cls: type[Any]) -> dict[str, Child]:
+    """Return the slots that a class and its bases declare, by name."""
+    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Child)}
+
+
+def exposures_of(cls: type[Any]) -> dict[str, Exposed]:
+    """Return the children's commands that a class and its bases let through, by their names here."""
+    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Exposed)}
+
+
+def _attributes(cls: type[Any]) -> dict[str, Any]:
+    return {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
