@@ -71,7 +71,7 @@ class Link:
         if self._alarm is not None:
             self._alarm.cancel()
         for replies in self.exchanges:
-            replies.end()
+            self._network.post(self._network.delay, replies.end)  # behind what was sent before
         self.exchanges.clear()
 
     def _give_up(self) -> None:

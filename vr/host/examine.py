@@ -1,0 +1,401 @@
+"""Everything that the contract of a transport promises, as checks for any implementation of it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable, VrError
+from robotree.vr.transport import Registration, RequestHandler, Respond, Transport
+
+Join = Callable[[], Awaitable[Transport]]
+"""Enters one more member into the network under examination."""
+
+PATIENCE = 5.0
+"""[s] for anything that must happen but has no promised time."""
+
+
+async def check_transport(join: Join) -> None:
+    """Examine a transport.
+
+    Args:
+        join: returns the transport of a new member of one and the same network.
+
+    Raises:
+        AssertionError: a promise is broken.
+    """
+    for check in TRANSPORT_CHECKS:
+        await check(join)
+
+
+def promise(kept: bool, sentence: str) -> None:  # noqa: FBT001 # reads as a sentence
+    """Complain if a promise is not kept.
+
+    Raises:
+        AssertionError: it is not.
+    """
+    if not kept:
+        raise AssertionError(f"broken: {sentence}")
+
+
+async def until(condition: Callable[[], bool], sentence: str) -> None:
+    """Wait for something that must happen.
+
+    Raises:
+        AssertionError: it did not, within `PATIENCE`.
+    """
+    deadline = asyncio.get_running_loop().time() + PATIENCE
+    while not condition() and asyncio.get_running_loop().time() < deadline:  # noqa: ASYNC110 # any condition at all
+        await asyncio.sleep(0.005)
+    promise(condition(), sentence)
+
+
+async def replies_of(asking: AsyncIterator[bytes]) -> tuple[list[bytes], VrError | None]:
+    """Return what a request brought, and how it ended."""
+    bodies: list[bytes] = []
+    try:
+        async for body in asking:
+            bodies.append(body)  # noqa: PERF401 # what came before an error counts
+    except VrError as error:
+        return bodies, error
+    return bodies, None
+
+
+# -- requests --------------------------------------------------------------------------------------
+
+
+async def replies_keep_their_order(join: Join) -> None:
+    """Any number of replies, whole, in order, and then an end; for far and near callers."""
+    server, caller = await join(), await join()
+    large = bytes(range(256)) * 4096
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        for reply in (body, b"", large, b"last"):
+            respond(reply)
+
+    await _serve(server, caller, handler)
+    for who in (caller, server):
+        got = await replies_of(who.request("robot/a/1", large[1:], timeout=PATIENCE))
+        promise(got == ([large[1:], b"", large, b"last"], None), "replies arrive whole and in their order")
+    got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE, urgent=True))
+    promise(got == ([b"", b"", large, b"last"], None), "an urgent request is answered like any other")
+    await _close(server, caller)
+
+
+async def replies_stream(join: Join) -> None:
+    """A reply arrives when it is sent, not when the last one is."""
+    server, caller = await join(), await join()
+    go_on = asyncio.Event()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"first")
+        await go_on.wait()
+        respond(b"second")
+
+    await _serve(server, caller, handler)
+    replies = caller.request("robot/a/1", b"", timeout=PATIENCE)
+    promise(await anext(replies) == b"first", "a reply arrives while the handler goes on")
+    go_on.set()
+    promise(await anext(replies) == b"second", "so does the next one")
+    promise(await anext(replies, None) is None, "after the handler returns there are no more")
+    await _close(server, caller)
+
+
+async def nobody_is_unreachable_at_once(join: Join) -> None:
+    """Who asks nobody, or one that has just stopped serving, need not wait."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"here")
+
+    for _ in range(2):  # a key can be served again
+        got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(not got[0] and isinstance(got[1], Unreachable), "nobody there is Unreachable")
+        served = await _serve(server, caller, handler)
+        got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(got == ([b"here"], None), "what is served can be asked as soon as it is seen")
+        await served.close()
+        await served.close()
+    await _close(server, caller)
+
+
+async def a_handler_that_raises_ends_the_reply(join: Join) -> None:
+    """Nothing said is Unreachable; something said stands."""
+    server, caller = await join(), await join()
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        if body:
+            respond(body)
+        raise RuntimeError("on purpose")
+
+    await _serve(server, caller, handler)
+    for who in (caller, server):
+        got = await replies_of(who.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(isinstance(got[1], Unreachable), "a handler that raises before it replies is Unreachable")
+        got = await replies_of(who.request("robot/a/1", b"said", timeout=PATIENCE))
+        promise(got == ([b"said"], None), "what was replied before a handler raised is delivered")
+    await _close(server, caller)
+
+
+async def silence_is_no_answer_in_time(join: Join) -> None:
+    """The time given is for the whole exchange, and what came in it is delivered."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"wait")
+        await asyncio.Event().wait()
+
+    await _serve(server, caller, handler)
+    loop = asyncio.get_running_loop()
+    for who in (caller, server):
+        begin = loop.time()
+        got = await replies_of(who.request("robot/a/1", b"", timeout=0.2))
+        promise(got[0] == [b"wait"] and isinstance(got[1], NoAnswer), "silence is NoAnswer")
+        promise(0.15 < loop.time() - begin < 1.0, "NoAnswer comes when the time is over")
+    await _close(server, caller)
+
+
+async def requests_run_beside_each_other(join: Join) -> None:
+    """One that takes long does not keep others waiting."""
+    server, caller = await join(), await join()
+    together = asyncio.Event()
+    inside: list[bytes] = []
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        inside.append(body)
+        if len(inside) == 64:
+            together.set()
+        await together.wait()
+        respond(body)
+
+    await _serve(server, caller, handler)
+    bodies = [b"%d" % number for number in range(64)]
+    results = await asyncio.gather(
+        *(replies_of(caller.request("robot/a/1", body, timeout=PATIENCE)) for body in bodies)
+    )
+    promise(results == [([body], None) for body in bodies], "64 requests are answered beside each other")
+    await _close(server, caller)
+
+
+# -- samples ---------------------------------------------------------------------------------------
+
+
+async def samples_reach_whoever_subscribed(join: Join) -> None:
+    """In order, under the pattern, own ones too, and none after the end."""
+    teller, listener = await join(), await join()
+    heard: list[tuple[str, bytes]] = []
+    at_home: list[tuple[str, bytes]] = []
+    subscription = await listener.subscribe("robot/*/*/state", lambda key, body: heard.append((key, body)))
+    await teller.subscribe("robot/**", lambda key, body: at_home.append((key, body)))
+    await _settle_subscription(teller, listener)
+    told = [("robot/a/1/state", b"%d" % number) for number in range(100)]
+    for key, body in told:
+        teller.publish(key, body)
+    teller.publish("robot/a/1/other", b"not asked for")
+    await until(lambda: len(heard) >= 100 and len(at_home) >= 101, "samples arrive, own ones too")
+    promise(heard == told, "samples arrive in their order, only those under the pattern")
+    await subscription.close()
+    teller.publish("robot/a/1/state", b"too late")
+    await until(lambda: len(at_home) >= 102, "others go on hearing")
+    await asyncio.sleep(0.02)
+    promise(len(heard) == 100, "a closed subscription hears nothing")
+    await _close(teller, listener)
+
+
+async def a_subscriber_that_raises_still_hears(join: Join) -> None:
+    """One bad sample does not end a subscription."""
+    member = await join()
+    heard: list[bytes] = []
+
+    def handler(_: str, body: bytes) -> None:
+        heard.append(body)
+        if body == b"bad":
+            raise RuntimeError("on purpose")
+
+    await member.subscribe("robot/*", handler)
+    for body in (b"bad", b"good"):
+        member.publish("robot/a", body)
+    await until(lambda: heard == [b"bad", b"good"], "a handler that raises is called again")
+    await _close(member)
+
+
+# -- presence --------------------------------------------------------------------------------------
+
+
+async def presence_is_seen_by_early_and_late(join: Join) -> None:
+    """First what is there, then each change, for those who watch before and after."""
+    member, early, late = await join(), await join(), await join()
+    seen: list[tuple[str, bool]] = []
+    await early.watch("robot/*/*", lambda key, there: seen.append((key, there)))
+    one = await member.announce("robot/a/1")
+    await member.announce("view/a/1")
+    await until(lambda: seen == [("robot/a/1", True)], "an arrival is told once, if the pattern matches")
+    await _until_present(late, "*/a/*", ["robot/a/1", "view/a/1"])
+    first: list[tuple[str, bool]] = []
+    watching = await late.watch("robot/*/*", lambda key, there: first.append((key, there)))
+    promise(first == [("robot/a/1", True)], "what is there already is told before `watch` returns")
+    await watching.close()
+    await one.close()
+    await one.close()
+    await until(lambda: seen[1:] == [("robot/a/1", False)], "a departure is told once")
+    await _until_present(late, "robot/*/*", [])
+    promise(len(first) == 1, "a closed watch tells nothing")
+    await _close(member, early, late)
+
+
+async def presence_ends_with_the_last_holder(join: Join) -> None:
+    """A key is present as long as anybody holds it; closing a transport lets go of all."""
+    one, other, watcher = await join(), await join(), await join()
+    seen: list[tuple[str, bool]] = []
+    await watcher.watch("robot/**", lambda key, there: seen.append((key, there)))
+    await one.announce("robot/a/1")
+    await other.announce("robot/a/1")
+    await until(lambda: seen == [("robot/a/1", True)], "two holders are one presence")
+    await one.close()
+    await asyncio.sleep(0.1)
+    promise(seen == [("robot/a/1", True)], "a key stays present while somebody holds it")
+    await other.close()
+    await until(lambda: seen[1:] == [("robot/a/1", False)], "a closed transport holds nothing")
+    await _close(watcher)
+
+
+async def who_is_seen_can_be_asked(join: Join) -> None:
+    """A request from within the news of an arrival finds the server, if it served before it announced."""
+    server, caller = await join(), await join()
+    answers: list[asyncio.Task[tuple[list[bytes], VrError | None]]] = []
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"here")
+
+    def greet(key: str, there: bool) -> None:  # noqa: FBT001 # as the contract has it
+        if there:
+            asking = caller.request(key, b"", timeout=PATIENCE)
+            answers.append(asyncio.ensure_future(replies_of(asking)))
+
+    await caller.watch("robot/*/*", greet)
+    for number in range(20):
+        await server.serve(f"robot/a/{number}", handler)
+        await server.announce(f"robot/a/{number}")
+    await until(lambda: len(answers) == 20, "all arrivals are seen")
+    results = await asyncio.gather(*answers)
+    promise(all(result == ([b"here"], None) for result in results), "who is seen can be asked at once")
+    await _close(server, caller)
+
+
+async def many_are_present(join: Join) -> None:
+    """Hundreds of tokens are as visible as one."""
+    member, watcher = await join(), await join()
+    keys = {f"robot/r{number}/1" for number in range(400)}
+    for key in keys:
+        await member.announce(key)
+    seen: set[str] = set()
+    watching = await watcher.watch("robot/*/*", lambda key, _: seen.add(key))
+    await until(lambda: seen == keys, "all are seen")
+    await watching.close()
+    await _until_present(watcher, "robot/*/*", sorted(keys))
+    await _close(member, watcher)
+
+
+# -- the end ---------------------------------------------------------------------------------------
+
+
+async def a_closed_transport_says_so(join: Join) -> None:
+    """Everything asked of it afterwards raises, what waits ends, and closing again does nothing."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"wait")
+        await asyncio.Event().wait()
+
+    registration = await _serve(server, caller, handler)
+    token = await server.announce("robot/a/1")
+    waiting = caller.request("robot/a/1", b"", timeout=PATIENCE)
+    await anext(waiting)
+    asked = server.request("robot/a/1", b"", timeout=PATIENCE)
+    await anext(asked)
+    await server.close()
+    await server.close()
+    promise(isinstance((await replies_of(asked))[1], TransportClosed), "what waits here ends TransportClosed")
+    promise((await replies_of(waiting)) == ([], None), "what waits there just ends")
+    await registration.close()
+    await token.close()
+    attempts: tuple[Callable[[], Awaitable[object]], ...] = (
+        lambda: server.serve("robot/a/1", handler),
+        lambda: replies_of(server.request("robot/a/1", b"", timeout=1)),
+        lambda: server.subscribe("robot/a", lambda _key, _body: None),
+        lambda: server.announce("robot/a/1"),
+        lambda: server.watch("robot/a", lambda _key, _there: None),
+        lambda: server.present("robot/a"),
+    )
+    for attempt in attempts:
+        try:
+            await attempt()
+        except TransportClosed:
+            continue
+        promise(False, "a closed transport refuses everything")
+    await _close(caller)
+
+
+async def a_handler_may_close_its_transport(join: Join) -> None:
+    """The request that ends a process is no dead end."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"bye")
+        await server.close()
+
+    await _serve(server, caller, handler)
+    got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+    promise(got == ([b"bye"], None), "a handler may close its transport")
+    await _close(caller, server)
+
+
+TRANSPORT_CHECKS: tuple[Callable[[Join], Awaitable[None]], ...] = (
+    replies_keep_their_order,
+    replies_stream,
+    nobody_is_unreachable_at_once,
+    a_handler_that_raises_ends_the_reply,
+    silence_is_no_answer_in_time,
+    requests_run_beside_each_other,
+    samples_reach_whoever_subscribed,
+    a_subscriber_that_raises_still_hears,
+    presence_is_seen_by_early_and_late,
+    presence_ends_with_the_last_holder,
+    who_is_seen_can_be_asked,
+    many_are_present,
+    a_closed_transport_says_so,
+    a_handler_may_close_its_transport,
+)
+
+
+async def _serve(server: Transport, caller: Transport, handler: RequestHandler) -> Registration:
+    """Serve, and wait until the caller can know of it."""
+    served = await server.serve("robot/a/1", handler)
+    token = await server.announce("served")
+    await _until_present(caller, "served", ["served"])
+    await token.close()
+    await _until_present(caller, "served", [])
+    return served
+
+
+async def _until_present(who: Transport, pattern: str, keys: list[str]) -> None:
+    """News travels: what is present here becomes present there."""
+    async with asyncio.timeout(PATIENCE):
+        while await who.present(pattern) != keys:  # noqa: ASYNC110 # the question is the thing examined
+            await asyncio.sleep(0.005)
+
+
+async def _settle_subscription(teller: Transport, listener: Transport) -> None:
+    """Wait until the teller knows of the listener: from then on it knows of all declared before."""
+    arrived = asyncio.Event()
+    probe = await listener.subscribe("probe", lambda _key, _body: arrived.set())
+    async with asyncio.timeout(PATIENCE):
+        while not arrived.is_set():
+            teller.publish("probe", b"")
+            await asyncio.sleep(0.002)
+    await probe.close()
+
+
+async def _close(*transports: Transport) -> None:
+    for transport in transports:
+        await transport.close()

@@ -1,0 +1,329 @@
+"""The transport over Eclipse Zenoh: peers on one machine that all know each other.
+
+Why each choice below was made, and what was seen without it (Zenoh 1.10.2), is said beside it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator, Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import zenoh
+
+from robotree.vr.errors import TransportClosed
+from robotree.vr.host.errors import RealmUnusable
+from robotree.vr.host.inbox import Inbox
+from robotree.vr.host.presence import Presence
+from robotree.vr.host.rendezvous import Rendezvous, realm_name
+from robotree.vr.host.replies import Replies
+from robotree.vr.host.zenoh_session import LEASE, Session
+from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, Respond, SampleHandler
+
+LARGE = 8192
+"""Bytes from which on a reply is sent by a thread: a stalled receiver may block the sender for a second."""
+
+WAITING_SAMPLES = 4096
+"""Samples that may wait for one subscriber before the oldest are lost."""
+
+HISTORY = 0.5
+"""[s] to wait at most for news of all who are there when a watch begins."""
+
+_log = logging.getLogger(__name__)
+_R = TypeVar("_R")
+
+
+async def join(realm: str | None = None, *, root: Path | None = None) -> ZenohTransport:
+    """Enter a realm.
+
+    Args:
+        realm: its name; None: `$ROBOTREE_REALM`, else `default`.
+        root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
+
+    Returns:
+        A transport that already knows all who are there.
+
+    Raises:
+        BadName: the realm's name cannot be one.
+        RealmUnusable: the meeting place of the realm cannot be used.
+    """
+    transport = ZenohTransport(Rendezvous(realm_name(realm), root))
+    opening = asyncio.ensure_future(transport.in_thread(transport.session.open))
+    try:
+        await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        with contextlib.suppress(RealmUnusable):
+            await opening
+        await transport.close()
+        raise
+    except RealmUnusable:
+        await transport.close()
+        raise
+    return transport
+
+
+class ZenohTransport:
+    """One process's way to all others of its realm."""
+
+    def __init__(self, place: Rendezvous) -> None:
+        """Made by `join`."""
+        self.session = Session(place)
+        self._loop = asyncio.get_running_loop()
+        # threads of our own: a virtual robot that blocks the loop's default ones must not block renewals
+        self._pool = ThreadPoolExecutor(4, thread_name_prefix="zenoh")
+        self._closing: asyncio.Future[None] | None = None
+        self._served: dict[str, RequestHandler] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._asking: set[Replies] = set()
+        self.declared: set[_Declared] = set()
+        """What is declared now. A token that nobody refers to any more is taken back by Zenoh."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed or about to be."""
+        return self._closing is not None
+
+    @property
+    def realm(self) -> str:
+        """The realm's name."""
+        return self.session.realm
+
+    async def serve(self, key: str, handler: RequestHandler) -> Registration:
+        """See `Transport.serve`."""
+        session = self._open(key)
+        if key in self._served:
+            raise ValueError(f"{key} is served already")
+        self._served[key] = handler
+
+        def take(query: zenoh.Query) -> None:
+            payload = query.payload
+            body = payload.to_bytes() if payload is not None else b""
+            try:
+                self._loop.call_soon_threadsafe(self._answer, key, query, body)
+            except RuntimeError:  # the loop is closed
+                query.drop()
+
+        # never complete=True: after one of two is undeclared, callers get nothing for ever (zenoh pull 2660)
+        queryable = await self.in_thread(lambda: session.declare_queryable(key, _direct(take)))
+
+        def undo() -> None:
+            self._served.pop(key, None)
+
+        return _Declared(self, queryable.undeclare, undo)
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        """See `Transport.request`."""
+        session = self._open(key)
+        replies = Replies(key, timeout)
+        self._asking.add(replies)
+        if key in self._served:
+            self._spawn(self._answer_here(self._served[key], bytes(body), replies))
+            return replies
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is None:  # nobody here replies with an error: it is Zenoh's own "Timeout"
+                self._call(replies.time_out)
+            else:
+                self._call(replies.feed, reply.ok.payload.to_bytes())
+
+        session.get(
+            key,
+            _direct(take, lambda: self._call(self._asked, replies)),
+            # anything else holds replies back until the last one is there
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout,
+            payload=bytes(body),
+            # a queue of its own. BLOCK, because DROP loses large bodies; it does not block here, since
+            # telemetry, which could fill a queue, has another one
+            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        return replies
+
+    def publish(self, key: str, body: bytes) -> None:
+        """See `Transport.publish`."""
+        self._open(key).put(
+            key,
+            bytes(body),
+            priority=zenoh.Priority.DATA_LOW,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+
+    async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
+        """See `Transport.subscribe`."""
+        session = self._open(pattern)
+        inbox = Inbox[tuple[str, bytes]](lambda item: handler(*item), WAITING_SAMPLES)
+
+        def take(sample: zenoh.Sample) -> None:
+            inbox.put((str(sample.key_expr), sample.payload.to_bytes()))
+
+        subscriber = await self.in_thread(lambda: session.declare_subscriber(pattern, _direct(take)))
+        return _Declared(self, subscriber.undeclare, inbox.close)
+
+    async def announce(self, key: str) -> Registration:
+        """See `Transport.announce`."""
+        session = self._open(key)
+        token = await self.in_thread(lambda: session.liveliness().declare_token(key))
+        return _Declared(self, token.undeclare)
+
+    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
+        """See `Transport.watch`."""
+        session = self._open(pattern)
+        presence = Presence(handler)
+        inbox = Inbox[tuple[str, bool]](lambda item: presence.change(*item))
+
+        def take(sample: zenoh.Sample) -> None:
+            inbox.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+
+        def declare() -> zenoh.Subscriber:
+            # never with the default handler: it blocks for ever once 256 tokens are there
+            return session.liveliness().declare_subscriber(pattern, _direct(take), history=True)
+
+        subscriber = await self.in_thread(declare)
+        # history comes bit by bit, and nothing says where it ends; a query of the same does end
+        there = await self.present(pattern)
+        inbox.drain()
+        await presence.hear_of(there, HISTORY)
+
+        def undo() -> None:
+            inbox.close()
+            presence.close()
+
+        return _Declared(self, subscriber.undeclare, undo)
+
+    async def present(self, pattern: str) -> list[str]:
+        """See `Transport.present`."""
+        session = self._open(pattern)
+        keys: set[str] = set()
+        complete = self._loop.create_future()
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                keys.add(str(reply.ok.key_expr))
+
+        def finish() -> None:
+            if not complete.done():
+                complete.set_result(None)
+
+        def ask() -> None:
+            session.liveliness().get(pattern, _direct(take, lambda: self._call(finish)), timeout=LEASE)
+
+        await self.in_thread(ask)
+        await complete
+        return sorted(keys)
+
+    async def close(self) -> None:
+        """See `Transport.close`."""
+        if self._closing is None:
+            self._closing = asyncio.ensure_future(self._close())
+        await asyncio.shield(self._closing)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def in_thread(self, action: Callable[[], _R]) -> _R:
+        """Do what may block."""
+        return await self._loop.run_in_executor(self._pool, action)
+
+    async def _close(self) -> None:
+        for replies in list(self._asking):
+            replies.shut()
+        tasks = self._tasks - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        # not on the loop's thread: it waits for callbacks that are running
+        await self.in_thread(self.session.close)
+        self._pool.shutdown(wait=False)
+
+    def _open(self, key: str) -> zenoh.Session:
+        session = self.session.zenoh
+        if session is None or self._closing is not None:
+            raise TransportClosed(key=key)
+        return session
+
+    def _call(self, action: Callable[..., None], *arguments: object) -> None:
+        """From a thread of the network to the loop."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
+            self._loop.call_soon_threadsafe(action, *arguments)
+
+    def _asked(self, replies: Replies) -> None:
+        replies.end()
+        self._asking.discard(replies)
+
+    def _spawn(self, work: Coroutine[None, None, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _answer(self, key: str, query: zenoh.Query, body: bytes) -> None:
+        handler = self._served.get(key)
+        if handler is None or self._closing is not None:
+            query.drop()
+        else:
+            self._spawn(self._answer_there(handler, query, body))
+
+    async def _answer_here(self, handler: RequestHandler, body: bytes, replies: Replies) -> None:
+        try:
+            await _handle(handler, body, replies.feed, replies.key)
+        finally:
+            self._asked(replies)
+
+    async def _answer_there(self, handler: RequestHandler, query: zenoh.Query, body: bytes) -> None:
+        key = str(query.key_expr)
+        large: list[bytes] = []
+
+        def reply(packed: bytes) -> None:
+            with contextlib.suppress(zenoh.ZError):  # the session has closed meanwhile
+                query.reply(key, packed)
+
+        def respond(packed: bytes) -> None:
+            if large or len(packed) >= LARGE:
+                large.append(bytes(packed))
+            else:
+                reply(bytes(packed))
+
+        try:
+            await _handle(handler, body, respond, key)
+            for packed in large:
+                await self.in_thread(partial(reply, packed))
+        finally:
+            query.drop()
+
+
+async def _handle(handler: RequestHandler, body: bytes, respond: Respond, key: str) -> None:
+    try:
+        await handler(body, respond)
+    except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
+        _log.exception("the handler of %s raised", key)
+
+
+def _direct(
+    callback: Callable[[_R], None], drop: Callable[[], None] | None = None
+) -> zenoh.handlers.Callback[_R]:
+    """Have a callback called in the network's own thread; otherwise each request costs a new thread."""
+    return zenoh.handlers.Callback(callback, drop, indirect=False)
+
+
+class _Declared:
+    """Something declared in a session."""
+
+    def __init__(
+        self, transport: ZenohTransport, undeclare: Callable[[], None], undo: Callable[[], None] | None = None
+    ) -> None:
+        self._transport, self._undeclare, self._undo = transport, undeclare, undo
+        transport.declared.add(self)
+
+    async def close(self) -> None:
+        if self not in self._transport.declared:
+            return
+        self._transport.declared.discard(self)
+        if self._undo is not None:
+            self._undo()
+        if not self._transport.closed:
+            with contextlib.suppress(zenoh.ZError):  # the session closes at this moment
+                await self._transport.in_thread(self._undeclare)
