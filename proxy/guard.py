@@ -63,9 +63,9 @@ class ArmLimits:
 class RoverLimits:
     """How far one move may lead, and how fast; and the arena around the origin of W that it may not leave."""
 
-    dx: Span = Span(-3.0, 3.0, "m")
-    dy: Span = Span(-3.0, 3.0, "m")
-    speed: Span = Span(0.01, 1.0, "m/s")
+    x: Span = Span(-3.0, 3.0, "m")
+    y: Span = Span(-3.0, 3.0, "m")
+    speed: Span = Span(0.01, 0.8, "m/s")
     arena_x: Span = Span(-1.5, 1.5, "m")
     arena_y: Span = Span(-1.5, 1.5, "m")
 
@@ -97,14 +97,14 @@ def check_arrival(motion: Move, here: tuple[float, float], limits: RoverLimits, 
 
     Args:
         motion: what is about to be sent.
-        here: x, y [m] in W, where the base stands now.
+        here: (2,) x, y [m] in W, where the base stands now.
         limits: those of this robot in this place.
         command: name of the command, for the sentence.
 
     Raises:
         BadArgument: it names the direction that leads out.
     """
-    ends = {"dx": (here[0] + motion.dx, limits.arena_x), "dy": (here[1] + motion.dy, limits.arena_y)}
+    ends = {"x": (here[0] + motion.x, limits.arena_x), "y": (here[1] + motion.y, limits.arena_y)}
     for name, (end, span) in ends.items():
         if end not in span:
             reason = f"the move would end at {end:.3f} {span.unit}, the arena is {span}; send it another way"

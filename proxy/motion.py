@@ -30,10 +30,10 @@ class Grip:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """Move a mobile base by dx, dy from where it stands."""
+    """Move a mobile base by x, y from where it stands, without turning."""
 
-    dx: float
-    dy: float
+    x: float
+    y: float
     speed: float
 
 

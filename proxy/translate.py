@@ -71,8 +71,8 @@ def request_of(motion: Motion) -> Request:
             return Request(Verb.GO_TO, (x, y, z, twist, speed))
         case Grip(width=width):
             return Request(Verb.GRIP, (width,))
-        case Move(dx=dx, dy=dy, speed=speed):
-            return Request(Verb.MOVE, (dx, dy, speed))
+        case Move(x=x, y=y, speed=speed):
+            return Request(Verb.MOVE, (x, y, speed))
         case Hold():
             return Request(Verb.HOLD, ())
 
@@ -84,8 +84,8 @@ def motion_of(verb: int, args: tuple[float, ...]) -> Motion | None:
             return GoTo(x=x, y=y, z=z, twist=twist, speed=speed)
         case Verb.GRIP, (width, *_):
             return Grip(width=width)
-        case Verb.MOVE, (dx, dy, speed, *_):
-            return Move(dx=dx, dy=dy, speed=speed)
+        case Verb.MOVE, (x, y, speed, *_):
+            return Move(x=x, y=y, speed=speed)
         case Verb.HOLD, _:
             return Hold()
         case _:
@@ -131,8 +131,12 @@ def _base(m: LocalPositionNed) -> dict[str, float]:
     return {"x": m.x, "y": -m.y, "vx": m.vx, "vy": -m.vy}
 
 
+LONG_NAMES = {"peak_f": "peak_force"}
+"""What the wire has to say in ten letters."""
+
+
 def _named(m: NamedValueFloat) -> dict[str, float]:
-    return {m.name: m.value} if m.name else {}
+    return {LONG_NAMES.get(m.name, m.name): m.value} if m.name else {}
 
 
 READERS: dict[type[Any], Callable[[Any], dict[str, float]]] = {

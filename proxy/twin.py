@@ -1,7 +1,7 @@
 """The last that was heard of a robot: its twin, with its age. Pure: `now` always comes from the caller.
 
 A reading never silently outlives its truth. The twin keeps every number with the moment it was heard; what
-was not refreshed for STALE seconds is still shown, but `fresh` says no and the reading `age` grows for all to
+was not refreshed for STALE seconds is still shown, but `stale` says so, and the reading `age` grows for all to
 see.
 """
 
@@ -43,10 +43,10 @@ class Twin:
         entry = self._latest.get(kind)
         return None if entry is None else cast("T", entry[0])
 
-    def fresh(self, kind: type[T], now: float) -> T | None:
-        """The last message of a kind if it is not stale, else None."""
+    def after(self, kind: type[T], moment: float) -> T | None:
+        """The last message of a kind if it was heard after a moment, else None."""
         entry = self._latest.get(kind)
-        return None if entry is None or now - entry[1] > STALE else cast("T", entry[0])
+        return None if entry is None or entry[1] <= moment else cast("T", entry[0])
 
     def age(self, now: float) -> float:
         """[s] since the last telemetry; infinite when there never was any."""

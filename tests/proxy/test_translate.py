@@ -26,7 +26,7 @@ numbers = st.floats(-10, 10, width=32)
 motions: st.SearchStrategy[Motion] = st.one_of(
     st.builds(GoTo, x=numbers, y=numbers, z=numbers, twist=numbers, speed=numbers),
     st.builds(Grip, width=numbers),
-    st.builds(Move, dx=numbers, dy=numbers, speed=numbers),
+    st.builds(Move, x=numbers, y=numbers, speed=numbers),
     st.just(Hold()),
 )
 
@@ -96,6 +96,7 @@ def test_telemetry_reads_in_si_units_and_in_the_frame_of_the_cell() -> None:
     assert readings_of(Gripper(5, 0.04, 0.08, 2.0, 1)) == {"width": 0.04, "grip_force": 2.0}
     assert readings_of(Joints(5, (1.0, 2.0, *(0.0,) * 6), 2)) == {"j1": 1.0, "j2": 2.0}
     assert readings_of(NamedValueFloat(5, "lever", 0.7)) == {"lever": 0.7}
+    assert readings_of(NamedValueFloat(5, "peak_f", 9.0)) == {"peak_force": 9.0}
     assert readings_of(Heartbeat(0, 0, 0, 0, 4)) == {}
 
 

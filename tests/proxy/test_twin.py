@@ -31,9 +31,9 @@ def test_a_silent_robot_keeps_its_readings_and_they_grow_old() -> None:
     twin = Twin()
     twin.hear(TOOL, now=1.0)
     assert not twin.stale(now=1.0 + STALE)
-    assert twin.fresh(Tool, now=1.0 + STALE) == TOOL
+    assert twin.after(Tool, 0.9) == TOOL
     assert twin.stale(now=1.1 + STALE)
-    assert twin.fresh(Tool, now=1.1 + STALE) is None
+    assert twin.after(Tool, 1.0) is None
     old = twin.readings(now=61.0)
     assert old["age"] == 60.0
     assert old["x"] == 0.1

@@ -1,0 +1,199 @@
+"""The robot proxy: an agent on one side, the wire on the other.
+
+What is common to all kinds of robots is here: the connection, the twin, the guard before the wire, and the
+way of a command: its key becomes the goal's key, its lease's epoch the goal's epoch, its deadline the goal's
+time to live, and when it is cancelled the goal is cancelled, too. A new kind of robot is one class with its
+commands (`arm.py`, `rover.py`).
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from robotree.protocol.links.url import connect
+from robotree.protocol.services.goal_client import GoalSilent
+from robotree.proxy.connection import Connection, Dial
+from robotree.proxy.errand import Desk, Errand, NotSent
+from robotree.proxy.guard import ArmLimits, Fence, RoverLimits, check
+from robotree.proxy.motion import Hold, Motion
+from robotree.proxy.outcome import error_of
+from robotree.proxy.session import Event, OnlineChanged, Session
+from robotree.proxy.translate import goal_key, request_of, time_to_live
+from robotree.vr.command import command
+from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
+from robotree.vr.robot import Robot
+
+T = TypeVar("T")
+
+GLANCE = 0.05
+"""[s] between two looks of a waiting command at its caller's wishes. The end of its goal wakes it at once."""
+RECALL_WITHIN = 2.0
+"""[s] that a cancelled command waits for the controller to confirm the end of its goal."""
+NEWS_WITHIN = 1.0
+"""[s] that a reading may take to arrive. The slowest stream comes ten times a second."""
+
+
+class RobotProxy(Robot):
+    """Stands for one robot, which its controller moves."""
+
+    def __init__(
+        self,
+        name: str,
+        url: str,
+        limits: ArmLimits | RoverLimits,
+        *,
+        dial: Dial = connect,
+        chance: random.Random | None = None,
+    ) -> None:
+        """Prepare the proxy; nothing is opened before `run`.
+
+        Args:
+            name: of the robot, unique in the realm.
+            url: where its controller listens.
+            limits: what is refused before the wire.
+            dial: opens a link.
+            chance: for the waits between attempts to connect.
+        """
+        super().__init__(name, {"controller": url})
+        self.online = False
+        self.on_change: Callable[[], None] = lambda: None
+        """Called on the loop when the robot goes online or offline; for the agent in front of it."""
+        self._limits = limits
+        self._session = Session()
+        self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
+        self._desk = Desk(self._connection)
+        self._fence = Fence(name)
+        self._settled_at = 0.0
+
+    async def run(self) -> None:
+        """Keep the connection up until cancelled.
+
+        Raises:
+            BadUrl: the controller's address means nothing.
+        """
+        try:
+            await self._connection.run()
+        finally:
+            self._desk.close("its proxy has ended")
+
+    # -- hooks of a robot --------------------------------------------------------------------------
+
+    def readings(self) -> dict[str, float]:
+        """Return the last known readings, however old; `age` [s] tells how old."""
+        return self._session.twin.readings(self._connection.now())
+
+    def safe_stop(self, reason: str) -> None:  # noqa: ARG002  the wire has no place for it
+        """Stop the robot at its controller: at once, and again until it is confirmed."""
+        self._connection.soon(lambda: self._connection.perform(self._session.stop(self._connection.now())))
+
+    def resume(self) -> None:
+        """Release the stop at the controller."""
+        epoch = max(self._fence.highest, self._session.obeyed)
+        self._connection.soon(
+            lambda: self._connection.perform(self._session.release(epoch, self._connection.now()))
+        )
+
+    # -- commands of every robot -------------------------------------------------------------------
+
+    @command(effect="repeat")
+    def stop(self) -> None:
+        """Drop whatever moves and stay here, compliantly."""
+        self.carry_out(Hold())
+
+    # -- for the kinds -----------------------------------------------------------------------------
+
+    def carry_out(self, motion: Motion) -> None:
+        """Have the controller carry out the running command's motion and wait for its end.
+
+        Raises:
+            BadArgument: a value is out of its limit; nothing was sent.
+            StaleEpoch: the lease under which it is asked is over.
+            CommandFailed: the controller is offline, refuses, or did not get there.
+            CommandCancelled: it was ended on request or for something newer.
+            DeadlineExceeded: its time was over first.
+        """
+        context = self.context
+        check(motion, self._limits, command=f"{self.name}.{context.command}")
+        self._fence.raise_to(self._session.obeyed)
+        self._fence.admit(context.epoch)
+        ttl = time_to_live(context.deadline_at - time.monotonic())
+        errand = self._desk.send_out(goal_key(context.key), request_of(motion), epoch=context.epoch, ttl=ttl)
+        try:
+            self._accompany(errand)
+        finally:
+            self._settled_at = self._connection.now()
+        self._judge(errand)
+
+    def news(self, kind: type[T], *, since: float) -> T:
+        """Wait for a message that was heard after a moment.
+
+        Args:
+            kind: of message.
+            since: [s] on the connection's clock.
+
+        Raises:
+            CommandFailed: the controller is offline, or does not tell it.
+        """
+        twin, deadline = self._session.twin, self._connection.now() + NEWS_WITHIN
+        while True:
+            message = twin.after(kind, since)
+            if message is not None:
+                return message
+            if not self.online:
+                raise self._failed(self._session.trouble)
+            if self._connection.now() >= deadline:
+                raise self._failed(
+                    f"the controller tells no {kind.__name__.upper()}; is it a {self.kinds()[0]}?"
+                )
+            self.sleep(0.01)
+
+    @property
+    def asked_at(self) -> float:
+        """The present moment [s] on the connection's clock: what is heard after it is news."""
+        return self._connection.now()
+
+    @property
+    def settled_at(self) -> float:
+        """When the last motion ended [s]: what was heard before shows the robot as it was."""
+        return self._settled_at
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _accompany(self, errand: Errand) -> None:
+        """Wait for the end of an errand; take it back when the command is asked to end."""
+        told = -1.0
+        try:
+            while not errand.wait(GLANCE):
+                if errand.fraction != told:
+                    told = errand.fraction
+                    self.progress(told)
+                self.check()
+        except (CommandCancelled, DeadlineExceeded):
+            self._desk.recall(errand)
+            errand.wait(RECALL_WITHIN)
+            raise
+
+    def _judge(self, errand: Errand) -> None:
+        """Raise what the end of an errand means for the command."""
+        match errand.end:
+            case NotSent(trouble=trouble):
+                raise self._failed(trouble)
+            case GoalSilent() | None:
+                raise self._failed("its controller has fallen silent; look whether the robot still moves")
+            case end:
+                name, epoch = self.context.command, errand.epoch
+                error = error_of(end, robot=self.name, command=name, epoch=epoch, obeyed=self._session.obeyed)
+                if error is not None:
+                    raise error
+
+    def _failed(self, detail: str) -> CommandFailed:
+        return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
+
+    def _hear(self, event: Event) -> None:
+        if isinstance(event, OnlineChanged):
+            self.online = event.online
+            self.on_change()
+        self._desk.hear(event)
