@@ -128,6 +128,7 @@ class Arm:
     def hold(self) -> None:
         """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
         self._follower.rest(self._here())
+        self._gripper.halt(2.0 * float(self._ports.finger[0]))
         self._running = _ended
 
     def control(self, dt: float) -> None:

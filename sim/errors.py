@@ -9,6 +9,7 @@
         BadArgument         a number is missing, infinite or out of range
         UnknownVerb         this kind of robot cannot do that
       UnknownKind           no robot of that kind can be simulated
+      CannotListen          the address is taken; also an OSError
 
 Whoever sent the goal is to blame for a GoalRefused; the robot has not moved.
 """
@@ -75,6 +76,14 @@ class UnknownKind(SimError):
     def __init__(self, kind: str, known: Iterable[str]) -> None:
         self.kind, self.known = kind, tuple(known)
         super().__init__(f"there is no robot of kind {kind!r} to simulate; choose one of {', '.join(self.known)}")
+
+
+class CannotListen(SimError, OSError):
+    """Nobody can be served at that address. `cause` is the system's word for it."""
+
+    def __init__(self, address: str, cause: str) -> None:
+        self.address, self.cause = address, cause
+        super().__init__(f"cannot listen at {address}: {cause}; choose another port (0: any free one) or end its owner")
 
 
 def _metres(point: Sequence[float]) -> str:

@@ -46,6 +46,11 @@ class Gripper:
         self.state = Grip.MOVING
         self._still = 0.0
 
+    def halt(self, width: float) -> None:
+        """Stop the fingers at `width` [m] if they are on their way; what they hold they keep."""
+        if self.state is Grip.MOVING:
+            self.commanded = self._led = min(max(width, 0.0), WIDEST)
+
     def advance(self, dt: float, width: float, speed: float) -> float:
         """Lead on for `dt` [s], the gap being `width` [m] and changing by `speed` [m/s].
 

@@ -23,7 +23,9 @@ FORCE_LIMIT: Final = 30.0
 """[N] of the drive."""
 SPEED: Final = 0.4
 """[m/s] of a goal that names no speed."""
-TOP_SPEED: Final = 0.8
+SLOWEST: Final = 0.01
+"""[m/s] that a goal may ask for."""
+TOP_SPEED: Final = 1.0
 """[m/s] that a goal may ask for."""
 ACCELERATION: Final = 1.0
 """[m/s2]"""
@@ -113,8 +115,8 @@ class Rover:
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
         speed = SPEED if math.isnan(args[2]) else args[2]
-        if not 0.0 < speed <= TOP_SPEED:
-            raise BadArgument("speed", speed, f"above 0 and at most {TOP_SPEED} m/s")
+        if not SLOWEST <= speed <= TOP_SPEED:
+            raise BadArgument("speed", speed, f"{SLOWEST} to {TOP_SPEED} m/s")
         start = self._follower.setpoint
         # From a set-point at rest, so that the errors of many moves do not add up.
         origin = self._ports.position if self._follower.moving else start.pose

@@ -1,0 +1,73 @@
+"""The kinds of robot that can be simulated: one registry. Listing it loads no physics, building from it does.
+
+To simulate another robot: a model, a device with verbs, a world, its streams, and one line here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from robotree.protocol.messages import MavComponent, MavType
+from robotree.sim.errors import UnknownKind
+
+if TYPE_CHECKING:
+    from robotree.sim.controller import Controller
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of robot.
+
+    Attributes:
+        name: as people write it.
+        summary: one line for people.
+        build: makes its controller from a system id and the silence [s] that it bears.
+    """
+
+    name: str
+    summary: str
+    build: "Callable[[int, float], Controller]"
+
+
+def kind(name: str) -> Kind:
+    """The kind of that name.
+
+    Raises:
+        UnknownKind: there is none.
+    """
+    if (found := KINDS.get(name)) is None:
+        raise UnknownKind(name, KINDS)
+    return found
+
+
+def _arm(system: int, silence: float) -> "Controller":
+    from robotree.sim import telemetry, worlds  # noqa: PLC0415  loads the engines
+    from robotree.sim.controller import Controller  # noqa: PLC0415
+    from robotree.sim.firmware import Firmware  # noqa: PLC0415
+
+    world = worlds.arm_world()
+    streams = telemetry.arm_streams(world)
+    firmware = Firmware(world.arm, streams, system=system, kind=MavType.GENERIC, silence=silence)
+    cameras = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"}
+    return Controller(world.cell, firmware, cameras)
+
+
+def _rover(system: int, silence: float) -> "Controller":
+    from robotree.sim import telemetry, worlds  # noqa: PLC0415  loads the engines
+    from robotree.sim.controller import Controller  # noqa: PLC0415
+    from robotree.sim.firmware import Firmware  # noqa: PLC0415
+
+    world = worlds.rover_world()
+    streams = telemetry.rover_streams(world)
+    firmware = Firmware(world.rover, streams, system=system, kind=MavType.GROUND_ROVER, silence=silence)
+    cameras = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"}
+    return Controller(world.cell, firmware, cameras)
+
+
+KINDS: Final = {
+    each.name: each
+    for each in (
+        Kind("arm", "a compliant six-joint arm with a gripper, at a table with a bistable lever", _arm),
+        Kind("rover", "a holonomic mobile robot on a walled floor", _rover),
+    )
+}

@@ -1,0 +1,90 @@
+"""Keeping a controller in step with the wall clock, in a thread of its own.
+
+Deadlines are absolute, one per batch, so a late wake-up is made good by the next batches and the simulated second
+stays as long as the real one. Physics and control run in lock step on simulated time, so jitter of the thread cannot
+disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped and counted, not caught up.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from robotree.sim.cell import BATCH
+from robotree.sim.controller import Controller
+from robotree.sim.firmware import Outgoing
+
+LARGEST_DEBT: Final = 0.25
+"""[s] behind the wall clock that is still made good."""
+
+
+class Pacer:
+    """When the next batch is due. Pure: `now` comes from the caller.
+
+    Args:
+        period: of one batch [s].
+        now: the wall clock [s].
+    """
+
+    def __init__(self, period: float, now: float) -> None:
+        self._period = period
+        self._due = now
+        self.dropped = 0.0
+        """[s] of debt that was dropped so far."""
+
+    def wait(self, now: float) -> float:
+        """After a batch: how long to sleep before the next one [s], not below 0."""
+        self._due += self._period
+        debt = now - self._due
+        if debt > LARGEST_DEBT:
+            self.dropped += debt
+            self._due = now
+        return max(-debt, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """One reading of how real time is kept: controller time [ms], and debt that was dropped [s]."""
+
+    time_ms: int
+    dropped: float
+
+
+class RealTime:
+    """Runs a controller in a thread until it is closed.
+
+    Args:
+        controller: from now on touched by that thread alone, but for `post`.
+        tell: called in that thread with what there is to say after a batch.
+        fail: called in that thread with what ended it, if something did.
+    """
+
+    def __init__(
+        self, controller: Controller, tell: Callable[[list[Outgoing]], None], fail: Callable[[Exception], None]
+    ) -> None:
+        self._controller, self._tell, self._fail = controller, tell, fail
+        self._over = threading.Event()
+        self._pacer = Pacer(BATCH * float(controller.cell.model.opt.timestep), time.monotonic())
+        self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
+        self._thread.start()
+
+    @property
+    def pace(self) -> Pace:
+        """How real time is kept."""
+        return Pace(self._controller.cell.time_ms, self._pacer.dropped)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._over.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._over.is_set():
+                out = self._controller.advance()
+                if out:
+                    self._tell(out)
+                time.sleep(self._pacer.wait(time.monotonic()))
+        except Exception as error:  # noqa: BLE001  the thread's last fence: whoever owns it must hear
+            self._fail(error)

@@ -1,0 +1,231 @@
+"""The controller's socket: several connections at once, each answered where it asked, none forwarded to another.
+
+The loop carries frames; the cell's own thread computes (`realtime`); one more thread draws pictures, so neither the
+arm nor the answers wait for them. Each connection has at most one picture in the making; of further requests the
+newest per camera waits, and a connection that does not read what it asked for gets none.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from typing import Final
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import LinkError, LinkRefused
+from robotree.protocol.frame import Frame
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import listen
+from robotree.protocol.messages import PictureRequest
+from robotree.protocol.services.picture import split
+from robotree.sim.camera import Studio, fit, jpeg
+from robotree.sim.controller import Controller
+from robotree.sim.errors import CannotListen
+from robotree.sim.firmware import COMPONENT, SILENCE, Outgoing
+from robotree.sim.kinds import kind as kind_of
+from robotree.sim.realtime import Pace, RealTime
+
+SYSTEM: Final = 1
+"""MAVLink system id that ground stations expect of the first robot on a link."""
+
+
+class Darkroom:
+    """Draws pictures in a thread of its own, one after the other.
+
+    Args:
+        controller: whose cell and cameras.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._studio = Studio(controller.cell.model)
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="darkroom")
+
+    async def develop(self, request: PictureRequest) -> tuple[bytes, int, int]:
+        """The JPEG that was asked for, its width and its height [px]."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._draw, request)
+
+    def close(self) -> None:
+        """End the thread when its picture is done."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _draw(self, request: PictureRequest) -> tuple[bytes, int, int]:
+        width, height = fit(request.width, request.height)
+        camera = self._controller.cameras[request.target_component]
+        picture = self._studio.picture(self._controller.cell.published, camera, width, height)
+        return jpeg(picture, request.quality), width, height
+
+
+class Connection:
+    """One client: what it says goes to the controller, the pictures it asks for come back.
+
+    Args:
+        link: to the client.
+        system: our MAVLink system id.
+        controller: hears the client.
+        darkroom: draws for it.
+        leave: told when the client has gone.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        system: int,
+        controller: Controller,
+        darkroom: Darkroom,
+        leave: Callable[["Connection"], None],
+    ) -> None:
+        self.endpoint = Endpoint(
+            link, system=system, component=COMPONENT, on_frame=self._hear, on_closed=self._closed
+        )
+        self._controller, self._darkroom, self._leave = controller, darkroom, leave
+        self._wanted: dict[int, PictureRequest] = {}
+        self._drawing: asyncio.Task[None] | None = None
+        controller.greet(self.endpoint)
+
+    def send(self, outgoing: Outgoing) -> None:
+        """Say something to this client."""
+        self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
+
+    def _hear(self, frame: Frame) -> None:
+        message = frame.message
+        if not isinstance(message, PictureRequest):
+            self._controller.post(frame, self.endpoint)
+            return
+        ours = message.target_system == self.endpoint.system and message.target_component in self._controller.cameras
+        if ours and not self.endpoint.link.congested:
+            self._wanted[message.target_component] = message
+            if self._drawing is None:
+                self._drawing = asyncio.create_task(self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}")
+
+    async def _draw_wanted(self) -> None:
+        try:
+            while self._wanted:
+                request = self._wanted.pop(next(iter(self._wanted)))
+                data, width, height = await self._darkroom.develop(request)
+                for message in split(data, width=width, height=height, quality=request.quality):
+                    self.endpoint.send(message, component=request.target_component)
+        finally:
+            self._drawing = None
+
+    def _closed(self, _: LinkError) -> None:
+        if self._drawing is not None:
+            self._drawing.cancel()
+        self._leave(self)
+
+
+class Server:
+    """A controller on the wire. Made by `serving`."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._loop = asyncio.get_running_loop()
+        self._connections: dict[Endpoint, Connection] = {}
+        self._darkroom = Darkroom(controller)
+        self.address = ""
+        """Where it listens, with the port that was really taken."""
+        self.failure: asyncio.Future[None] = self._loop.create_future()
+        """Raises what ended the physics, if something does."""
+        self._realtime = RealTime(controller, self._tell, self._fail)
+
+    @property
+    def pace(self) -> Pace:
+        """How real time is kept."""
+        return self._realtime.pace
+
+    def accept(self, link: Link) -> Endpoint:
+        """A client has come."""
+        connection = Connection(link, self._controller.firmware.system, self._controller, self._darkroom, self._left)
+        self._connections[connection.endpoint] = connection
+        return connection.endpoint
+
+    def close(self) -> None:
+        """End the threads."""
+        self._realtime.close()
+        self._darkroom.close()
+
+    def _left(self, connection: Connection) -> None:
+        del self._connections[connection.endpoint]
+
+    def _tell(self, out: list[Outgoing]) -> None:
+        self._loop.call_soon_threadsafe(self._deliver, out)
+
+    def _deliver(self, out: list[Outgoing]) -> None:
+        for outgoing in out:
+            if outgoing.via is None:
+                for connection in self._connections.values():
+                    connection.send(outgoing)
+            elif isinstance(outgoing.via, Endpoint) and outgoing.via in self._connections:
+                self._connections[outgoing.via].send(outgoing)
+
+    def _fail(self, error: Exception) -> None:
+        self._loop.call_soon_threadsafe(self._break, error)
+
+    def _break(self, error: Exception) -> None:
+        if not self.failure.done():
+            self.failure.set_exception(error)
+
+
+@asynccontextmanager
+async def serving(
+    kind: str, url: str, *, system: int = SYSTEM, silence: float = SILENCE, exposed: bool = False
+) -> AsyncIterator[Server]:
+    """A simulated controller that is up inside the block.
+
+    Args:
+        kind: of robot, one of `kinds.KINDS`.
+        url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
+        system: MAVLink system id.
+        silence: of the link after which the robot holds by itself [s].
+        exposed: allow an address that other machines reach.
+
+    Yields:
+        The server; `address` tells where it really listens.
+
+    Raises:
+        UnknownKind: no such robot can be simulated.
+        CannotListen: the port is taken.
+        BadUrl: the address means nothing, or can be reached from outside.
+    """
+    server = Server(kind_of(kind).build(system, silence))
+    try:
+        try:
+            listener = await listen(url, server.accept, exposed=exposed)
+        except LinkRefused as error:
+            raise CannotListen(url, error.cause) from error
+        server.address = listener.address
+        try:
+            yield server
+        finally:
+            await listener.close()
+    finally:
+        server.close()
+
+
+async def serve(
+    kind: str,
+    url: str,
+    *,
+    ready: Callable[[str], None],
+    system: int = SYSTEM,
+    silence: float = SILENCE,
+    exposed: bool = False,
+) -> None:
+    """Simulate a controller until cancelled.
+
+    Args:
+        kind: of robot, one of `kinds.KINDS`.
+        url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
+        ready: told the address once it listens there.
+        system: MAVLink system id.
+        silence: of the link after which the robot holds by itself [s].
+        exposed: allow an address that other machines reach.
+
+    Raises:
+        UnknownKind: no such robot can be simulated.
+        CannotListen: the port is taken.
+        BadUrl: the address means nothing, or can be reached from outside.
+    """
+    async with serving(kind, url, system=system, silence=silence, exposed=exposed) as server:
+        ready(server.address)
+        await server.failure
