@@ -89,7 +89,10 @@ def _start(line: Line) -> int:
         case "demo":
             from robotree.tui import demo
 
-            return _run(demo.demo(headless=line.flag("--headless"), pictures=line.text("--pictures")))
+            pictures = line.text("--pictures")
+            return _run(
+                demo.demo(headless=line.flag("--headless"), realm=line.text("--realm"), pictures=pictures)
+            )
         case "run":
             from robotree.tui.playing import play_file
 

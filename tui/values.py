@@ -42,8 +42,8 @@ def dotted(text: str, what: str) -> tuple[str, str]:
     return left, right
 
 
-def assignment(text: str) -> tuple[str, Scalar]:
-    """Read `name=value`.
+def assignment(text: str) -> tuple[str, str]:
+    """Read `name=value`; the value stays text, for the robot knows its type and its units.
 
     Raises:
         ValueRefused: there is no `=`, or no name before it.
@@ -53,11 +53,11 @@ def assignment(text: str) -> tuple[str, Scalar]:
         raise ValueRefused(
             "PARAMETER=VALUE", f"{text!r} must have the form name=value, e.g. x=0.4 or x='40 cm'"
         )
-    return name, scalar(value)
+    return name, value
 
 
 def scalar(text: str) -> Scalar:
-    """Read a number, `true`, `false`, or else text (also `10 cm`: the robot knows its units)."""
+    """Read a number, `true`, `false`, or else text."""
     if text in {"true", "false"}:
         return text == "true"
     if _INTEGER.fullmatch(text):

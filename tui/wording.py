@@ -43,6 +43,20 @@ def span(spec: FieldSpec) -> str:
     return f"{text} {spec.unit}".rstrip()
 
 
+def typed(thing: object) -> str:
+    """Write a value as a person would type it: so that it is read back as it was."""
+    if isinstance(thing, bool):
+        return "yes" if thing else "no"
+    return repr(thing) if isinstance(thing, float) else str(thing)
+
+
+def wanted(spec: FieldSpec) -> str:
+    """Return what a field takes: `a number in m`, `one of open, close`."""
+    from robotree.vr.arguments import expected
+
+    return expected(spec)
+
+
 def parameter(spec: FieldSpec) -> str:
     """Return one parameter as in a signature: `x: m`, `action: open|close`, `speed: m/s = 0.1`."""
     kind = "|".join(spec.choices) if spec.choices else (spec.unit or spec.type)

@@ -38,7 +38,7 @@ def test_an_integer_stays_an_integer(number: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-Infinity", "10 cm", "1_000", "", "None"])
-def test_what_is_no_finite_number_stays_text_for_the_robot_to_judge(text: str) -> None:
+def test_what_is_no_finite_number_stays_text(text: str) -> None:
     assert values.scalar(text) == text
 
 
@@ -49,6 +49,7 @@ def test_truth_is_written_in_words() -> None:
 
 def test_an_assignment_needs_a_name() -> None:
     assert values.assignment("x=10 cm") == ("x", "10 cm")
+    assert values.assignment("x=0.4") == ("x", "0.4"), "the robot knows the type"
     assert values.assignment("label=a=b") == ("label", "a=b")
     for text in ("x", "=3", "a b=3"):
         with pytest.raises(ValueRefused, match="name=value"):

@@ -1,0 +1,69 @@
+"""A form is made from a command's types, and what it lets through the robot takes."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui import entry
+from robotree.vr.arguments import check_arguments
+from robotree.vr.description import CommandSpec, FieldSpec
+
+GO_TO = CommandSpec(
+    name="go_to",
+    parameters=(
+        FieldSpec(name="x", type="float", unit="m", lower=0.2, upper=0.7),
+        FieldSpec(name="speed", type="float", unit="m/s", lower=0.01, upper=0.5, required=False, default=0.1),
+        FieldSpec(name="count", type="int", required=False),
+        FieldSpec(name="smooth", type="bool"),
+        FieldSpec(name="action", type="choice", choices=("open", "close")),
+        FieldSpec(name="label", type="str", required=False),
+    ),
+)
+GOOD = {"x": "0.4", "speed": "0.1", "count": "", "smooth": "yes", "action": "open", "label": ""}
+
+
+def test_a_good_form_becomes_arguments_without_what_was_left_empty() -> None:
+    read = entry.read(GO_TO, GOOD)
+    assert read.complaints == {}
+    assert read.arguments == {"x": 0.4, "speed": 0.1, "smooth": True, "action": "open"}
+
+
+def test_another_unit_is_converted_at_the_field() -> None:
+    assert entry.read(GO_TO, {**GOOD, "x": "40 cm"}).arguments["x"] == 0.4
+
+
+def test_each_wrong_field_is_explained_beside_itself() -> None:
+    read = entry.read(
+        GO_TO, {"x": "nan", "speed": "2", "count": "1.5", "smooth": "perhaps", "action": "", "label": ""}
+    )
+    assert set(read.complaints) == {"x", "speed", "count", "smooth", "action"}
+    assert "not a number in m" in read.complaints["x"]
+    assert "out of range" in read.complaints["speed"]
+    assert "whole number" in read.complaints["count"]
+    assert "true or false" in read.complaints["smooth"]
+    assert "open, close" in read.complaints["action"]
+
+
+def test_a_form_opens_with_defaults_and_present_values_so_that_sending_it_moves_nothing() -> None:
+    readings = {"x": 0.43217777, "speed": 0.3}
+    texts = {field.name: entry.first_text(field, readings) for field in GO_TO.parameters}
+    assert texts == {"x": "0.4322", "speed": "0.1", "count": "", "smooth": "no", "action": "", "label": ""}
+
+
+def test_beside_a_field_stand_unit_range_default_and_present_value() -> None:
+    x, speed, count, *_ = GO_TO.parameters
+    assert entry.hint(x, {"x": 0.432}) == "0.2 … 0.7 m · now 0.432"
+    assert entry.hint(speed, {}) == "0.01 … 0.5 m/s · default 0.1"
+    assert entry.hint(count, {}) == "may stay empty"
+
+
+@given(
+    texts=st.fixed_dictionaries(
+        {field.name: st.text(max_size=12) | st.floats().map(str) for field in GO_TO.parameters}
+    )
+)
+def test_what_the_form_lets_through_the_robot_takes(texts: dict[str, str]) -> None:
+    read = entry.read(GO_TO, texts)
+    if not read.complaints:
+        assert check_arguments(GO_TO, read.arguments) == read.arguments

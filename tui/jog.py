@@ -1,0 +1,95 @@
+"""Tele-operation by key: small steps that add up to a target, never far ahead of the robot. Pure.
+
+A key press moves the *wish* by one step; one `go_to` runs at a time and the newest wish is the next one, so
+that presses never queue up. The wish stays on a leash: it is never more than `LEASH` steps ahead of where
+the robot is, so a robot that is held back by what it touches is not asked for more and more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf, radians
+
+AXES = ("x", "y", "z", "twist")
+
+STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+"""[m] Steps to choose from; the largest one is 50 mm."""
+
+TURNS = tuple(radians(degrees) for degrees in (1, 2, 5, 10, 15, 30))
+"""[rad] Steps of the twist, changed together with the others."""
+
+FIRST = 3
+"""Index of the step at the beginning: 10 mm and 10 degrees."""
+
+LEASH = 3
+"""Steps that the wish may be ahead of the robot."""
+
+Pose = Mapping[str, float]
+"""Value by axis: x, y, z [m], twist [rad], in the robot's frame."""
+
+Bounds = Mapping[str, tuple[float, float]]
+"""Lowest and highest value by axis, as the robot's `go_to` declares them."""
+
+
+@dataclass(slots=True)
+class Jog:
+    """The wish of one operator for one robot."""
+
+    bounds: Bounds
+    choice: int = FIRST
+    wish: dict[str, float] | None = None
+    """Where the robot shall be; None: wherever it is."""
+    sent: dict[str, float] | None = field(default=None, init=False)
+    """The wish that is being carried out."""
+    fulfilled: dict[str, float] | None = field(default=None, init=False)
+    """The last wish that was carried out: the next step starts there, so that steps add up exactly."""
+
+    def step(self, axis: str) -> float:
+        """Return the present step of an axis, [m] or [rad]."""
+        return TURNS[self.choice] if axis == "twist" else STEPS[self.choice]
+
+    def resize(self, by: int) -> None:
+        """Choose a larger (+1) or smaller (-1) step."""
+        self.choice = min(max(self.choice + by, 0), len(STEPS) - 1)
+
+    def press(self, axis: str, direction: int, actual: Pose) -> None:
+        """Move the wish by one step; it never moves against the direction that was pressed.
+
+        Args:
+            axis: one of `AXES`.
+            direction: +1 or -1.
+            actual: where the robot is.
+        """
+        wish = dict(self.wish) if self.wish else {one: actual[one] for one in AXES}
+        step = self.step(axis)
+        before, leash = wish[axis], actual[axis] + direction * LEASH * step
+        after = min(before + step, leash) if direction > 0 else max(before - step, leash)
+        after = max(after, before) if direction > 0 else min(after, before)
+        wish[axis] = self._bounded(axis, before, after)
+        self.wish = wish
+
+    def _bounded(self, axis: str, before: float, after: float) -> float:
+        """Stay inside the bounds, or where it was if that is outside already."""
+        lower, upper = self.bounds.get(axis, (-inf, inf))
+        return min(max(after, min(lower, before)), max(upper, before))
+
+    @property
+    def moving(self) -> bool:
+        """Whether a wish is being carried out."""
+        return self.sent is not None
+
+    def take(self) -> dict[str, float] | None:
+        """Return the target of the next `go_to`, or None when one runs or nothing new is wished."""
+        if self.sent is not None or self.wish is None or self.wish == self.fulfilled:
+            return None
+        self.sent = dict(self.wish)
+        return dict(self.sent)
+
+    def arrived(self) -> None:
+        """The `go_to` has ended well."""
+        self.fulfilled, self.sent = self.sent, None
+
+    def drop(self) -> None:
+        """Forget all wishes: after a refusal, a cancel, a stop, or when somebody else moved the robot."""
+        self.wish = self.sent = self.fulfilled = None
