@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import json
+from pathlib import Path
 
 import zenoh
 
@@ -43,6 +44,11 @@ class Session:
     def realm(self) -> str:
         """The realm's name."""
         return self._place.realm
+
+    @property
+    def socket(self) -> Path:
+        """The socket on which this process listens."""
+        return self._place.socket
 
     def open(self) -> None:
         """Enter: dial all who are there, and be there for those who come.

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import signal
+import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
@@ -32,3 +36,53 @@ async def join_memory() -> Callable[[], Awaitable[Transport]]:
         return network.join()
 
     return enter
+
+
+class Process:
+    """A member of a realm in a process of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+
+    async def ready(self) -> None:
+        assert self.process.stdout is not None
+        async with asyncio.timeout(20):
+            line = await self.process.stdout.readline()
+        assert line.strip() == b"ready", (await self.end())[1]
+
+    def signal(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    async def end(self, within: float = 10) -> tuple[int, str]:
+        """Let it end, and return its exit code and what it complained of."""
+        async with asyncio.timeout(within):
+            _, complaints = await self.process.communicate()
+        assert self.process.returncode is not None
+        return self.process.returncode, complaints.decode()
+
+
+Start = Callable[..., Awaitable[Process]]
+
+
+@pytest.fixture
+async def start(tmp_path: Path) -> AsyncIterator[Start]:
+    """Start members of the test's realm; all are killed at the end."""
+    started: list[Process] = []
+
+    async def begin(word: str, name: str, *, script: str = "member.py") -> Process:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, str(Path(__file__).with_name(script)), str(tmp_path / "realms"), word, name),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        started.append(Process(process))
+        return started[-1]
+
+    try:
+        yield begin
+    finally:
+        for member in started:
+            with contextlib.suppress(ProcessLookupError):
+                member.process.kill()
+            await member.process.communicate()

@@ -1,0 +1,113 @@
+"""Real processes over real Zenoh: killed, stopped, interrupted, and all at once."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.host.examine import replies_of, until
+from robotree.vr.host.zenoh import ZenohTransport
+
+Start = Callable[..., Awaitable[Any]]
+Enter = Callable[[], Awaitable[ZenohTransport]]
+
+
+async def arrived(transport: ZenohTransport, name: str) -> None:
+    async with asyncio.timeout(10):
+        while not await transport.present(f"robot/{name}/*"):  # noqa: ASYNC110 # what is asked is the test
+            await asyncio.sleep(0.005)
+
+
+async def test_a_killed_process_is_missed_at_once(start: Start, join_zenoh: Enter) -> None:
+    process = await start("serve", "arm")
+    await process.ready()
+    transport = await join_zenoh()
+    gone: list[float] = []
+    await transport.watch("robot/*/*", lambda _, there: None if there else gone.append(time.perf_counter()))
+    await arrived(transport, "arm")
+    waiting = transport.request("robot/arm/1", b"long", timeout=30)
+    assert await anext(waiting) == b"ack"
+    killed = time.perf_counter()
+    process.signal(signal.SIGKILL)
+    assert await replies_of(waiting) == ([], None), "what it had begun to answer just ends"
+    await until(lambda: bool(gone), "it is missed")
+    assert gone[0] - killed < 0.5  # measured: 60 ms, 50 of which are the wait for its return
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=5))
+    assert isinstance(got[1], Unreachable)
+
+
+async def test_a_stopped_process_is_silent_then_missed_then_back(start: Start, join_zenoh: Enter) -> None:
+    process = await start("serve", "arm")
+    await process.ready()
+    transport = await join_zenoh()
+    seen: list[bool] = []
+    await transport.watch("robot/*/*", lambda _, there: seen.append(there))
+    await arrived(transport, "arm")
+    process.signal(signal.SIGSTOP)
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.3))
+    assert isinstance(got[1], NoAnswer)
+    await until(lambda: seen == [True, False], "silence ends its presence")
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=5))
+    assert isinstance(got[1], Unreachable)
+    process.signal(signal.SIGCONT)
+    await until(lambda: seen == [True, False, True], "its presence returns with it")
+    assert await replies_of(transport.request("robot/arm/1", b"hi", timeout=5)) == ([b"ack", b"hi"], None)
+
+
+async def test_sixteen_at_once_all_know_each_other(start: Start, join_zenoh: Enter) -> None:
+    crowd = [await start("serve", f"r{number}") for number in range(16)]
+    await asyncio.gather(*(process.ready() for process in crowd))
+    transport = await join_zenoh()
+    expected = sorted(f"robot/r{number}/1" for number in range(16))
+    seen: set[str] = set()
+    await transport.watch("robot/*/*", lambda key, _: seen.add(key))
+    await until(lambda: sorted(seen) == expected, "the newcomer sees all")
+    results = await asyncio.gather(
+        *(replies_of(transport.request(key, b"hi", timeout=10)) for key in expected)
+    )
+    assert results == [([b"ack", b"hi"], None)] * 16
+
+
+async def test_the_dead_are_swept_out_by_the_next_who_comes(
+    start: Start, join_zenoh: Enter, tmp_path: Path
+) -> None:
+    dead = [await start("serve", f"r{number}") for number in range(4)]
+    for process in dead:
+        await process.ready()
+        process.signal(signal.SIGKILL)
+        await process.process.wait()
+    begin = time.perf_counter()
+    transport = await join_zenoh()
+    assert time.perf_counter() - begin < 1.0
+    left = {path.name for path in (tmp_path / "realms" / "test").iterdir()}
+    assert len(left) == 4, left  # the door, and the newcomer's entry, socket and Zenoh's lock on it
+    await transport.close()
+    assert [path.name for path in (tmp_path / "realms" / "test").iterdir()] == [".door"]
+
+
+@pytest.mark.parametrize("times", range(3))
+async def test_a_process_that_forgets_to_close_still_ends(
+    times: int, start: Start, join_zenoh: Enter
+) -> None:
+    transport = await join_zenoh()
+    await transport.subscribe("robot/**", lambda _key, _body: None)
+    process = await start("leave-open", f"r{times}")
+    await process.ready()
+    assert await process.end() == (0, "")
+
+
+async def test_an_interrupt_ends_a_process_without_a_word(start: Start, join_zenoh: Enter) -> None:
+    transport = await join_zenoh()
+    await transport.subscribe("robot/**", lambda _key, _body: None)
+    process = await start("wait-for-interrupt", "arm")
+    await process.ready()
+    await arrived(transport, "arm")
+    process.signal(signal.SIGINT)
+    assert await process.end() == (130, "")
