@@ -1,6 +1,7 @@
 """The arm as one robot: ports below, verbs above, the control law between.
 
-Each control period: read the joints and the wrist sensor, walk the attractor on its leash, compute the torques.
+Each control period: read the joints and the wrist sensor, walk the attractor on its leash, compute the
+torques.
 """
 
 import math
@@ -29,8 +30,8 @@ SLOWEST: Final = 0.005
 REACHED: Final = 0.004
 """[m] between tool and goal that counts as reached; friction leaves 1 mm, 3 mm at worst."""
 YIELDING: Final = 0.025
-"""[m] that the tool may be short of a goal, and the goal still count as reached, while the world pulls at it: a
-compliant arm yields 20 mm to 10 N, and a lever or a spring at the end of a move is no failure."""
+"""[m] that the tool may be short of a goal, and the goal still count as reached, while the world pulls at it:
+a compliant arm yields 20 mm to 10 N, and a lever or a spring at the end of a move is no failure."""
 SETTLED: Final = 0.01
 """[rad/s] of the fastest joint that counts as standing."""
 STILL_FOR: Final = 0.1
@@ -52,9 +53,10 @@ class ArmState:
         width_commanded: asked for [m].
         grip: what the fingers are doing.
         grip_force: of each finger [N].
-        peak_force: largest net force since the start that the world put on the hand [N]: the true sum over all
-            contacts of palm and fingers (and pushes that a test applies to them), taken from the physics at every
-            step, not from the sensor; what one finger exerts against the other cancels.
+        peak_force: largest net force since the start that the world put on the hand [N]: the true sum over
+        all
+            contacts of palm and fingers (and pushes that a test applies to them), taken from the physics at
+            every step, not from the sensor; what one finger exerts against the other cancels.
     """
 
     q: Vector
@@ -218,7 +220,8 @@ class Arm:
 
     def _held_up(self) -> str:
         force = float(np.linalg.norm(self._wrench[:3]))
-        return f"Something holds the tool with {force:.0f} N, {1e3 * float(np.linalg.norm(self._error)):.0f} mm short."
+        short = 1e3 * float(np.linalg.norm(self._error))
+        return f"Something holds the tool with {force:.0f} N, {short:.0f} mm short."
 
 
 def _ended() -> Progress:

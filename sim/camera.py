@@ -1,16 +1,16 @@
-"""Pictures of a cell by casting rays: no OpenGL, no window, the same picture in every process and on every machine.
+"""Pictures of a cell by casting rays: no OpenGL, no window, the same picture on every machine.
 
-MuJoCo intersects the rays (`mj_multiRay`, 0.2 microseconds each); numpy shades: light from the lamp with its shadow,
-a gloss, a sky, a chequered floor that fades into the distance. Pixels in which the surface changes are cast four
-more times, so edges are smooth at a fraction of the cost of casting everything more often.
+MuJoCo intersects the rays (`mj_multiRay`, 0.2 microseconds each); numpy shades: light from the lamp with its
+shadow, a gloss, a sky, a chequered floor that fades into the distance. Pixels in which the surface changes
+are cast four more times, so edges are smooth at a fraction of the cost of casting everything more often.
 
-A studio has its own `MjData`: it is set to a published state of the cell, so the physics thread is not disturbed. A
-picture of 640 x 360 takes a quarter of a second of one core, one of 320 x 180 a sixteenth.
+A studio has its own `MjData`: it is set to a published state of the cell, so the physics thread is not
+disturbed. A picture of 640 x 360 takes a quarter of a second of one core, one of 320 x 180 a sixteenth.
 """
 
 import io
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ SMALLEST: Final = 16
 FAR: Final = 40.0
 """[m] where the world ends."""
 
-Colours = NDArray[np.float32]
+Colours: TypeAlias = NDArray[np.float32]
 _ZENITH: Final = np.array((0.42, 0.55, 0.72), np.float32)
 _HORIZON: Final = np.array((0.84, 0.88, 0.92), np.float32)
 _AMBIENT: Final = 0.46
@@ -40,7 +40,7 @@ _CORNERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 def fit(width: int, height: int) -> tuple[int, int]:
-    """The size that is drawn when `width` x `height` pixels are asked for: the same within the bounds above."""
+    """The size that is drawn when `width` x `height` pixels are asked for: that, within the bounds above."""
     width, height = max(width, SMALLEST), max(height, SMALLEST)
     scale = min(1.0, math.sqrt(LARGEST / (width * height)))
     return max(int(width * scale), SMALLEST), max(int(height * scale), SMALLEST)
@@ -88,8 +88,10 @@ class Studio:
         view = model.camera(camera).id
         eye, axes = np.array(data.cam_xpos[view]), data.cam_xmat[view].reshape(3, 3)
         fovy = float(model.cam_fovy[view])
-        columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        pixels = np.stack((columns.ravel(), rows.ravel()), axis=1)
+        pixels: Matrix = np.empty((height, width, 2))
+        pixels[..., 0] = np.arange(width) + 0.5
+        pixels[..., 1] = (np.arange(height) + 0.5)[:, None]
+        pixels = pixels.reshape(-1, 2)
         colours, surface = self._trace(eye, _rays(pixels, axes, fovy, width, height))
         edges = _edges(surface.reshape(height, width, -1)).ravel()
         if edges.any():
@@ -116,7 +118,9 @@ class Studio:
         )
         return geoms, distances, normals.reshape(-1, 3).astype(np.float32)
 
-    def _shade(self, points: Matrix, rays: Matrix, normals: Colours, geoms: NDArray[np.int32], sky: Colours) -> Colours:
+    def _shade(
+        self, points: Matrix, rays: Matrix, normals: Colours, geoms: NDArray[np.int32], sky: Colours
+    ) -> Colours:
         colours = self._albedo[geoms]
         floor = np.isin(geoms, self._planes)
         if floor.any():
@@ -138,7 +142,7 @@ class Studio:
         near, far = _FADE
         reach = np.linalg.norm(points, axis=1)
         haze = np.clip((reach - near) / (far - near), 0.0, 1.0).astype(np.float32) * floor
-        return colours + (sky - colours) * haze[:, None]
+        return np.asarray(colours + (sky - colours) * haze[:, None], np.float32)
 
     def _lit(self, points: Matrix, normals: Colours, facing: Colours, away: Colours) -> Colours:
         """(n,) 1 where the lamp shines on the point, 0 in the shadow."""
@@ -163,8 +167,8 @@ def _rays(pixels: Matrix, axes: Matrix, fovy: float, width: int, height: int) ->
 
 
 def _sky(rays: Matrix) -> Colours:
-    up = np.clip(rays[:, 2:3], 0.0, 1.0).astype(np.float32) ** 0.6
-    return _HORIZON + (_ZENITH - _HORIZON) * up
+    up = np.clip(rays[:, 2:3], 0.0, 1.0) ** 0.6
+    return np.asarray(_HORIZON + (_ZENITH - _HORIZON) * up, np.float32)
 
 
 def _edges(surface: Colours) -> NDArray[np.bool_]:

@@ -1,20 +1,21 @@
 """The control law: natural admittance in the tool's space.
 
-The tool hangs on a spring and a damper whose other end, the attractor, follows the path; the spring's pull is bounded,
-so the steady force on anything in the way is bounded too, whatever arrives over the network and however late.
+The tool hangs on a spring and a damper whose other end, the attractor, follows the path; the spring's pull is
+bounded, so the steady force on anything in the way is bounded too, whatever arrives over the network and
+however late.
 
     e   = (x_a - x,  log3(R_a R^T))                     tool error
     f   = sat(K e) - D (J v - v_a)                      |force| <= FORCE_LIMIT, |torque| <= TORQUE_LIMIT
     tau = J^T f + bias(q, v)                            impedance
-    a_r = M^-1 (J^T f + J^T w)                          what the arm would do without friction; w: the world's wrench
+    a_r = M^-1 (J^T f + J^T w)                          without friction, the world's wrench being w
     v_r += dt (a_r + LEAK (v - v_r))                    a reference with the arm's own inertia
     tau += BETA M (v_r - v)                             velocity servo on that reference
 
 Keeping the arm's own inertia in the reference is what makes the admittance *natural* (Newman, "Stability and
-performance limits of interaction controllers", ASME JDSMC 1992; Glosser and Newman, "The implementation of a natural
-admittance controller on an industrial manipulator", ICRA 1994): friction is rejected by BETA / (BETA + LEAK), an
-outside force is obeyed, and contact with any passive environment stays stable. Stiffness may grow to 16 times K
-against a rigid table before dt = 8 ms would become unstable; the step here is 1 ms.
+performance limits of interaction controllers", ASME JDSMC 1992; Glosser and Newman, "The implementation of a
+natural admittance controller on an industrial manipulator", ICRA 1994): friction is rejected by BETA / (BETA
++ LEAK), an outside force is obeyed, and contact with any passive environment stays stable. Stiffness may grow
+to 16 times K against a rigid table before dt = 8 ms would become unstable; the step here is 1 ms.
 
 Pure: state in, torque out; the only memory is the reference velocity.
 """

@@ -1,7 +1,7 @@
 """One robot's box: the world, the program, and the mailbox between them and the links.
 
-Frames may be posted from any thread; everything else happens in whichever thread calls `advance`, one batch of steps
-at a time. So a test in virtual time and a server in real time run the very same code.
+Frames may be posted from any thread; everything else happens in whichever thread calls `advance`, one batch
+of steps at a time. So a test in virtual time and a server in real time run the very same code.
 """
 
 from collections import deque

@@ -1,8 +1,8 @@
 """The one door to MuJoCo: `from robotree.sim.engine import mujoco`.
 
-MuJoCo chooses an OpenGL back end while it is being imported, by the variable MUJOCO_GL, and fails right there when
-that back end's libraries are missing. The simulator never draws with OpenGL (see `camera`), so it asks for none and
-then puts the variable back for whoever else in the process may want one.
+MuJoCo chooses an OpenGL back end while it is being imported, by the variable MUJOCO_GL, and fails right there
+when that back end's libraries are missing. The simulator never draws with OpenGL (see `camera`), so it asks
+for none and then puts the variable back for whoever else in the process may want one.
 """
 
 import os

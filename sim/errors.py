@@ -75,7 +75,9 @@ class UnknownKind(SimError):
 
     def __init__(self, kind: str, known: Iterable[str]) -> None:
         self.kind, self.known = kind, tuple(known)
-        super().__init__(f"there is no robot of kind {kind!r} to simulate; choose one of {', '.join(self.known)}")
+        super().__init__(
+            f"there is no robot of kind {kind!r} to simulate; choose one of {', '.join(self.known)}"
+        )
 
 
 class CannotListen(SimError, OSError):
@@ -83,7 +85,9 @@ class CannotListen(SimError, OSError):
 
     def __init__(self, address: str, cause: str) -> None:
         self.address, self.cause = address, cause
-        super().__init__(f"cannot listen at {address}: {cause}; choose another port (0: any free one) or end its owner")
+        super().__init__(
+            f"cannot listen at {address}: {cause}; choose another port (0: any free one) or end its owner"
+        )
 
 
 def _metres(point: Sequence[float]) -> str:

@@ -1,8 +1,9 @@
 """The controller's program: messages in, set-points down, telemetry and answers out.
 
-It obeys one goal at a time, the newest; keeps keys and epochs through protocol's `GoalServer`; stops for anyone and
-starts again only for a lease that is not stale; and holds by itself when nobody is heard (`watchdog`). Every mode it
-can be in follows from three facts: is a stop in force, is the link silent, does a goal run.
+It obeys one goal at a time, the newest; keeps keys and epochs through protocol's `GoalServer`; stops for
+anyone and starts again only for a lease that is not stale; and holds by itself when nobody is heard
+(`watchdog`). Every mode it can be in follows from three facts: is a stop in force, is the link silent, does a
+goal run.
 
 Pure: no socket, no thread, no clock. `now` is controller time in whole milliseconds, counted by the physics.
 """
@@ -70,7 +71,13 @@ class Firmware:
     """
 
     def __init__(
-        self, device: Device, streams: Sequence[Stream], *, system: int, kind: MavType, silence: float = SILENCE
+        self,
+        device: Device,
+        streams: Sequence[Stream],
+        *,
+        system: int,
+        kind: MavType,
+        silence: float = SILENCE,
     ) -> None:
         self.system = system
         self._device, self._streams, self._kind = device, streams, kind
@@ -139,7 +146,9 @@ class Firmware:
         out += self._news(now)
         if now >= self._mode_due:
             out += self._mode_to(None, now, self._reason())
-        out += [Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self._heartbeat(), now / 1000)]
+        out += [
+            Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self._heartbeat(), now / 1000)
+        ]
         busy = self._running is not None
         for i, stream in enumerate(self._streams):
             if now >= self._due[i]:
@@ -228,9 +237,13 @@ class Firmware:
         if self._stopped:
             return []
         self._stopped = True
-        out = self._carry_out(self._goals.abandon_all(Reason.STOPPED, now / 1000, "A safe stop was asked for."), now)
+        out = self._carry_out(
+            self._goals.abandon_all(Reason.STOPPED, now / 1000, "A safe stop was asked for."), now
+        )
         self._device.hold()
-        return out + self._say(MavSeverity.WARNING, "Safe stop: holding, compliant; goals are refused until release.")
+        return out + self._say(
+            MavSeverity.WARNING, "Safe stop: holding, compliant; goals are refused until release."
+        )
 
     def _release(self) -> list[Outgoing]:
         was_stopped, self._stopped, self._silent = self._stopped, False, False

@@ -1,6 +1,7 @@
 """The kinds of robot that can be simulated: one registry. Listing it loads no physics, building from it does.
 
-To simulate another robot: a model, a device with verbs, a world, its streams, and one line here.
+The engines are therefore imported inside the builders. To simulate another robot: a model, a device with verbs, a
+world, its streams, and one line here.
 """
 
 from collections.abc import Callable
@@ -41,26 +42,26 @@ def kind(name: str) -> Kind:
 
 
 def _arm(system: int, silence: float) -> "Controller":
-    from robotree.sim import telemetry, worlds  # noqa: PLC0415  loads the engines
-    from robotree.sim.controller import Controller  # noqa: PLC0415
-    from robotree.sim.firmware import Firmware  # noqa: PLC0415
+    from robotree.sim import telemetry, worlds
+    from robotree.sim.controller import Controller
+    from robotree.sim.firmware import Firmware
 
     world = worlds.arm_world()
     streams = telemetry.arm_streams(world)
     firmware = Firmware(world.arm, streams, system=system, kind=MavType.GENERIC, silence=silence)
-    cameras = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"}
+    cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"}
     return Controller(world.cell, firmware, cameras)
 
 
 def _rover(system: int, silence: float) -> "Controller":
-    from robotree.sim import telemetry, worlds  # noqa: PLC0415  loads the engines
-    from robotree.sim.controller import Controller  # noqa: PLC0415
-    from robotree.sim.firmware import Firmware  # noqa: PLC0415
+    from robotree.sim import telemetry, worlds
+    from robotree.sim.controller import Controller
+    from robotree.sim.firmware import Firmware
 
     world = worlds.rover_world()
     streams = telemetry.rover_streams(world)
     firmware = Firmware(world.rover, streams, system=system, kind=MavType.GROUND_ROVER, silence=silence)
-    cameras = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"}
+    cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"}
     return Controller(world.cell, firmware, cameras)
 
 

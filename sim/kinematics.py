@@ -1,14 +1,16 @@
 """Kinematics and dynamics of the arm, computed by Pinocchio from the very file that MuJoCo simulates.
 
-Pure: the same arguments give the same results; the objects only keep scratch memory, so one belongs to one thread.
+Pure: the same arguments give the same results; the objects only keep scratch memory, so one belongs to one
+thread.
 
-Frames: W the world (the arm's foot, see `models.scenery`), T the tool point between the finger tips, z along the
-fingers. `twist` is the angle of a tool that points straight down: R_WT = Rz(twist) Ry(pi). At twist 0 the fingers
-open along y of W.
+Frames: W the world (the arm's foot, see `models.scenery`), T the tool point between the finger tips, z along
+the fingers. `twist` is the angle of a tool that points straight down: R_WT = Rz(twist) Ry(pi). At twist 0 the
+fingers open along y of W.
 
-Inverse kinematics: damped least squares on the body-frame error log6(X_WT^-1 X_WG), the damping proportional to the
-squared error (Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE T-RO 2011,
-eq. 15), so that unreachable goals end quietly at the nearest posture instead of oscillating.
+Inverse kinematics: damped least squares on the body-frame error log6(X_WT^-1 X_WG), the damping proportional
+to the squared error (Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
+method", IEEE T-RO 2011, eq. 15), so that unreachable goals end quietly at the nearest posture instead of
+oscillating.
 """
 
 import math
@@ -109,7 +111,14 @@ class Kinematics:
         return Dynamics(placement.translation, placement.rotation, jacobian, data.M, inverse, data.nle)
 
     def solve(self, position: Vector, rotation: Matrix, seed: Vector, iterations: int = 60) -> Solution:
-        """Find the posture near `seed` (6,) [rad] that brings the tool to `position` (3,) [m] and R_WT `rotation`."""
+        """Find the posture near `seed` that brings the tool to a pose.
+
+        Args:
+            position: (3,) of T in W [m].
+            rotation: (3, 3) R_WT.
+            seed: (6,) where to begin [rad].
+            iterations: when to give up.
+        """
         model, data = self._model, self._data
         goal = pin.SE3(rotation, position)
         q = np.array(seed)

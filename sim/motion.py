@@ -1,11 +1,11 @@
 """Paths and the leash on which the attractor follows them.
 
-A path is jerk-limited (ruckig, Berscheid and Kroeger 2021) with all axes in phase, so that from rest it is straight in
-its own coordinates; ruckig's default, time synchronisation, would bend a 0.37 m move by 5 mm. The leash stretches a
-path's time: as the spring between tool and attractor fills from 60 % to 100 % of its limit, the path slows from full
-speed to a stop, so an arm that is blocked or pushed away resumes where it is instead of jumping after a set-point
-that has run ahead. The attractor's velocity is scaled likewise (unscaled it would add its damping force, 28 N
-instead of 15 N at the table).
+A path is jerk-limited (ruckig, Berscheid and Kroeger 2021) with all axes in phase, so that from rest it is
+straight in its own coordinates; ruckig's default, time synchronisation, would bend a 0.37 m move by 5 mm. The
+leash stretches a path's time: as the spring between tool and attractor fills from 60 % to 100 % of its limit,
+the path slows from full speed to a stop, so an arm that is blocked or pushed away resumes where it is instead
+of jumping after a set-point that has run ahead. The attractor's velocity is scaled likewise (unscaled it
+would add its damping force, 28 N instead of 15 N at the table).
 
 Pure: positions, seconds and loads in, set-points out.
 """
@@ -120,7 +120,9 @@ class Arc:
             begin,
             end,
             Limits(
-                _azimuth(limits.velocity, widest), _azimuth(limits.acceleration, widest), _azimuth(limits.jerk, widest)
+                _azimuth(limits.velocity, widest),
+                _azimuth(limits.acceleration, widest),
+                _azimuth(limits.jerk, widest),
             ),
         )
         self._goal = goal

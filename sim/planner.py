@@ -1,8 +1,9 @@
 """Finding the arm's way: along a line, else on an arc about the base, else not at all.
 
-Every path is walked in thought before the arm moves: inverse kinematics every 3 cm, each posture warm-started from the
-last. A goal that no posture reaches, or to which every way folds the elbow, runs into a joint's stop or passes through
-the base, is refused with its reason. Straight lines alone jammed the elbow in 118 of 137 random moves across the base.
+Every path is walked in thought before the arm moves: inverse kinematics every 3 cm, each posture warm-started
+from the last. A goal that no posture reaches, or to which every way folds the elbow, runs into a joint's stop
+or passes through the base, is refused with its reason. Straight lines alone jammed the elbow in 118 of 137
+random moves across the base.
 
 Pure; a plan takes 1 ms, 5 ms at most.
 """
@@ -19,15 +20,15 @@ from robotree.sim.motion import Arc, Limits, Line, Path, Setpoint
 from robotree.sim.vectors import Vector
 
 LOWEST: Final = 0.025
-"""[m] height of the tool point above the table at which the finger tips, 20 mm below it, just clear the table."""
+"""[m] height of the tool point at which the finger tips, 20 mm below it, just clear the table."""
 NEAREST: Final = 0.16
-"""[m] distance of the tool point from the vertical through the base below which the hand meets the arm's own foot."""
+"""[m] from the vertical through the base to the tool point; any closer, the hand meets the arm's own foot."""
 SPACING: Final = 0.03
 """[m] between the points of a path at which a posture is sought."""
 TWIST_SPACING: Final = 0.15
 """[rad] likewise, for the twist."""
 TICKS: Final = 100
-"""Instants of a path that are looked at in search of those points; the longest path moves 2 cm between two."""
+"""Instants of a path that are looked at to find those points; the longest path moves 2 cm between two."""
 JOINT_MARGIN: Final = 0.04
 """[rad] that a path keeps from the joints' stops."""
 JUMP: Final = 0.6
@@ -92,7 +93,7 @@ class Planner:
         raise OutOfReach(goal.tolist(), "no posture of the arm brings the tool there pointing down")
 
     def _walkable(self, path: Path, q: Vector) -> bool:
-        """Whether a posture follows the last all the way; margins may be as small as they are now, not smaller."""
+        """Whether a posture follows the last all the way; margins may be what they are now, not less."""
         kinematics = self._kinematics
         lower = np.minimum(kinematics.lower + JOINT_MARGIN, q)
         upper = np.maximum(kinematics.upper - JOINT_MARGIN, q)

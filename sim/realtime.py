@@ -1,8 +1,9 @@
 """Keeping a controller in step with the wall clock, in a thread of its own.
 
-Deadlines are absolute, one per batch, so a late wake-up is made good by the next batches and the simulated second
-stays as long as the real one. Physics and control run in lock step on simulated time, so jitter of the thread cannot
-disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped and counted, not caught up.
+Deadlines are absolute, one per batch, so a late wake-up is made good by the next batches and the simulated
+second stays as long as the real one. Physics and control run in lock step on simulated time, so jitter of the
+thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped and
+counted, not caught up.
 """
 
 import threading
@@ -61,7 +62,10 @@ class RealTime:
     """
 
     def __init__(
-        self, controller: Controller, tell: Callable[[list[Outgoing]], None], fail: Callable[[Exception], None]
+        self,
+        controller: Controller,
+        tell: Callable[[list[Outgoing]], None],
+        fail: Callable[[Exception], None],
     ) -> None:
         self._controller, self._tell, self._fail = controller, tell, fail
         self._over = threading.Event()

@@ -139,7 +139,9 @@ class Rover:
         fraction = self._follower.progress
         short = float(np.linalg.norm(self._follower.setpoint.pose - self._ports.position))
         if self._follower.blocked or self._waited > SETTLE_WITHIN:
-            return Progress(fraction, done=True, reason=Reason.BLOCKED, text="something stands in the rover's way")
+            return Progress(
+                fraction, done=True, reason=Reason.BLOCKED, text="something stands in the rover's way"
+            )
         standing = float(np.abs(self._ports.velocity).max()) < SETTLED
         if self._follower.moving:
             return Progress(fraction)

@@ -1,12 +1,12 @@
-"""The controller's socket: several connections at once, each answered where it asked, none forwarded to another.
+"""The controller's socket: several connections, each answered where it asked, none forwarded to another.
 
-The loop carries frames; the cell's own thread computes (`realtime`); one more thread draws pictures, so neither the
-arm nor the answers wait for them. Each connection has at most one picture in the making; of further requests the
-newest per camera waits, and a connection that does not read what it asked for gets none.
+The loop carries frames; the cell's own thread computes (`realtime`); one more thread draws pictures, so
+neither the arm nor the answers wait for them. Each connection has at most one picture in the making; of
+further requests the newest per camera waits, and a connection that does not read what it asked for gets none.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from typing import Final
@@ -92,11 +92,16 @@ class Connection:
         if not isinstance(message, PictureRequest):
             self._controller.post(frame, self.endpoint)
             return
-        ours = message.target_system == self.endpoint.system and message.target_component in self._controller.cameras
+        ours = (
+            message.target_system == self.endpoint.system
+            and message.target_component in self._controller.cameras
+        )
         if ours and not self.endpoint.link.congested:
             self._wanted[message.target_component] = message
             if self._drawing is None:
-                self._drawing = asyncio.create_task(self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}")
+                self._drawing = asyncio.create_task(
+                    self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}"
+                )
 
     async def _draw_wanted(self) -> None:
         try:
@@ -135,7 +140,9 @@ class Server:
 
     def accept(self, link: Link) -> Endpoint:
         """A client has come."""
-        connection = Connection(link, self._controller.firmware.system, self._controller, self._darkroom, self._left)
+        connection = Connection(
+            link, self._controller.firmware.system, self._controller, self._darkroom, self._left
+        )
         self._connections[connection.endpoint] = connection
         return connection.endpoint
 
@@ -169,7 +176,7 @@ class Server:
 @asynccontextmanager
 async def serving(
     kind: str, url: str, *, system: int = SYSTEM, silence: float = SILENCE, exposed: bool = False
-) -> AsyncIterator[Server]:
+) -> AsyncGenerator[Server]:
     """A simulated controller that is up inside the block.
 
     Args:

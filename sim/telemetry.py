@@ -8,7 +8,15 @@ from typing import Final, NamedTuple
 
 import pinocchio as pin
 
-from robotree.protocol.messages import Gripper, GripperState, Joints, LocalPositionNed, Message, NamedValueFloat, Tool
+from robotree.protocol.messages import (
+    Gripper,
+    GripperState,
+    Joints,
+    LocalPositionNed,
+    Message,
+    NamedValueFloat,
+    Tool,
+)
 from robotree.sim.gripper import Grip
 from robotree.sim.vectors import Matrix, Vector
 from robotree.sim.worlds import ArmWorld, RoverWorld
@@ -26,7 +34,7 @@ _GRIPPER_STATES: Final = {
 
 
 class Stream(NamedTuple):
-    """Messages that leave every `period` [ms]; `read` gets the controller's time [ms] and whether a goal is active."""
+    """Messages that leave every `period` [ms]; `read` gets controller time [ms] and whether a goal runs."""
 
     period: int
     read: Callable[[int, bool], Sequence[Message]]

@@ -1,8 +1,8 @@
 """The watchdog of the link: who must be heard, and for how long silence is borne.
 
-While a goal runs, it is its sender who must be heard: another voice on another link (a display, a logger) must not
-hide that the one who commands has died. While nothing runs, anybody will do. Times are controller time, so a
-simulation that runs faster or slower than the wall clock keeps its promises.
+While a goal runs, it is its sender who must be heard: another voice on another link (a display, a logger)
+must not hide that the one who commands has died. While nothing runs, anybody will do. Times are controller
+time, so a simulation that runs faster or slower than the wall clock keeps its promises.
 
 Pure.
 """

@@ -1,7 +1,8 @@
 """The force sensor in the wrist, and what it tells about the world.
 
-Pure: sensor readings in, the world's wrench on the hand out. The sensor feels what the arm exerts on the hand; the
-hand's weight is taken off, its (small) inertia is not. Measured against a push of known size: 10 N read as 10.00 N.
+Pure: sensor readings in, the world's wrench on the hand out. The sensor feels what the arm exerts on the
+hand; the hand's weight is taken off, its (small) inertia is not. Measured against a push of known size: 10 N
+read as 10.00 N.
 """
 
 from typing import Final
@@ -11,7 +12,7 @@ import numpy as np
 from robotree.sim.vectors import Matrix, Vector
 
 SMOOTHING: Final = 0.2
-"""Share of the new reading in the filtered one, per millisecond: a first-order filter with 4.5 ms time constant."""
+"""Share of the new reading in the filtered one, per millisecond: a time constant of 4.5 ms."""
 GRAVITY: Final = 9.81
 """[m/s2]"""
 TOOL_OFFSET: Final = 0.1
@@ -46,13 +47,15 @@ class WristSensor:
         x, y, _ = rotation @ self._centre
         rx, ry, rz = TOOL_OFFSET * rotation[:, 2]
         fx, fy, fz = -f[0], -f[1], self._weight - f[2]
-        now = np.array((
-            fx,
-            fy,
-            fz,
-            y * self._weight - n[0] - (ry * fz - rz * fy),
-            -x * self._weight - n[1] - (rz * fx - rx * fz),
-            -n[2] - (rx * fy - ry * fx),
-        ))
+        now = np.array(
+            (
+                fx,
+                fy,
+                fz,
+                y * self._weight - n[0] - (ry * fz - rz * fy),
+                -x * self._weight - n[1] - (rz * fx - rx * fz),
+                -n[2] - (rx * fy - ry * fx),
+            )
+        )
         self._filtered += SMOOTHING * (now - self._filtered)
         return self._filtered

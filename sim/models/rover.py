@@ -36,4 +36,6 @@ def bind(model: mujoco.MjModel, data: mujoco.MjData, prefix: str = PREFIX) -> Ro
     x = model.joint(prefix + "x")
     q, v = int(x.qposadr[0]), int(x.dofadr[0])
     u = int(model.actuator_ctrladr[model.actuator(prefix + "x").id])
-    return RoverPorts(position=data.qpos[q : q + 2], velocity=data.qvel[v : v + 2], force=data.ctrl[u : u + 2])
+    return RoverPorts(
+        position=data.qpos[q : q + 2], velocity=data.qvel[v : v + 2], force=data.ctrl[u : u + 2]
+    )

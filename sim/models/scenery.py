@@ -1,7 +1,7 @@
 """What stands around the devices: floor, table, light, cameras; and the two cells composed from it.
 
-World frame W: x forward, y left, z up. In the arm's cell its origin is the arm's foot on the table top, in the rover's
-cell the middle of the floor.
+World frame W: x forward, y left, z up. In the arm's cell its origin is the arm's foot on the table top, in
+the rover's cell the middle of the floor.
 """
 
 import math
@@ -43,7 +43,13 @@ def rover_cell() -> mujoco.MjSpec:
     cell = _floor(height=0.0)
     reach = ARENA + 0.2
     for name, x, y in (("east", 1, 0), ("west", -1, 0), ("north", 0, 1), ("south", 0, -1)):
-        _box(cell, f"wall_{name}", (x * reach, y * reach, 0.06), (0.02 if x else reach, 0.02 if y else reach, 0.06), _WALL)
+        _box(
+            cell,
+            f"wall_{name}",
+            (x * reach, y * reach, 0.06),
+            (0.02 if x else reach, 0.02 if y else reach, 0.06),
+            _WALL,
+        )
     _box(cell, "crate", (*CRATE, 0.12), (0.14, 0.14, 0.12), _CRATE)
     _box(cell, "bin", (-0.95, 1.05, 0.16), (0.18, 0.12, 0.16), _BIN)
     _box(cell, "dock", (0.0, 0.0, 0.001), (0.19, 0.19, 0.001), _DOCK)

@@ -1,0 +1,123 @@
+# Narrow stub of MuJoCo 4.0: what robotree uses of it.
+# ruff: noqa: A002, N801, N802, N815  the library's own names
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array: TypeAlias = NDArray[np.float64]
+
+class mjtGeom(IntEnum):
+    mjGEOM_PLANE = ...
+    mjGEOM_BOX = ...
+
+class mjtIntegrator(IntEnum):
+    mjINT_IMPLICITFAST = ...
+
+class mjtCone(IntEnum):
+    mjCONE_ELLIPTIC = ...
+
+class mjtOrientation(IntEnum):
+    mjORIENTATION_XYAXES = ...
+
+class mjtState(IntEnum):
+    mjSTATE_INTEGRATION = ...
+
+class MjsFrame: ...
+
+class MjsOrientation:
+    type: mjtOrientation
+    xyaxes: Sequence[float]
+
+class MjsCamera:
+    alt: MjsOrientation
+
+class MjsBody:
+    def add_geom(
+        self, *, name: str, type: mjtGeom, pos: Sequence[float], size: Sequence[float], rgba: Sequence[float]
+    ) -> object: ...
+    def add_light(self, *, name: str, pos: Sequence[float], dir: Sequence[float]) -> object: ...
+    def add_camera(self, *, name: str, pos: Sequence[float], fovy: float) -> MjsCamera: ...
+    def add_frame(self, *, pos: Sequence[float]) -> MjsFrame: ...
+
+class MjOption:
+    timestep: float
+    integrator: mjtIntegrator
+    cone: mjtCone
+    impratio: float
+
+class MjSpec:
+    option: MjOption
+    worldbody: MjsBody
+    @staticmethod
+    def from_file(filename: str) -> MjSpec: ...
+    def attach(self, child: MjSpec, *, prefix: str, frame: MjsFrame) -> MjsFrame: ...
+    def compile(self) -> MjModel: ...
+
+class _Named:
+    id: int
+
+class _Joint(_Named):
+    qposadr: NDArray[np.int32]
+    dofadr: NDArray[np.int32]
+
+class _Sensor(_Named):
+    adr: NDArray[np.int32]
+
+class MjModel:
+    opt: MjOption
+    actuator_ctrladr: NDArray[np.int32]
+    body_subtreemass: _Array
+    cam_fovy: _Array
+    geom_rgba: NDArray[np.float32]
+    geom_type: NDArray[np.int32]
+    light_pos: _Array
+    ncam: int
+    def actuator(self, name: str) -> _Named: ...
+    def body(self, name: str) -> _Named: ...
+    def camera(self, name: str) -> _Named: ...
+    def joint(self, name: str) -> _Joint: ...
+    def sensor(self, name: str) -> _Sensor: ...
+    def site(self, name: str) -> _Named: ...
+
+class MjData:
+    actuator_force: _Array
+    cam_xmat: _Array
+    cam_xpos: _Array
+    cfrc_ext: _Array
+    ctrl: _Array
+    qpos: _Array
+    qvel: _Array
+    sensordata: _Array
+    site_xmat: _Array
+    site_xpos: _Array
+    subtree_com: _Array
+    time: float
+    xfrc_applied: _Array
+    def __init__(self, model: MjModel) -> None: ...
+
+def mj_forward(m: MjModel, d: MjData) -> None: ...
+def mj_step(m: MjModel, d: MjData) -> None: ...
+def mj_kinematics(m: MjModel, d: MjData) -> None: ...
+def mj_comPos(m: MjModel, d: MjData) -> None: ...
+def mj_camlight(m: MjModel, d: MjData) -> None: ...
+def mj_stateSize(m: MjModel, sig: int) -> int: ...
+def mj_getState(m: MjModel, d: MjData, state: _Array, sig: int) -> None: ...
+def mj_setState(m: MjModel, d: MjData, state: _Array, sig: int) -> None: ...
+def mj_multiRay(
+    m: MjModel,
+    d: MjData,
+    pnt: _Array,
+    vec: _Array,
+    geomgroup: NDArray[np.uint8] | None,
+    flg_static: int,
+    bodyexclude: int,
+    geomid: NDArray[np.int32],
+    dist: _Array,
+    normal: _Array | None,
+    nray: int,
+    cutoff: float,
+) -> None: ...
