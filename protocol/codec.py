@@ -4,7 +4,7 @@ The same values occur in three shapes:
 
 * declared: one value per field in the order of the XML; text is `str`, a uint8_t array is `bytes`;
 * flat: what `struct` wants, in wire order, numeric arrays laid open;
-* bytes: the frame from its length byte to the end of its payload. Header and payload are one `struct`.
+* bytes: the payload; `pack` writes the header before it, because one call of `struct` is cheaper than two.
 """
 
 from __future__ import annotations
@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 Value = int | float | str | bytes | tuple[int, ...] | tuple[float, ...]
 Values = tuple[Any, ...]
 
-HEADER = "<BBBBBBHB"
-"""Length, incompatibility flags, compatibility flags, sequence, system, component, id (low, high)."""
-HEADER_VALUES = 8
-HEADER_BYTES = 9
+HEADER = struct.Struct("<BBBBBBB3s")
+"""Magic, length, incompatibility flags, compatibility flags, sequence, system, component, id."""
 PACKING_ERRORS = (struct.error, OverflowError, TypeError)
 """What `struct` raises for a value that does not fit."""
 _FLOATS = ("float", "double")
@@ -41,19 +39,16 @@ class Codec:
     """The precompiled form of one definition."""
 
     __slots__ = (
+        "_declare",
+        "_unpack",
         "build",
         "crc_extra",
-        "declare",
         "definition",
         "flatten",
         "flatten_declared",
-        "floats",
-        "id_high",
-        "id_low",
+        "id",
         "length",
         "pack",
-        "size",
-        "unpack",
         "wire",
     )
 
@@ -61,22 +56,29 @@ class Codec:
         self.definition = definition
         self.build = build
         """From declared values to the message."""
-        self.id_low, self.id_high = definition.id & 0xFFFF, definition.id >> 16
+        self.id = definition.id.to_bytes(3, "little")
         self.crc_extra = bytes((definition.crc_extra,))
         self.length = definition.length
-        packer = struct.Struct(HEADER + definition.format[1:])
-        self.size, self.pack, self.unpack = packer.size, packer.pack, packer.unpack_from
+        self.pack = struct.Struct(HEADER.format + definition.format[1:]).pack
+        """From the values of the header and flat values to bytes."""
+        self._unpack = struct.Struct(definition.format).unpack_from
         self.wire = tuple(sorted(definition.fields, key=lambda field: field.offset))
         names = [field.name for field in definition.fields]
         order = [field.name for field in self.wire]
-        self.declare = _declarer(definition, _spans(self.wire, HEADER_VALUES))
-        """From what `unpack` gives, header included, to declared values."""
-        self.flatten = _flattener(definition, _getter(attrgetter, order, astuple if order == names else None))
+        self._declare = _declarer(definition)
+        self.flatten = _flattener(definition, astuple if order == names else _wrapped(attrgetter, order))
         """From a typed message to flat values."""
-        self.flatten_declared = _flattener(definition, _getter(itemgetter, [*map(names.index, order)]))
+        places = [names.index(name) for name in order]
+        self.flatten_declared = _flattener(
+            definition, tuple if order == names else _wrapped(itemgetter, places)
+        )
         """From declared values to flat values."""
-        self.floats = _floats(self.wire)
-        """From flat values to those of floating-point fields."""
+
+    def message(self, payload: bytes) -> Any:
+        """The message of a payload; one that is shorter than we know it had zeros or extensions left out."""
+        if len(payload) < self.length:
+            payload = payload.ljust(self.length, b"\0")
+        return self.build(*self._declare(self._unpack(payload)))
 
     def content(self, message: Message) -> bytes:
         """The full payload of a message, zeros at its end included; equal when every bit is.
@@ -86,11 +88,11 @@ class Codec:
         """
         flat = self.flatten(message)
         try:
-            return bytes(self.pack(*bytes(HEADER_VALUES), *flat)[HEADER_BYTES:])
+            return struct.pack(self.definition.format, *flat)
         except PACKING_ERRORS as error:
             raise self.diagnose(flat) from error
 
-    def require_finite(self, flat: Values) -> None:
+    def require_finite(self, flat: Sequence[Any]) -> None:
         """Refuse NaN and infinity in any floating-point field.
 
         Raises:
@@ -100,7 +102,7 @@ class Codec:
             if field.type in _FLOATS and not all(map(isfinite, flat[span])):
                 raise InvalidMessage(self.definition.name, field.name, "must be finite")
 
-    def diagnose(self, flat: Values) -> InvalidMessage:
+    def diagnose(self, flat: Sequence[Any]) -> InvalidMessage:
         """Which field made `struct` refuse the flat values."""
         for field, span in zip(self.wire, _spans(self.wire), strict=True):
             values = flat[span]
@@ -112,42 +114,29 @@ class Codec:
         return InvalidMessage(self.definition.name, "*", f"got {len(flat)} values")
 
 
-def _spans(wire: Sequence[Field], start: int = 0) -> list[slice]:
+def _spans(wire: Sequence[Field]) -> list[slice]:
     """Where the values of each field, in wire order, lie among flat values."""
     counts = [1 if field.is_bytes else max(field.length, 1) for field in wire]
-    ends = list(accumulate(counts, initial=start))
+    ends = list(accumulate(counts, initial=0))
     return [slice(end - count, end) for count, end in zip(counts, ends[1:], strict=True)]
 
 
-def _floats(wire: Sequence[Field]) -> Callable[[Values], Values]:
-    """Floating-point fields lie side by side, but for an integer of their size among them."""
-    spans = [span for field, span in zip(wire, _spans(wire), strict=True) if field.type in _FLOATS]
-    if not spans:
-        return itemgetter(slice(0))
-    if sum(span.stop - span.start for span in spans) == spans[-1].stop - spans[0].start:
-        return itemgetter(slice(spans[0].start, spans[-1].stop))
-    return itemgetter(*(i for span in spans for i in range(span.start, span.stop)))
-
-
-def _declarer(definition: Definition, spans: list[slice]) -> Callable[[Values], Values]:
+def _declarer(definition: Definition) -> Callable[[Values], Values]:
     """From unpacked to declared values, by one C call where there is no text."""
     wire = sorted(definition.fields, key=lambda field: field.offset)
     place: dict[str, Any] = {
         field.name: span if field.length and not field.is_bytes else span.start
-        for field, span in zip(wire, spans, strict=True)
+        for field, span in zip(wire, _spans(wire), strict=True)
     }
     keys = [place[field.name] for field in definition.fields]
-    pick: Callable[[Values], Any] = itemgetter(*keys)
-    if keys == list(range(HEADER_VALUES, HEADER_VALUES + len(keys))):
-        pick = itemgetter(slice(HEADER_VALUES, None))
-    elif len(keys) == 1:  # itemgetter hands a single item out bare
-        pick = _wrapped(pick)
+    whole = keys == list(range(len(keys)))
+    pick: Callable[[Values], Values] = tuple if whole else _wrapped(itemgetter, keys)
     texts = [i for i, field in enumerate(definition.fields) if field.type == "char"]
     if not texts:
         return pick
 
     def declare(unpacked: Values) -> Values:
-        values = list(pick(unpacked))
+        values: list[Any] = [*pick(unpacked)]
         for i in texts:
             values[i] = values[i].split(b"\0", 1)[0].decode("utf-8", "replace")
         return tuple(values)
@@ -155,22 +144,13 @@ def _declarer(definition: Definition, spans: list[slice]) -> Callable[[Values], 
     return declare
 
 
-def _wrapped(get: Callable[[Any], Any]) -> Callable[[Any], Values]:
-    return lambda source: (get(source),)
+def _wrapped(getter: Callable[..., Callable[[Any], Any]], keys: list[Any]) -> Callable[[Any], Values]:
+    """`getter(*keys)`, but always of a tuple: the operator module's getters hand a single item out bare."""
+    get = getter(*keys)
+    return get if len(keys) > 1 else lambda source: (get(source),)
 
 
-def _getter(
-    kind: Callable[..., Callable[[Any], Any]],
-    keys: list[Any],
-    shortcut: Callable[[Any], Values] | None = None,
-) -> Callable[[Any], Values]:
-    """A function that takes the fields from an object, in wire order."""
-    if shortcut is not None:
-        return shortcut
-    return kind(*keys) if len(keys) > 1 else _wrapped(kind(*keys))
-
-
-def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable[[Any], Values]:
+def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable[[Any], Sequence[Any]]:
     """From an object to flat values; `get` takes the fields from it in wire order."""
     wire = sorted(definition.fields, key=lambda field: field.offset)
     openers = [(i, _opener(definition.name, field)) for i, field in enumerate(wire) if field.length]
@@ -180,34 +160,35 @@ def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable
     if len(openers) == 1:
         i, opener = openers[0]
 
-        def flatten_one(source: Any) -> Values:
-            values = get(source)
-            return values[:i] + opener(values[i]) + values[i + 1 :]
+        def flatten_one(source: Any) -> Sequence[Any]:
+            values = [*get(source)]
+            values[i : i + 1] = opener(values[i])
+            return values
 
         return flatten_one
 
-    def flatten(source: Any) -> Values:
-        values = get(source)
+    def flatten(source: Any) -> Sequence[Any]:
+        values = [*get(source)]
         for i, opener in openers:
-            values = values[:i] + opener(values[i]) + values[i + 1 :]
+            values[i : i + 1] = opener(values[i])
         return values
 
     return flatten
 
 
-def _opener(name: str, field: Field) -> Callable[[Any], Values]:
+def _opener(name: str, field: Field) -> Callable[[Any], Sequence[Any]]:
     """Lay one array open and check its length. The wire pads text and bytes with zeros, never numbers."""
     length = field.length
 
-    def open_bytes(value: str | bytes) -> Values:
+    def open_bytes(value: str | bytes) -> Sequence[Any]:
         data = value.encode() if isinstance(value, str) else bytes(value)
         if len(data) > length:
             raise InvalidMessage(name, field.name, f"holds {length} bytes, not {len(data)}")
         return (data,)
 
-    def open_numbers(value: Sequence[float]) -> Values:
+    def open_numbers(value: Sequence[float]) -> Sequence[Any]:
         if len(value) != length:
             raise InvalidMessage(name, field.name, f"holds exactly {length} numbers, not {len(value)}")
-        return tuple(value)
+        return value
 
     return open_bytes if field.is_bytes else open_numbers

@@ -11,14 +11,14 @@ the length to the payload, and then over one byte that stands for the message's 
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 from msgspec.structs import force_setattr
 
-from robotree.protocol.codec import HEADER_BYTES, PACKING_ERRORS
-from robotree.protocol.messages.base import AnyMessage, Untyped, fields_of
+from robotree.protocol.codec import HEADER, PACKING_ERRORS
+from robotree.protocol.messages.base import AnyMessage, Untyped, codec_of, fields_of
 
 if TYPE_CHECKING:
     from robotree.protocol.codec import Codec
@@ -28,9 +28,12 @@ MAGIC_V1 = 0xFE
 SIGNED = 0x01
 """The only incompatibility flag there is."""
 SIGNATURE_BYTES = 13
+HEADER_BYTES = HEADER.size
 HEADER_BYTES_V1 = 6
-LARGEST_FRAME = 1 + HEADER_BYTES + 255 + 2 + SIGNATURE_BYTES
-_START = b"\xfd"
+LARGEST_FRAME = HEADER_BYTES + 255 + 2 + SIGNATURE_BYTES
+CRC_START = 0x3085
+"""The magic byte, which the checksum does not cover, leads from here to its initial value, 0xFFFF."""
+CRC_START_V1 = 0x3086
 
 
 class Signer(Protocol):
@@ -44,11 +47,12 @@ class Signer(Protocol):
 class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
     """One intact frame as it came from the wire. Equal when every byte is."""
 
-    raw: bytes
-    """The whole frame, checksum and signature included."""
+    body: bytes
+    """The frame up to the end of its payload."""
     codec: Codec
-    unpacked: tuple[Any, ...]
-    """Header and payload, in wire order, as `codec.unpack` gives them."""
+    checksum: int
+    signature: bytes = b""
+    """13 bytes; none: it is not signed."""
     made: AnyMessage | None = None
     """The message, once it was asked for; see `message`."""
 
@@ -56,22 +60,47 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
     def of(cls, message: AnyMessage, *, system: int = 1, component: int = 1, sequence: int = 0) -> Frame:
         """The frame in which a message would arrive."""
         raw = encode(message, sequence=sequence, system=system, component=component)
-        return decode(raw, message.codec)
+        return Frame(raw[:-2], message.codec, int.from_bytes(raw[-2:], "little"))
 
     @property
-    def system(self) -> int:
-        """Who speaks."""
-        return self.unpacked[4]
+    def version(self) -> int:
+        """The MAVLink version of the frame: 1 or 2."""
+        return 2 if self.body[0] == MAGIC else 1
 
     @property
-    def component(self) -> int:
-        """Which part of it speaks."""
-        return self.unpacked[5]
+    def flags(self) -> int:
+        """The incompatibility flags; 0 in MAVLink 1."""
+        return self.body[2] if self.body[0] == MAGIC else 0
 
     @property
     def sequence(self) -> int:
         """The speaker's count of frames on this link, modulo 256."""
-        return self.unpacked[3]
+        return self.body[4 if self.body[0] == MAGIC else 2]
+
+    @property
+    def system(self) -> int:
+        """Who speaks."""
+        return self.body[5 if self.body[0] == MAGIC else 3]
+
+    @property
+    def component(self) -> int:
+        """Which part of it speaks."""
+        return self.body[6 if self.body[0] == MAGIC else 4]
+
+    @property
+    def raw(self) -> bytes:
+        """The whole frame as it came, checksum and signature included."""
+        return self.body + self.checksum.to_bytes(2, "little") + self.signature
+
+    @property
+    def payload(self) -> bytes:
+        """The payload as it came, without the zeros that were left out at its end."""
+        return self.body[HEADER_BYTES if self.body[0] == MAGIC else HEADER_BYTES_V1 :]
+
+    @property
+    def signed(self) -> bool:
+        """Whether it carries a signature (and, where the parser has a verifier, a good one)."""
+        return bool(self.signature)
 
     @property
     def msgid(self) -> int:
@@ -85,9 +114,9 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def message(self) -> AnyMessage:
-        """The message; made when first asked for, since many frames are only passed on."""
+        """The message; made when first asked for, since many frames are only counted or passed on."""
         if self.made is None:
-            force_setattr(self, "made", self.codec.build(*self.codec.declare(self.unpacked)))
+            force_setattr(self, "made", self.codec.message(self.payload))
         return cast("AnyMessage", self.made)
 
     def __eq__(self, other: object) -> bool:
@@ -98,21 +127,6 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     def __repr__(self) -> str:
         return f"<Frame {self.system}/{self.component} #{self.sequence} {self.message!r}>"
-
-    @property
-    def flags(self) -> int:
-        """The incompatibility flags; 0 in MAVLink 1."""
-        return self.unpacked[1]
-
-    @property
-    def signed(self) -> bool:
-        """Whether it carries a signature (and, where the parser has a verifier, a good one)."""
-        return bool(self.flags & SIGNED)
-
-    @property
-    def version(self) -> int:
-        """The MAVLink version of the frame: 1 or 2."""
-        return 2 if self.raw[0] == MAGIC else 1
 
     @property
     def target(self) -> tuple[int, int]:
@@ -129,12 +143,6 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
         """Whether the message is addressed to one of these components of a system, or to all."""
         to_system, to_component = self.target
         return to_system in (0, system) and to_component in (0, *components)
-
-    @property
-    def payload(self) -> bytes:
-        """The payload as it was sent, without the zeros that were left out at its end."""
-        start = 1 + HEADER_BYTES if self.raw[0] == MAGIC else HEADER_BYTES_V1
-        return self.raw[start : start + self.raw[1]]
 
 
 def encode(
@@ -153,33 +161,21 @@ def encode(
         InvalidMessage: a field cannot hold its value.
         UnknownMessage: the dialect has no such message.
     """
-    codec = message.codec
-    flat = codec.flatten_declared(message.values) if type(message) is Untyped else codec.flatten(message)
+    if type(message) is Untyped:
+        codec = codec_of(message.msgid)
+        flat = codec.flatten_declared(message.values)
+    else:
+        codec = message.codec
+        flat = codec.flatten(message)
     flags = 0 if signer is None else SIGNED
     try:
-        body = codec.pack(
-            codec.length, flags, 0, sequence & 0xFF, system, component, codec.id_low, codec.id_high, *flat
-        )
-        if message.finite and not isfinite(sum(codec.floats(flat))):
+        frame = codec.pack(MAGIC, codec.length, flags, 0, sequence & 0xFF, system, component, codec.id, *flat)
+        if message.finite and not isfinite(sum(flat)):
             codec.require_finite(flat)
     except PACKING_ERRORS as error:
         raise codec.diagnose(flat) from error
-    if not body[-1]:
-        end = max(len(body.rstrip(b"\0")), HEADER_BYTES + 1)
-        body = bytes((end - HEADER_BYTES,)) + body[1:end]
-    frame = _START + body + mcrf4xx(body + codec.crc_extra).to_bytes(2, "little")
+    if not frame[-1]:
+        end = max(len(frame.rstrip(b"\0")), HEADER_BYTES + 1)
+        frame = bytes((MAGIC, end - HEADER_BYTES)) + frame[2:end]
+    frame += mcrf4xx(frame + codec.crc_extra, CRC_START).to_bytes(2, "little")
     return frame if signer is None else frame + signer.sign(frame)
-
-
-def decode(raw: bytes, codec: Codec) -> Frame:
-    """The value of one MAVLink 2 frame whose checksum was found good."""
-    body = raw[1 : 1 + HEADER_BYTES + raw[1]]
-    return Frame(raw, codec, codec.unpack(body.ljust(codec.size, b"\0")))
-
-
-def decode_v1(raw: bytes, codec: Codec) -> Frame:
-    """The value of one MAVLink 1 frame whose checksum was found good; extensions read as zero."""
-    length, sequence, system, component, msgid = raw[1:HEADER_BYTES_V1]
-    body = bytes((length, 0, 0, sequence, system, component, msgid, 0, 0))
-    body += raw[HEADER_BYTES_V1 : HEADER_BYTES_V1 + length]
-    return Frame(raw, codec, codec.unpack(body.ljust(codec.size, b"\0")))

@@ -7,13 +7,25 @@ claims: that is what loses no intact frame behind it.
 from __future__ import annotations
 
 import re
+import struct
 from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
+from robotree.protocol.codec import HEADER
 from robotree.protocol.dialect.table import definitions
-from robotree.protocol.frame import MAGIC, MAGIC_V1, SIGNATURE_BYTES, SIGNED, Frame, decode_v1
+from robotree.protocol.frame import (
+    CRC_START,
+    CRC_START_V1,
+    HEADER_BYTES,
+    HEADER_BYTES_V1,
+    MAGIC,
+    MAGIC_V1,
+    SIGNATURE_BYTES,
+    SIGNED,
+    Frame,
+)
 from robotree.protocol.messages.base import codec_of
 
 if TYPE_CHECKING:
@@ -22,6 +34,8 @@ if TYPE_CHECKING:
 _OVERHEAD = 12
 """[bytes] of an unsigned frame around its payload."""
 _OVERHEAD_V1 = 8
+_HEADER = HEADER.unpack_from
+_CHECKSUM = struct.Struct("<H").unpack_from
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _LATE = 128
 """A sequence number this far ahead is an old frame that was overtaken, not a gap."""
@@ -84,7 +98,7 @@ class Parser:
     def __init__(self, verifier: Verifier | None = None) -> None:
         self._verifier = verifier
         self._rest = b""
-        self._system = self._component = self._next = -1
+        self._system = self._component = self._next = self._after_late = -1
         self._expected: dict[tuple[int, int], int] = {}
         self._received = self._bad_crc = self._unknown = self._incompatible = self._refused = 0
         self._version_1 = self._lost = self._late = self._skipped = self._bytes = 0
@@ -120,73 +134,93 @@ class Parser:
 
     def _scan(self, buffer: bytes) -> list[Frame]:
         frames: list[Frame] = []
-        i, end = 0, len(buffer)
-        while i < end:
-            if buffer[i] != MAGIC:
-                i, start = self._other(buffer, i, frames), i
-                if i == start:
-                    break
-                continue
-            if end - i < _OVERHEAD:
-                break
-            codec = _CODECS[buffer[i + 7 : i + 10]]
-            if codec is None:
-                self._unknown += 1
-                self._skipped += 1
-                i += 1
-                continue
-            crc = i + 10 + buffer[i + 1]
-            stop = crc + (2 + SIGNATURE_BYTES if buffer[i + 2] & SIGNED else 2)
-            if stop > end:
-                break
-            body = buffer[i + 1 : crc]
-            if mcrf4xx(body + codec.crc_extra) != buffer[crc] | buffer[crc + 1] << 8:
-                self._bad_crc += 1
-                self._skipped += 1
-                i += 1
-                continue
-            if crc - i <= codec.size:  # zeros were left out
-                body = body.ljust(codec.size, b"\0")
-            frame = Frame(buffer[i:stop], codec, codec.unpack(body))
-            i = stop
-            if (body[1] or self._verifier is not None) and not self._admits(frame):
-                continue
-            if body[3] != self._next or body[4] != self._system or body[5] != self._component:
-                self._turn(frame)
-            else:
-                self._next = body[3] + 1 & 0xFF
-            frames.append(frame)
+        i, before = self._run(buffer, 0, frames), -1
+        while i != before:
+            before = i
+            i = self._run(buffer, self._pass(buffer, i, frames), frames)
         self._received += len(frames)
         self._rest = buffer[i:]
         return frames
 
-    def _other(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
-        """Where to go on after a byte that does not begin a frame of MAVLink 2; `i`: it takes more bytes."""
-        if buffer[i] != MAGIC_V1:
+    def _run(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
+        """Take the frames of MAVLink 2 that follow each other from `i` on; tells where they end."""
+        end, picky = len(buffer), self._verifier is not None
+        last_system, last_component, expected = self._system, self._component, self._next
+        while i + _OVERHEAD <= end:
+            magic, length, flags, _, sequence, system, component, key = _HEADER(buffer, i)
+            codec = _CODECS[key]
+            if magic != MAGIC or codec is None:
+                break
+            crc = i + HEADER_BYTES + length
+            stop = crc + 2 + SIGNATURE_BYTES if flags & SIGNED else crc + 2
+            if stop > end:
+                break
+            body = buffer[i:crc]
+            (checksum,) = _CHECKSUM(buffer, crc)
+            if mcrf4xx(body + codec.crc_extra, CRC_START) != checksum:
+                break
+            i = stop
+            frame = Frame(body, codec, checksum)
+            if flags or picky:
+                frame = Frame(body, codec, checksum, buffer[crc + 2 : stop])
+                if not self._admits(frame):
+                    continue
+            if sequence == expected and system == last_system and component == last_component:
+                expected = sequence + 1 & 0xFF
+            else:
+                self._next = expected
+                self._turn(frame)
+                last_system, last_component, expected = system, component, self._next
+            frames.append(frame)
+        self._next = expected
+        return i
+
+    def _pass(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
+        """Get past what is no intact frame of MAVLink 2; `i`: it takes more bytes to tell."""
+        left = len(buffer) - i
+        if not left:
+            return i
+        if buffer[i] == MAGIC_V1:
+            return self._version_1_frame(buffer, i, frames)
+        if buffer[i] != MAGIC:
             found = _MAGIC.search(buffer, i)
             start = found.start() if found else len(buffer)
             self._skipped += start - i
             return start
+        if left < _OVERHEAD:
+            return i
+        if _CODECS[buffer[i + 7 : i + 10]] is None:
+            return self._step(i, unknown=True)
+        signature = SIGNATURE_BYTES if buffer[i + 2] & SIGNED else 0
+        return i if left < _OVERHEAD + buffer[i + 1] + signature else self._step(i)
+
+    def _version_1_frame(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
         if len(buffer) - i < _OVERHEAD_V1:
             return i
         codec = _CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
         if codec is None or buffer[i + 1] > codec.definition.minimum:
-            self._unknown += 1
-            self._skipped += 1
-            return i + 1
-        crc = i + 6 + buffer[i + 1]
+            return self._step(i, unknown=True)
+        crc = i + HEADER_BYTES_V1 + buffer[i + 1]
         if crc + 2 > len(buffer):
             return i
-        if mcrf4xx(buffer[i + 1 : crc] + codec.crc_extra) != buffer[crc] | buffer[crc + 1] << 8:
-            self._bad_crc += 1
-            self._skipped += 1
-            return i + 1
-        frame = decode_v1(buffer[i : crc + 2], codec)
+        body, (checksum,) = buffer[i:crc], _CHECKSUM(buffer, crc)
+        if mcrf4xx(body + codec.crc_extra, CRC_START_V1) != checksum:
+            return self._step(i)
+        frame = Frame(body, codec, checksum)
         if self._admits(frame):
             self._version_1 += 1
             self._turn(frame)
             frames.append(frame)
         return crc + 2
+
+    def _step(self, i: int, *, unknown: bool = False) -> int:
+        """What began like a frame is none; go on one byte later."""
+        self._skipped += 1
+        if unknown:
+            self._unknown += 1
+        else:
+            self._bad_crc += 1
+        return i + 1
 
     def _admits(self, frame: Frame) -> bool:
         """Whether an intact frame may be handed out."""
@@ -199,15 +233,20 @@ class Parser:
         return True
 
     def _turn(self, frame: Frame) -> None:
-        """Count gaps where another speaker takes its turn, or the same one's numbers do not follow."""
+        """Count gaps where another speaker takes its turn, or the same one's numbers do not follow.
+
+        Two late frames that follow each other are no late ones: the speaker began to count anew.
+        """
         if self._next >= 0:
             self._expected[self._system, self._component] = self._next
         self._system, self._component = speaker = frame.system, frame.component
         expected = self._expected.get(speaker, frame.sequence)
         missing = (frame.sequence - expected) & 0xFF
-        if missing >= _LATE:
-            self._late += 1
-            self._next = expected
-        else:
+        follows = frame.sequence + 1 & 0xFF
+        if missing < _LATE:
             self._lost += missing
-            self._next = frame.sequence + 1 & 0xFF
+            self._next = follows
+        else:
+            self._late += 1
+            self._next = follows if self._after_late == frame.sequence else expected
+            self._after_late = follows

@@ -27,7 +27,7 @@ class Message(msgspec.Struct, frozen=True, gc=False):
 
     codec: ClassVar[Codec]
     finite: ClassVar[bool] = False
-    """Whether NaN and infinity are forbidden in its floating-point fields when we send it."""
+    """Whether NaN and infinity are forbidden when we send it. Only for messages of nothing but numbers."""
 
 
 class Untyped(msgspec.Struct, frozen=True, gc=False):

@@ -137,8 +137,6 @@ class Goal(Message, frozen=True, gc=False):
 class GoalStatus(Message, frozen=True, gc=False):
     """Where a goal stands."""
 
-    finite: ClassVar[bool] = True
-
     key: int
     epoch: int
     progress: float
