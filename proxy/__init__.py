@@ -1,0 +1,12 @@
+"""proxy: the doors between agents and wire.
+
+A *robot proxy* stands for one robot: agents call its commands, and it has the robot's controller carry them out
+over MAVLink. A *view* stands for the cameras and instruments around a robot.
+
+    motion · translate · guard · outcome · twin     pure: words of the one side into words of the other
+    session · backoff                               pure: the conversation with one controller
+    connection · errand                             the shell: links, and the threads that commands run in
+    robot_proxy · arm · rover · kinds               the robots; a new kind is one class and one line
+    view                                            pictures and readings of a workspace
+    agent                                           all of it on a network of agents
+"""

@@ -1,7 +1,9 @@
-"""What can go wrong before a proxy runs; what goes wrong afterwards is in `robotree.vr.errors`.
+"""What goes wrong before a proxy or a view runs.
 
-VrError
-  ProxyError      UnknownKind · BadController
+What goes wrong afterwards is told with the errors of `robotree.vr.errors`, so that every caller knows them.
+
+    VrError
+      ProxyError      UnknownKind · BadController
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The last that was heard of a robot: its twin, with its age. Pure: `now` always comes from the caller.
 
-A reading never silently outlives its truth. The twin keeps every number with the moment it was heard; what
-was not refreshed for STALE seconds is still shown, but `stale` says so, and the reading `age` grows for all to
-see.
+A reading never silently outlives its truth: every number is kept with the moment it was heard. What was not
+refreshed for STALE seconds is still shown, but `stale` says so, and the reading `age` grows for all to see.
 """
 
 from __future__ import annotations

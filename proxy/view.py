@@ -1,0 +1,150 @@
+"""Views: pictures of a workspace, and what its instruments read.
+
+A view keeps its own connection to the controller whose cameras it uses, so that pictures never delay a
+command. It asks for a picture only when somebody looks, and several who look at the same thing at the same
+time share one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import MavComponent, PictureRequest
+from robotree.protocol.services.picture import Picture
+from robotree.proxy.connection import Connection, Dial
+from robotree.proxy.session import Event, Session
+from robotree.vr.errors import BadArgument, CommandFailed
+
+CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
+"""Which component of the controller is which camera. The first one is looked through when none is named."""
+ANSWER_WITHIN = 1.5
+"""[s] that one picture may take; a busy renderer needs 0.2."""
+ATTEMPTS = 2
+"""A picture with a hole is dropped on the way and has to be asked for again."""
+SMALLEST, LARGEST = 16, 1920
+"""[px] Sides of a picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """One picture that somebody wants."""
+
+    camera: str
+    width: int
+    height: int
+    quality: int
+
+    @classmethod
+    def of(cls, camera: str, width: int, height: int, quality: int) -> Wish:
+        """Take a wish, moved into what can be had."""
+        width, height = (max(SMALLEST, min(LARGEST, side)) for side in (width, height))
+        return cls(camera, width, height, max(1, min(100, quality)))
+
+
+class WorkspaceView:
+    """Looks at one workspace through the cameras of a controller."""
+
+    def __init__(
+        self, name: str, url: str, *, dial: Dial = connect, chance: random.Random | None = None
+    ) -> None:
+        """Prepare the view; nothing is opened before `run`.
+
+        Args:
+            name: of the view, for messages.
+            url: where the controller listens.
+            dial: opens a link.
+            chance: for the waits between attempts to connect.
+        """
+        self.name = name
+        self._session = Session(component=MavComponent.ONBOARD_COMPUTER)
+        self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
+        self._shared: dict[Wish, asyncio.Task[bytes]] = {}
+        self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in CAMERAS}
+        self._expected: dict[int, asyncio.Future[bytes]] = {}
+
+    @property
+    def cameras(self) -> Sequence[str]:
+        """What can be looked through; the first one is the default."""
+        return tuple(CAMERAS)
+
+    def readings(self) -> dict[str, float]:
+        """Return the last known readings of the workspace's instruments; `age` [s] tells how old they are."""
+        return self._session.twin.readings(self._connection.now())
+
+    async def run(self) -> None:
+        """Keep the connection up until cancelled.
+
+        Raises:
+            BadUrl: the controller's address means nothing.
+        """
+        await self._connection.run()
+
+    async def look(self, camera: str = "", width: int = 320, height: int = 180, quality: int = 75) -> bytes:
+        """Take one picture.
+
+        Args:
+            camera: one of `cameras`; empty: the first.
+            width: [px]
+            height: [px]
+            quality: of the JPEG, 1 to 100.
+
+        Returns:
+            The picture as JPEG.
+
+        Raises:
+            BadArgument: the view has no such camera.
+            CommandFailed: the controller is offline or does not send a picture.
+        """
+        camera = camera or self.cameras[0]
+        if camera not in CAMERAS:
+            reason = f"there is no camera {camera!r}; there is: {', '.join(self.cameras)}"
+            raise BadArgument(command=f"{self.name}.look", parameter="camera", reason=reason)
+        wish = Wish.of(camera, width, height, quality)
+        task = self._shared.get(wish)
+        if task is None:
+            task = self._shared[wish] = asyncio.get_running_loop().create_task(self._fetch(wish))
+            task.add_done_callback(lambda ended: self._shown(wish, ended))
+        # Whoever stops looking must not take the picture away from the others.
+        return await asyncio.shield(task)
+
+    async def _fetch(self, wish: Wish) -> bytes:
+        """Ask for one picture at a time from each camera: the wire does not say which request it answers."""
+        async with self._turn[wish.camera]:
+            for _ in range(ATTEMPTS):
+                if not self._session.online:
+                    raise self._failed(self._session.trouble)
+                try:
+                    return await self._ask(wish)
+                except TimeoutError:
+                    continue
+        raise self._failed(f"no picture came from camera {wish.camera} within {ANSWER_WITHIN * ATTEMPTS:g} s")
+
+    async def _ask(self, wish: Wish) -> bytes:
+        component, system = CAMERAS[wish.camera], self._session.controller.system
+        request = PictureRequest(wish.width, wish.height, system, component, wish.quality)
+        expected: asyncio.Future[bytes]
+        expected = self._expected[component] = asyncio.get_running_loop().create_future()
+        self._connection.perform(self._session.ask_for(request))
+        try:
+            async with asyncio.timeout(ANSWER_WITHIN):
+                return await expected
+        finally:
+            self._expected.pop(component, None)
+
+    def _failed(self, detail: str) -> CommandFailed:
+        return CommandFailed(robot=self.name, command="look", detail=detail)
+
+    def _shown(self, wish: Wish, ended: asyncio.Task[bytes]) -> None:
+        self._shared.pop(wish, None)
+        if not ended.cancelled():
+            ended.exception()  # was told to everyone who still looks
+
+    def _hear(self, event: Event) -> None:
+        if isinstance(event, Picture):
+            expected = self._expected.get(event.peer.component)
+            if expected is not None and not expected.done():
+                expected.set_result(event.data)
