@@ -3,7 +3,7 @@
 A *robot proxy* stands for one robot: agents call its commands, and it has the robot's controller carry them out
 over MAVLink. A *view* stands for the cameras and instruments around a robot.
 
-    motion · translate · guard · outcome · twin     pure: words of the one side into words of the other
+    motion · translate · guard · outcome · twin     pure: words of one side into words of the other
     session · backoff                               pure: the conversation with one controller
     connection · errand                             the shell: links, and the threads that commands run in
     robot_proxy · arm · rover · kinds               the robots; a new kind is one class and one line
