@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Generic, TypeVar
 
-from robotree.vr.errors import KeyReused
+from robotree.vr.errors import CommandCancelled, KeyReused
 
 MOST_KEPT = 256
 
@@ -30,6 +30,7 @@ class CallTable(Generic[Job]):
         self.robot, self.limit = robot, limit
         self._known: dict[str, tuple[Content, Job]] = {}
         self._ended: dict[str, None] = {}
+        self._buried: dict[str, str] = {}
 
     def __len__(self) -> int:
         return len(self._known)
@@ -39,7 +40,10 @@ class CallTable(Generic[Job]):
 
         Raises:
             KeyReused: the key came with other content before.
+            CommandCancelled: its cancel came before the call itself.
         """
+        if key in self._buried:
+            raise CommandCancelled(robot=self.robot, command=content[0], reason=self._buried[key])
         known = self._known.get(key)
         if known is None:
             return None
@@ -62,7 +66,9 @@ class CallTable(Generic[Job]):
                 oldest = next(iter(self._ended))
                 del self._ended[oldest], self._known[oldest]
 
-    def forget(self, key: str) -> None:
-        """Forget a call that was not taken in after all."""
-        self._known.pop(key, None)
-        self._ended.pop(key, None)
+    def bury(self, key: str, reason: str) -> None:
+        """Refuse a call that has not come yet: its cancel overtook it, or its caller gave up waiting."""
+        if key not in self._known:
+            self._buried[key] = reason
+            while len(self._buried) > self.limit:
+                del self._buried[next(iter(self._buried))]

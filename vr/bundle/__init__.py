@@ -1,0 +1,1 @@
+"""Source of virtual robots as it travels: read from a file, named by its hash, loaded on a host."""

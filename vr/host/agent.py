@@ -1,0 +1,323 @@
+"""The agent of one robot: answers for it, keeps its bonds, tells the others how it is.
+
+Everything here runs on the event loop and never waits for an author's code. A request that only concerns
+leases, stops or descriptions is answered when it comes, whatever the robot is doing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from robotree.vr.address import Address, everyone
+from robotree.vr.description import CommandSpec, RobotDescription
+from robotree.vr.errors import (
+    CycleOfBonds,
+    DuplicateName,
+    Garbled,
+    NotVirtual,
+    StillBonded,
+    Unreachable,
+    VrError,
+    WrongKind,
+)
+from robotree.vr.host.agent_bonds import BondKeeper
+from robotree.vr.host.agent_commands import CommandDesk
+from robotree.vr.host.agent_lease import LeaseKeeper
+from robotree.vr.host.call_counter import CallCounter
+from robotree.vr.host.hooks import Hooks
+from robotree.vr.host.listed import Listed, Listings
+from robotree.vr.host.portrait import Portrait
+from robotree.vr.host.state_news import StateNews
+from robotree.vr.lease import DEFAULT_TERM, Lessor, Tenure
+from robotree.vr.requests import (
+    Call,
+    Cancel,
+    Delete,
+    Describe,
+    Described,
+    Done,
+    Enslave,
+    Failed,
+    Free,
+    Granted,
+    Petition,
+    Release,
+    Renew,
+    Reply,
+    Request,
+    Resume,
+    SafeStop,
+    decode_request,
+    encode,
+)
+from robotree.vr.robot import Robot
+from robotree.vr.space.contract import Space
+from robotree.vr.transport import Registration, Respond, Transport
+from robotree.vr.virtual_robot import VirtualRobot
+
+GRACE = 0.5
+"""[s] in which commands may end by themselves when their robot ends."""
+
+_log = logging.getLogger(__name__)
+
+
+class RobotAgent:
+    """One incarnation of a robot among the agents."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        transport: Transport,
+        *,
+        registrar: Listings | None = None,
+        host: str = "",
+        space: Space | None = None,
+        term: float = DEFAULT_TERM,
+        unix: Callable[[], float] = time.time,
+    ) -> None:
+        """Make the agent, on the event loop; `start` lets it live.
+
+        Args:
+            robot: what it answers for.
+            transport: the way to the others.
+            registrar: where it is listed while nobody has enslaved it.
+            host: name of the process, for people.
+            space: where calls are counted over incarnations.
+            term: [s] of leases, those it grants and those it asks for.
+            unix: returns seconds since 1970; epochs come from it.
+
+        Raises:
+            TypeError: the robot's class declares a command in a way that cannot be called from afar.
+        """
+        self.robot, self.transport = robot, transport
+        self.address = Address("robot", robot.name, secrets.token_hex(6))
+        self.closed = asyncio.Event()
+        """Set when it has ended, whoever ended it."""
+        self._loop = asyncio.get_running_loop()
+        lessor = Lessor(robot.name, term=term, unix=unix())
+        self._lease = LeaseKeeper(lessor, transport, unix=unix, on_end=self._freed)
+        self._calls = CallCounter(space, robot.name)
+        self._desk = CommandDesk(robot, self._lease, on_change=self._changed, on_call=self._calls.count)
+        self._bonds: BondKeeper | None = None
+        if isinstance(robot, VirtualRobot):
+            self._bonds = self._desk.bonds = BondKeeper(
+                self.address,
+                robot.child_slots,
+                transport,
+                lineage=self._lineage,
+                on_change=self._changed,
+                term=term,
+            )
+        self._hooks = Hooks(robot)
+        self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
+        self._listed = Listed(registrar, self.address)
+        self._news = StateNews(transport, self.address.key, self._portrait.state)
+        self._told: tuple[CommandSpec, ...] = ()
+        self._registrations: list[Registration] = []
+        self._publishing: asyncio.Task[None] | None = None
+        self._ending: asyncio.Task[None] | None = None
+        self._open = False
+        self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
+            Describe: self._describe,
+            Cancel: self._cancel,
+            Petition: self._petition,
+            Renew: self._renew,
+            Release: self._release,
+            SafeStop: self._safe_stop,
+            Resume: self._resume,
+            Enslave: self._enslave,
+            Free: self._free,
+            Delete: self._delete,
+        }
+
+    # -- life -------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Serve requests, then be present, then enter the lookup.
+
+        Raises:
+            DuplicateName: a living robot has this name.
+            TransportError: the transport does not work.
+        """
+        name = self.robot.name
+        if await self.transport.present(everyone("robot", name)):
+            raise DuplicateName(role="robot", name=name)
+        await self._calls.recall()
+        self._open = True
+        try:
+            self._registrations.append(await self.transport.serve(self.address.key, self._answer))
+            self._registrations.append(await self.transport.announce(self.address.key))
+            twins = await self.transport.present(everyone("robot", name))
+            if min([self.address.key, *twins]) != self.address.key:  # two began at the same moment
+                raise DuplicateName(role="robot", name=name)
+        except VrError:
+            self._open = False
+            await self._withdraw()
+            raise
+        self._publishing = self._loop.create_task(self._news.run())
+        self._changed()
+
+    async def close(self) -> None:
+        """End politely: release the children, leave the lookup, be gone. Twice is once."""
+        if self._ending is None:
+            self._ending = self._loop.create_task(self._end())
+        await asyncio.shield(self._ending)
+
+    async def _end(self) -> None:
+        await self._let_go()
+        self._lease.close()
+        if self._publishing is not None:
+            self._publishing.cancel()
+            await asyncio.wait([self._publishing])
+        await self._withdraw()
+        self.closed.set()
+
+    async def _let_go(self) -> None:
+        """Tell the children and the lookup services; take nothing more."""
+        self._open = False
+        self._desk.jobs.cancel_all(f"{self.robot.name} is being ended")
+        await self._desk.jobs.settled(GRACE)
+        if self._bonds is not None:
+            await self._bonds.close()
+        self._listed.want(None)
+        await self._listed.settled()
+
+    async def _withdraw(self) -> None:
+        while self._registrations:
+            with contextlib.suppress(VrError):
+                await self._registrations.pop().close()
+
+    def notify(self) -> None:
+        """Take note that the robot has changed: reachable or not, its attributes. From any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+            self._loop.call_soon_threadsafe(self._changed)
+
+    def description(self) -> RobotDescription:
+        """Describe the robot as it is now."""
+        return self._portrait.description()
+
+    def _changed(self) -> None:
+        if self._open and self._publishing is not None:
+            self._news.changed()
+            self._listed.want(self._portrait.listing())
+
+    def _lineage(self) -> tuple[str, ...]:
+        tenure = self._lease.tenure
+        return (*(() if tenure is None else tenure.lineage), self.robot.name)
+
+    def _lineage_changed(self) -> None:
+        if self._bonds is not None:
+            self._bonds.hurry()
+        self._changed()
+
+    def _freed(self, tenure: Tenure, reason: str) -> None:
+        _log.info("%s is free again: %s", self.robot.name, reason)
+        self._desk.jobs.cancel_all(f"the bond with {tenure.parent.name}.{tenure.slot} is over: {reason}")
+        self._lineage_changed()
+
+    # -- requests ---------------------------------------------------------------------------------
+
+    async def _answer(self, body: bytes, respond: Respond) -> None:
+        try:
+            await self._handle(decode_request(body), respond)
+        except VrError as error:
+            respond(encode(Failed.of(error)))
+        except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
+            _log.exception("%s: an answer failed", self.robot.name)
+            respond(encode(Failed.of(VrError(detail=f"{self.robot.name}: internal error: {error!r}"))))
+
+    async def _handle(self, request: Request, respond: Respond) -> None:
+        if not self._open and not isinstance(request, Describe | Release | SafeStop):
+            raise Unreachable(key=self.address.key)
+        if isinstance(request, Call):
+            await self._desk.answer(request, respond)
+        elif handler := self._handlers.get(type(request)):
+            respond(encode(await handler(request)))
+        else:
+            raise Garbled(key=self.address.key, detail=f"{type(request).__name__} is no question to a robot")
+
+    async def _describe(self, _: Describe) -> Reply:
+        return Described(robot=self.description())
+
+    async def _cancel(self, request: Cancel) -> Reply:
+        self._lease.check(request.epoch)
+        reason = request.reason or "on request"
+        if request.key:
+            self._desk.jobs.cancel(request.key, reason)
+        else:
+            self._desk.jobs.cancel_all(reason)
+        return Done()
+
+    async def _petition(self, request: Petition) -> Reply:
+        name, parent, kinds = self.robot.name, request.parent.name, self.robot.kinds()
+        if self._bonds is not None and parent in self._bonds.names():
+            raise CycleOfBonds(parent=parent, child=name, lineage=f"{name} > {parent}")
+        if request.kind not in kinds:
+            raise WrongKind(robot=parent, slot=request.slot, wanted=request.kind, child=name, kind=kinds[0])
+        tenure = self._lease.petition(request)
+        self._desk.jobs.cancel_all(f"{parent} has enslaved {name}", but_readers=True)
+        self._lineage_changed()
+        description = self.description()
+        self._told = description.commands
+        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=description)
+
+    async def _renew(self, request: Renew) -> Reply:
+        before = self._lineage()
+        tenure = self._lease.renew(request)
+        if self._lineage() != before:
+            self._lineage_changed()
+        description = self.description()
+        news = None if description.commands == self._told else description
+        self._told = description.commands
+        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=news)
+
+    async def _release(self, request: Release) -> Reply:
+        self._lease.release(request.parent, request.epoch)
+        return Done()
+
+    async def _safe_stop(self, request: SafeStop) -> Reply:
+        self._desk.stopped = request.reason or "protective stop"
+        self._desk.jobs.cancel_all(self._desk.stopped)
+        self._hooks.safe_stop(self._desk.stopped)
+        self._changed()
+        if self._bonds is not None:
+            await self._bonds.safe_stop(self._desk.stopped)
+        return Done()
+
+    async def _resume(self, request: Resume) -> Reply:
+        self._lease.check(request.epoch)
+        if self._bonds is not None:
+            await self._bonds.resume()
+        self._desk.stopped = ""
+        self._hooks.resume()
+        self._changed()
+        return Done()
+
+    async def _enslave(self, request: Enslave) -> Reply:
+        await self._children("enslave others").enslave(request.slot, request.child)
+        return Described(robot=self.description())
+
+    async def _free(self, request: Free) -> Reply:
+        await self._children("release children").free(request.slot)
+        return Described(robot=self.description())
+
+    async def _delete(self, _: Delete) -> Reply:
+        self._children("be deleted; end the process of its proxy instead")
+        tenure = self._lease.tenure
+        if tenure is not None:
+            raise StillBonded(robot=self.robot.name, holder=tenure.parent.name, slot=tenure.slot)
+        await self._let_go()
+        if self._ending is None:
+            self._ending = self._loop.create_task(self._end())
+        return Done()
+
+    def _children(self, what: str) -> BondKeeper:
+        if self._bonds is None:
+            raise NotVirtual(robot=self.robot.name, what=what)
+        return self._bonds

@@ -1,0 +1,300 @@
+"""The parent's side of its bonds, at work: children asked, leases renewed, losses noticed, calls passed on.
+
+Renewals are tasks of their own, ahead of everything on the wire, and may overlap: a slow way or a busy robot
+never makes them queue behind one another or behind commands.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+from robotree.vr.address import Address
+from robotree.vr.bond import Bond, Slots
+from robotree.vr.context import CommandContext
+from robotree.vr.description import RobotDescription
+from robotree.vr.errors import (
+    CycleOfBonds,
+    DeadlineExceeded,
+    Garbled,
+    LeaseError,
+    TransportError,
+    Unreachable,
+    VrError,
+)
+from robotree.vr.host.client import OnProgress, RobotClient
+from robotree.vr.lease import DEFAULT_TERM, Lessee
+from robotree.vr.transport import Registration, Transport
+
+FAREWELL = 2.0
+"""[s] for a child to confirm its release or a stop; after that its lease runs out by itself."""
+
+_log = logging.getLogger(__name__)
+
+
+class Link:
+    """One bond in force, with what keeps it so."""
+
+    def __init__(self, slot: str, bond: Bond, client: RobotClient) -> None:
+        """Begin."""
+        self.slot, self.bond, self.client = slot, bond, client
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done when the bond has ended, however."""
+        self.hurry = asyncio.Event()
+        """Set to renew now."""
+        self.tasks: set[asyncio.Task[None]] = set()
+        self.watching: Registration | None = None
+
+    def spawn(self, work: Awaitable[None]) -> None:
+        """Run something until it is done or the bond is over."""
+        task = asyncio.ensure_future(work)
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+
+class BondKeeper:
+    """Keeps all children of one virtual robot."""
+
+    def __init__(
+        self,
+        parent: Address,
+        slots: Slots,
+        transport: Transport,
+        *,
+        lineage: Callable[[], tuple[str, ...]],
+        on_change: Callable[[], None],
+        term: float = DEFAULT_TERM,
+    ) -> None:
+        """Begin without children.
+
+        Args:
+            parent: the virtual robot.
+            slots: its slots.
+            transport: the way to the children.
+            lineage: returns the names from the topmost ancestor down to the virtual robot.
+            on_change: told when a slot or what is known of its child has changed.
+            term: [s] asked of the children.
+        """
+        self._parent, self._slots, self._transport = parent, slots, transport
+        self._lineage, self._on_change, self._term = lineage, on_change, term
+        self._links: dict[str, Link] = {}
+        self._closed = False
+        self._endings: set[asyncio.Task[None]] = set()
+
+    # -- binding ----------------------------------------------------------------------------------
+
+    async def enslave(self, slot: str, child: Address) -> None:
+        """Bind a child to a slot.
+
+        Raises:
+            BondError: there is no such slot, it is occupied, or the child is of another kind.
+            LeaseError: the child has another parent, or is an ancestor.
+            TransportError: the child does not answer.
+        """
+        reserved = self._slots.begin(slot, child)
+        client = RobotClient(self._transport, child)
+        try:
+            bond = await self._petition(client, slot, reserved.spec.kind)
+        except BaseException:
+            self._slots.abort(slot)
+            raise
+        self._slots.bind(slot, bond)
+        link = self._links[slot] = Link(slot, bond, client)
+        link.spawn(self._keep(link))
+        link.spawn(self._watch(link))
+        self._on_change()
+        if self._closed:  # it was deleted meanwhile
+            await self.free(slot)
+
+    async def _petition(self, client: RobotClient, slot: str, kind: str) -> Bond:
+        lineage, child = self._lineage(), client.address
+        if child.name in lineage:
+            raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
+        sent = _now()
+        granted = await client.petition(self._parent, slot, kind=kind, lineage=lineage, term=self._term)
+        if granted.robot is None:
+            raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
+        lease = Lessee(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
+        return Bond(child=child, lease=lease, description=granted.robot)
+
+    async def free(self, slot: str) -> None:
+        """Release the child in a slot; it is told, and else its lease runs out.
+
+        Raises:
+            BondError: there is no such slot, or it is empty.
+        """
+        bond = self._slots.free(slot)
+        link = self._links[slot]
+        self._end(link)
+        with contextlib.suppress(VrError):
+            await link.client.release(self._parent, bond.lease.epoch, timeout=FAREWELL)
+
+    async def close(self) -> None:
+        """Release all children, and take no more."""
+        self._closed = True
+        await asyncio.gather(*(self.free(slot) for slot in self._slots.bonds()))
+        await asyncio.gather(*self._endings)
+
+    def names(self) -> set[str]:
+        """Return the names of the children, of those too that are just being asked."""
+        return {child.name for child in self._slots.children()}
+
+    def hurry(self) -> None:
+        """Renew all leases now: the lineage has changed, and a cycle should be found at once."""
+        for link in self._links.values():
+            link.hurry.set()
+
+    # -- using ------------------------------------------------------------------------------------
+
+    async def call(
+        self,
+        slot: str,
+        command: str,
+        arguments: Mapping[str, Any],
+        *,
+        key: str,
+        context: CommandContext,
+        oneway: bool = False,
+        on_progress: OnProgress | None = None,
+    ) -> Any:
+        """Call the child in a slot under the bond's epoch, within the deadline. See `Children.call`."""
+        bond = self._slots.require(slot)
+        link = self._links[slot]
+        remaining = context.deadline_at - _now()
+        if remaining <= 0:
+            raise DeadlineExceeded(robot=self._parent.name, command=context.command)
+        send = link.client.tell if oneway else partial(link.client.call, on_progress=on_progress)
+        task = asyncio.ensure_future(
+            send(
+                command,
+                arguments,
+                deadline=remaining,
+                epoch=bond.lease.epoch,
+                caller=self._parent.name,
+                key=key,
+            )
+        )
+        try:
+            await asyncio.wait((task, link.over), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            if not task.done():
+                task.cancel()
+        if task.done():
+            return task.result()
+        raise self._slots.emptiness(slot)
+
+    async def describe(self, slot: str, *, having: str) -> RobotDescription:
+        """Return the description of the child in a slot, asked anew if it lacks a command so far.
+
+        Args:
+            slot: the slot.
+            having: name of the command.
+
+        Raises:
+            SlotEmpty: there is no child.
+            TransportError: the child does not answer.
+        """
+        bond = self._slots.require(slot)
+        spec = bond.description.command(having)
+        if spec is None or not spec.available:
+            bond.description = await self._links[slot].client.describe()
+            self._on_change()
+        return bond.description
+
+    async def safe_stop(self, reason: str) -> None:
+        """Stop all children, at the same time.
+
+        Raises:
+            VrError: one could not be told; the others were.
+        """
+        await _all(link.client.safe_stop(reason) for link in self._links.values())
+
+    async def resume(self) -> None:
+        """Release the stop of all children, at the same time.
+
+        Raises:
+            VrError: one could not be told, or refused; the others were told.
+        """
+        await _all(link.client.resume(epoch=link.bond.lease.epoch) for link in self._links.values())
+
+    # -- keeping ----------------------------------------------------------------------------------
+
+    async def _keep(self, link: Link) -> None:
+        lease = link.bond.lease
+        while (now := _now()) < lease.expires:
+            wait = min(lease.due, lease.expires) - now
+            if wait > 0:
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(link.hurry.wait(), wait)
+            if link.hurry.is_set() or _now() >= lease.due:
+                link.hurry.clear()
+                lease.asked(_now())
+                link.spawn(self._renew(link))
+        self._lose(link, f"{link.bond.child.name} did not answer for {lease.term:.3g} s")
+
+    async def _renew(self, link: Link) -> None:
+        lease, child = link.bond.lease, link.bond.child
+        sent = _now()
+        try:
+            granted = await link.client.renew(
+                self._parent, lease.epoch, lineage=self._lineage(), timeout=max(lease.expires - sent, 0.01)
+            )
+        except LeaseError as error:
+            self._lose(link, str(error))
+        except Unreachable:
+            with contextlib.suppress(VrError):
+                if not await self._transport.present(child.key):
+                    self._lose(link, f"{child.name} has ended")
+        except TransportError:
+            pass  # the next one may get through
+        except VrError as error:
+            _log.warning("%s: renewal for %s: %s", self._parent.name, link.slot, error)
+        else:
+            lease.granted(sent=sent, now=_now(), term=granted.term)
+            if granted.robot is not None:
+                link.bond.description = granted.robot
+                self._on_change()
+
+    async def _watch(self, link: Link) -> None:
+        child = link.bond.child
+
+        def look(_: str, there: bool) -> None:  # noqa: FBT001 # a presence handler
+            if not there:
+                self._lose(link, f"{child.name} has ended or cannot be reached")
+
+        with contextlib.suppress(VrError):
+            link.watching = await self._transport.watch(child.key, look)
+
+    def _lose(self, link: Link, reason: str) -> None:
+        if self._slots.lose(link.slot, link.bond, reason):
+            _log.warning("%s.%s lost its child: %s", self._parent.name, link.slot, reason)
+            self._end(link)
+
+    def _end(self, link: Link) -> None:
+        del self._links[link.slot]
+        link.over.set_result(None)
+        for task in link.tasks - {asyncio.current_task()}:
+            task.cancel()
+        if link.watching is not None:
+            task = asyncio.ensure_future(link.watching.close())
+            self._endings.add(task)
+            task.add_done_callback(self._endings.discard)
+        self._on_change()
+
+
+async def _all(questions: Iterable[Awaitable[None]]) -> None:
+    """Ask all at the same time; raise the first error when all have answered or failed."""
+    results = await asyncio.gather(
+        *(asyncio.wait_for(question, FAREWELL) for question in questions), return_exceptions=True
+    )
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

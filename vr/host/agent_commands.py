@@ -1,0 +1,156 @@
+"""A robot's commands, its own and its children's that it lets through: from request to answer."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgspec
+
+from robotree.vr.arguments import check_arguments
+from robotree.vr.child import Exposed
+from robotree.vr.command import Command, commands_of
+from robotree.vr.context import CommandContext
+from robotree.vr.description import Arguments, CommandSpec
+from robotree.vr.errors import DeadlineExceeded, NoSuchCommand, Stopped
+from robotree.vr.host.agent_bonds import BondKeeper
+from robotree.vr.host.agent_lease import LeaseKeeper
+from robotree.vr.host.execution import CommandThread, Forward, Run
+from robotree.vr.host.jobs import Job, Jobs
+from robotree.vr.requests import Accepted, Call, encode
+from robotree.vr.robot import Robot
+from robotree.vr.transport import Respond
+from robotree.vr.virtual_robot import VirtualRobot, exposures_of
+
+LONGEST_DEADLINE = 7 * 24 * 3600.0
+"""[s]"""
+
+
+class CommandDesk:
+    """Takes calls in, or refuses them; carries out what it has taken in."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        lease: LeaseKeeper,
+        *,
+        on_change: Callable[[], None],
+        on_call: Callable[[str], None],
+    ) -> None:
+        """Read the commands of the robot's class.
+
+        Args:
+            robot: the robot.
+            lease: knows who may call.
+            on_change: told when something else runs or waits.
+            on_call: told the name of each command taken in.
+
+        Raises:
+            TypeError: its author declared a command in a way that cannot be called from afar.
+        """
+        self._robot, self._lease, self._on_call = robot, lease, on_call
+        self._own = commands_of(type(robot))
+        self._exposed = exposures_of(type(robot))
+        self.bonds: BondKeeper | None = None
+        """The way to its children, if it is a virtual robot."""
+        self.stopped = ""
+        """Reason of the protective stop that holds it, or empty."""
+        self.jobs = Jobs(robot.name, self._launch, on_change)
+
+    def specs(self) -> tuple[CommandSpec, ...]:
+        """Describe all commands as they are now."""
+        own = tuple(command.spec for command in self._own.values())
+        return own + tuple(self._exposed_spec(name, exposed) for name, exposed in self._exposed.items())
+
+    async def answer(self, call: Call, respond: Respond) -> None:
+        """Take a call in and answer it to its end.
+
+        Raises:
+            VrError: it was refused.
+        """
+        job = await self._admit(call)
+        respond(encode(Accepted(key=call.key)))
+        if not call.oneway:
+            job.listeners.append(lambda progress: respond(encode(progress)))
+            respond(encode(await asyncio.shield(job.outcome)))
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _admit(self, call: Call) -> Job:
+        self._lease.check(call.epoch)
+        spec, source = await self._find(call.command)
+        arguments = await _read(spec, call.arguments, self._robot.name)
+        self._lease.check(call.epoch)  # once more: what was awaited may have taken time
+        if job := self.jobs.seen(call.key, call.command, call.arguments):
+            return job
+        if self.stopped and spec.effect != "read":
+            tenure = self._lease.tenure
+            commander = self._robot.name if tenure is None else tenure.parent.name
+            raise Stopped(robot=self._robot.name, reason=self.stopped, commander=commander)
+        if not 0 < call.deadline < math.inf:
+            raise DeadlineExceeded(robot=self._robot.name, command=call.command)
+        context = CommandContext(
+            key=call.key,
+            command=call.command,
+            caller=call.caller,
+            epoch=self._lease.lessor.epoch,
+            deadline_at=asyncio.get_running_loop().time() + min(call.deadline, LONGEST_DEADLINE),
+        )
+        job = Job(context, spec, arguments, source=source)
+        self.jobs.submit(job, call.arguments)
+        self._on_call(call.command)
+        return job
+
+    async def _find(self, name: str) -> tuple[CommandSpec, str]:
+        """Return the spec of a command and the file of its author."""
+        if command := self._own.get(name):
+            return command.spec, command.function.__code__.co_filename
+        exposed = self._exposed.get(name)
+        if exposed is None or self.bonds is None:
+            known = ", ".join([*self._own, *self._exposed]) or "none"
+            raise NoSuchCommand(robot=self._robot.name, command=name, known=known)
+        child = await self.bonds.describe(exposed.child.name, having=exposed.command)
+        spec = child.command(exposed.command)
+        if spec is None:
+            known = ", ".join(spec.name for spec in child.commands) or "none"
+            raise NoSuchCommand(robot=child.name, command=exposed.command, known=known)
+        return msgspec.structs.replace(spec, name=name), ""
+
+    def _exposed_spec(self, name: str, exposed: Exposed) -> CommandSpec:
+        through = f"{exposed.child.name}.{exposed.command}"
+        if isinstance(self._robot, VirtualRobot):
+            bond = self._robot.child_slots[exposed.child.name].bond
+            spec = None if bond is None else bond.description.command(exposed.command)
+            if spec is not None:
+                return msgspec.structs.replace(spec, name=name, through=through)
+        return CommandSpec(name=name, through=through, available=False)
+
+    def _launch(self, job: Job) -> Run:
+        name, context = job.context.command, job.context
+        command: Command | None = self._own.get(name)
+        if command is not None:
+            work = partial(command.function, self._robot, **job.arguments)
+            return CommandThread(self._robot.name, context, work, self.bonds, job.note)
+        exposed = self._exposed[name]
+        assert self.bonds is not None  # noqa: S101 # else it would not have been taken in
+        return Forward(
+            self.bonds.call(
+                exposed.child.name,
+                exposed.command,
+                job.arguments,
+                key=f"{context.key}/1",
+                context=context,
+                on_progress=job.note,
+            )
+        )
+
+
+async def _read(spec: CommandSpec, arguments: Arguments, robot: str) -> dict[str, Any]:
+    """Check the arguments, in a thread if text must be converted: the first conversion loads all units."""
+    numbers = {field.name for field in spec.parameters if field.type in {"float", "int"}}
+    if any(isinstance(arguments.get(name), str) for name in numbers):
+        return await asyncio.to_thread(check_arguments, spec, arguments, robot=robot)
+    return check_arguments(spec, arguments, robot=robot)

@@ -1,0 +1,44 @@
+"""One question, one answer: the exchange that all but calls are made of."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from robotree.vr.errors import Garbled, Unreachable
+from robotree.vr.requests import Failed, Reply, Request, decode_reply, encode
+from robotree.vr.transport import Transport
+
+_R = TypeVar("_R", bound=Reply)
+
+
+async def ask(
+    transport: Transport,
+    key: str,
+    request: Request,
+    answer: type[_R],
+    *,
+    timeout: float,
+    urgent: bool = False,
+) -> _R:
+    """Ask the agent that serves a key, and return its answer.
+
+    Args:
+        transport: the way there.
+        key: as served.
+        request: the question.
+        answer: the kind of reply that answers it.
+        timeout: [s] to wait.
+        urgent: ahead of everything else.
+
+    Raises:
+        TransportError: there is no answer, or one that cannot be read.
+        VrError: the refusal of the agent asked.
+    """
+    async for body in transport.request(key, encode(request), timeout=timeout, urgent=urgent):
+        reply = decode_reply(body, key=key)
+        if isinstance(reply, Failed):
+            raise reply.revive()
+        if not isinstance(reply, answer):
+            raise Garbled(key=key, detail=f"{type(reply).__name__} is no answer to {type(request).__name__}")
+        return reply
+    raise Unreachable(key=key)

@@ -1,0 +1,245 @@
+"""The asking side of a robot: what operators and parents use to reach it, wherever it lives."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from robotree.vr.address import Address
+from robotree.vr.description import Arguments, RobotDescription
+from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
+from robotree.vr.host.asking import ask
+from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.requests import (
+    Accepted,
+    Call,
+    Cancel,
+    Delete,
+    Describe,
+    Described,
+    Done,
+    Enslave,
+    Failed,
+    Free,
+    Granted,
+    Petition,
+    Progress,
+    Release,
+    Renew,
+    Reply,
+    Request,
+    Resume,
+    Returned,
+    SafeStop,
+    decode_reply,
+    encode,
+)
+from robotree.vr.transport import Transport
+
+DEFAULT_DEADLINE = 60.0
+"""[s] for a command when the caller names none."""
+PATIENCE = 5.0
+"""[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
+MARGIN = 5.0
+"""[s] after the deadline in which the robot may still say how its command ended."""
+
+_R = TypeVar("_R", bound=Reply)
+
+OnProgress = Callable[[float, str], None]
+"""Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
+
+
+def fresh_key() -> str:
+    """Return the key of a new command that is nobody's step."""
+    return secrets.token_hex(8)
+
+
+class RobotClient:
+    """Asks one incarnation of a robot. Holds no connection: make and drop it as you like."""
+
+    def __init__(self, transport: Transport, address: Address, *, patience: float = PATIENCE) -> None:
+        """Point at a robot.
+
+        Args:
+            transport: the way there.
+            address: the robot.
+            patience: [s] to wait for answers that take no work.
+        """
+        self.address = address
+        self._transport = transport
+        self._patience = patience
+        self._farewells: set[asyncio.Task[None]] = set()
+
+    # -- commands ---------------------------------------------------------------------------------
+
+    async def call(
+        self,
+        command: str,
+        arguments: Arguments,
+        *,
+        deadline: float = DEFAULT_DEADLINE,
+        epoch: int | None = None,
+        caller: str = "",
+        key: str | None = None,
+        on_progress: OnProgress | None = None,
+    ) -> Any:
+        """Have a command carried out and return its result. Ends the command if this is cancelled.
+
+        Args:
+            command: its name.
+            arguments: numbers in the declared units, or text with units.
+            deadline: [s] within which it must be done.
+            epoch: of the caller's lease; None: an operator's.
+            caller: name, for people.
+            key: of the call; None: a fresh one. The same key again asks for the same result.
+            on_progress: told how far it is.
+
+        Raises:
+            CommandError: it was refused or did not succeed.
+            LeaseError: the caller may not command this robot.
+            TransportError: the robot cannot be reached or does not answer.
+        """
+        call = Call(
+            key=key or fresh_key(),
+            command=command,
+            arguments=dict(arguments),
+            epoch=epoch,
+            caller=caller,
+            deadline=deadline,
+        )
+        return await self._carry_out(call, on_progress)
+
+    async def tell(
+        self,
+        command: str,
+        arguments: Arguments,
+        *,
+        deadline: float = DEFAULT_DEADLINE,
+        epoch: int | None = None,
+        caller: str = "",
+        key: str | None = None,
+    ) -> None:
+        """Have a command carried out and return as soon as the robot has accepted it; else as `call`."""
+        call = Call(
+            key=key or fresh_key(),
+            command=command,
+            arguments=dict(arguments),
+            epoch=epoch,
+            caller=caller,
+            deadline=deadline,
+            oneway=True,
+        )
+        await self._carry_out(call, None)
+
+    async def _carry_out(self, call: Call, on_progress: OnProgress | None) -> Any:
+        try:
+            return await self._follow(call, on_progress)
+        except (asyncio.CancelledError, NoAnswer):
+            # It may still be on its way there: it must not begin after we gave up.
+            self._bid_farewell(call)
+            raise
+
+    async def _follow(self, call: Call, on_progress: OnProgress | None) -> Any:
+        key = self.address.key
+        replies = self._transport.request(key, encode(call), timeout=call.deadline + MARGIN)
+        try:
+            async with asyncio.timeout(self._patience) as until_accepted:
+                async for body in replies:
+                    match decode_reply(body, key=key):
+                        case Accepted():
+                            until_accepted.reschedule(None)
+                            if call.oneway:
+                                return None
+                        case Progress(fraction=fraction, text=text):
+                            if on_progress is not None:
+                                on_progress(fraction, text)
+                        case Returned(value=value):
+                            return value
+                        case Failed() as failed:
+                            raise failed.revive()
+                        case other:
+                            raise Garbled(key=key, detail=f"{type(other).__name__} is no answer to a call")
+        except TimeoutError:
+            raise NoAnswer(key=key, seconds=self._patience) from None
+        raise CommandFailed(
+            robot=self.address.name,
+            command=call.command,
+            detail="it ended in the middle; look where the robot stands before you go on",
+        )
+
+    def _bid_farewell(self, call: Call) -> None:
+        async def cancel() -> None:
+            with contextlib.suppress(VrError):
+                await self.cancel(call.key, epoch=call.epoch, reason="the caller gave up")
+
+        task = asyncio.get_running_loop().create_task(cancel())
+        self._farewells.add(task)
+        task.add_done_callback(self._farewells.discard)
+
+    async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> None:
+        """End the command of a key, or all of them."""
+        await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
+
+    async def safe_stop(self, reason: str = "") -> None:
+        """Protective stop, ahead of everything, down to the hardware. Anyone may."""
+        await self._ask(SafeStop(reason=reason), Done, urgent=True)
+
+    async def resume(self, *, epoch: int | None = None) -> None:
+        """Release the protective stop of the robot and of all robots below it."""
+        await self._ask(Resume(epoch=epoch), Done, urgent=True)
+
+    # -- what operators ask -----------------------------------------------------------------------
+
+    async def describe(self) -> RobotDescription:
+        """Ask who it is and how it is."""
+        return (await self._ask(Describe(), Described)).robot
+
+    async def enslave(self, slot: str, child: Address) -> RobotDescription:
+        """Bind a child to one of its slots."""
+        answer = await self._ask(Enslave(slot=slot, child=child), Described, timeout=2 * self._patience)
+        return answer.robot
+
+    async def free(self, slot: str) -> RobotDescription:
+        """Release the child in one of its slots."""
+        return (await self._ask(Free(slot=slot), Described, timeout=2 * self._patience)).robot
+
+    async def delete(self) -> None:
+        """Let it release its children and end."""
+        await self._ask(Delete(), Done, timeout=2 * self._patience)
+
+    # -- what parents ask -------------------------------------------------------------------------
+
+    async def petition(
+        self, parent: Address, slot: str, *, kind: str, lineage: tuple[str, ...], term: float = DEFAULT_TERM
+    ) -> Granted:
+        """Ask for the lease on it.
+
+        Args:
+            parent: who asks.
+            slot: for which of its slots.
+            kind: that the slot takes.
+            lineage: names from the topmost ancestor down to the parent.
+            term: [s] asked for.
+        """
+        petition = Petition(parent=parent, slot=slot, kind=kind, lineage=lineage, term=term)
+        return await self._ask(petition, Granted, urgent=True)
+
+    async def renew(
+        self, parent: Address, epoch: int, *, lineage: tuple[str, ...], timeout: float = PATIENCE
+    ) -> Granted:
+        """Prolong the lease; `timeout` [s] is what is left of it."""
+        renewal = Renew(parent=parent, epoch=epoch, lineage=lineage)
+        return await self._ask(renewal, Granted, urgent=True, timeout=timeout)
+
+    async def release(self, parent: Address, epoch: int, *, timeout: float = PATIENCE) -> None:
+        """Give the lease back; `timeout` [s] to wait for the receipt."""
+        await self._ask(Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout)
+
+    async def _ask(
+        self, request: Request, answer: type[_R], *, urgent: bool = False, timeout: float | None = None
+    ) -> _R:
+        seconds = self._patience if timeout is None else timeout
+        return await ask(self._transport, self.address.key, request, answer, timeout=seconds, urgent=urgent)

@@ -1,0 +1,76 @@
+"""A thread for an author's code, which can be interrupted even when that code asks nobody.
+
+Python can raise an exception in another thread (`PyThreadState_SetAsyncExc`); it arrives between two
+bytecodes, so a pure Python loop ends, while a call that never returns to Python does not. The thread is a
+daemon: whatever it does, its process can end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import threading
+from collections.abc import Callable
+
+
+class Interrupted(BaseException):
+    """Raised inside of an author's code that did not listen; no Exception, so that few catch it."""
+
+
+class InterruptibleThread:
+    """Runs one function and reports how it ended."""
+
+    def __init__(
+        self,
+        work: Callable[[], object],
+        done: Callable[[object, BaseException | None], None],
+        *,
+        name: str,
+    ) -> None:
+        """Prepare; `start` begins.
+
+        Args:
+            work: what runs.
+            done: told the value or the error, in the thread itself; must not raise.
+            name: of the thread, for debuggers.
+        """
+        self._work, self._done = work, done
+        self._lock = threading.Lock()
+        self._inside = True
+        self._thread = threading.Thread(target=self._main, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def interrupt(self) -> None:
+        """Raise Interrupted in the work if it still runs."""
+        with self._lock:
+            if self._inside:
+                _raise_in(self._thread, ctypes.py_object(Interrupted))
+
+    def _main(self) -> None:
+        outcome: tuple[object, BaseException | None] | None = None
+        while self._inside:  # an interruption may strike anywhere in here
+            with contextlib.suppress(Interrupted):
+                if outcome is None:
+                    outcome = (None, Interrupted())
+                    outcome = self._run()
+                self._leave()
+        self._done(*(outcome or (None, Interrupted())))
+
+    def _run(self) -> tuple[object, BaseException | None]:
+        try:
+            return self._work(), None
+        except BaseException as error:  # noqa: BLE001 # the last fence around foreign code
+            return None, error
+
+    def _leave(self) -> None:
+        with self._lock:
+            self._inside = False
+            _raise_in(self._thread, ctypes.py_object())  # take back one that has not arrived
+
+
+def _raise_in(thread: threading.Thread, exception: ctypes.py_object[type[BaseException]]) -> None:
+    if thread.ident is not None:
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), exception)

@@ -1,0 +1,64 @@
+"""How a command ended, as a reply that can travel."""
+
+from __future__ import annotations
+
+import traceback
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from robotree.vr.context import CommandContext
+from robotree.vr.errors import CommandFailed, VrError
+from robotree.vr.requests import Failed, Returned
+
+
+def to_plain(value: Any) -> Any:
+    """Return a command's result as plain values.
+
+    Args:
+        value: None, number, text, a Struct or dataclass of such, or what a child returned.
+
+    Raises:
+        TypeError: it cannot travel.
+    """
+    try:
+        plain = msgspec.to_builtins(value, enc_hook=_scalar)
+        msgspec.msgpack.encode(plain)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise TypeError(f"the result cannot travel: {error}") from None
+    return plain
+
+
+def _scalar(value: Any) -> Any:
+    item = getattr(value, "item", None)  # numpy's numbers
+    if item is None:
+        raise TypeError(f"a {type(value).__name__} is neither number, text, dataclass nor Struct")
+    return item()
+
+
+def returned(context: CommandContext, value: Any) -> Returned:
+    """Pack the result of a command that succeeded."""
+    return Returned(key=context.key, value=value)
+
+
+def failed(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Failed:
+    """Pack the error of a command that did not.
+
+    Args:
+        robot: its name.
+        context: of the command.
+        error: errors of robots go on as they are, all others are the author's.
+        source: path of the author's file, to name the line.
+    """
+    if isinstance(error, VrError):
+        return Failed.of(error)
+    detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return Failed.of(
+        CommandFailed(robot=robot, command=context.command, detail=detail + _where(error, source))
+    )
+
+
+def _where(error: BaseException, source: str) -> str:
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == source]
+    return f" ({Path(source).name}, line {lines[-1]})" if lines else ""
