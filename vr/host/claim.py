@@ -1,0 +1,57 @@
+"""Who may have a name: nobody who is there already, and of two that come at once only one.
+
+Presence decides, not the lookup services, for those are soft and know no enslaved robots
+(docs/decisions/0003).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+
+from robotree.vr.address import Address, Role, check_name, everyone
+from robotree.vr.errors import DuplicateName
+from robotree.vr.transport import Registration, Transport
+
+SETTLE = 0.1
+"""[s] after which an announcement has reached everybody, and a farewell too."""
+
+
+def new_address(role: Role, name: str) -> Address:
+    """Return an address that nobody ever had.
+
+    Raises:
+        BadName: the name cannot be one.
+    """
+    return Address(role, check_name(name), secrets.token_hex(8))
+
+
+async def claim(transport: Transport, address: Address) -> Registration:
+    """Announce an agent under a name that it alone has.
+
+    Args:
+        transport: the way to all who could have it.
+        address: of the agent, which must already serve its requests: who is seen is asked at once.
+
+    Returns:
+        The presence, to be closed when the agent ends.
+
+    Raises:
+        DuplicateName: a living agent of this role has the name.
+    """
+    if await _others(transport, address):
+        await asyncio.sleep(SETTLE)  # it may be just about to leave
+        if await _others(transport, address):
+            raise DuplicateName(role=address.role, name=address.name)
+    presence = await transport.announce(address.key)
+    await asyncio.sleep(SETTLE)
+    if any(other < address for other in await _others(transport, address)):
+        await presence.close()
+        raise DuplicateName(role=address.role, name=address.name)
+    return presence
+
+
+async def _others(transport: Transport, address: Address) -> list[Address]:
+    keys = await transport.present(everyone(address.role, address.name))
+    found = [Address.parse(key) for key in keys]
+    return [other for other in found if other is not None and other != address]

@@ -1,0 +1,200 @@
+"""What all living lookup services hold together, as one process sees it.
+
+An agent that several services list counts once, so losing one of several changes nothing. What a lost
+service held is remembered for a while, and when all are lost, until one returns: the robots are still
+there, only the list may be old (`stale`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from robotree.vr.address import Address, Role, everyone
+from robotree.vr.description import Listing, Template
+from robotree.vr.errors import AddressError, NoSuchHost, NoSuchRobot, NoSuchView, VrError
+from robotree.vr.host.asking import ask
+from robotree.vr.lookup.service import NEWS_PATTERN
+from robotree.vr.lookup.union import Change, Union
+from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
+from robotree.vr.transport import Registration, Transport
+
+SYNCHRONISE = 10.0
+"""[s] between full comparisons with each service: news that a busy network dropped is made up for."""
+
+RETRY = 0.5
+"""[s] before a service that did not answer is asked again."""
+
+PATIENCE = 2.0
+"""[s] to wait for a service's answer."""
+
+FIRST_LOOK = 1.0
+"""[s] that `start` waits for the services that are there."""
+
+MEMORY = 3.0
+"""[s] for which others may still need what a lost service knew: until all agents have registered again."""
+
+_MISSING: dict[Role, type[AddressError]] = {"robot": NoSuchRobot, "view": NoSuchView, "host": NoSuchHost}
+_log = logging.getLogger(__name__)
+
+OnChange = Callable[[Change], None]
+
+
+class Directory:
+    """Sees who is there. Lives on the event loop of its transport."""
+
+    def __init__(self, transport: Transport) -> None:
+        """Prepare to look."""
+        self._transport = transport
+        self._union = Union()
+        self._present: set[Address] = set()
+        self._followers: dict[str, asyncio.Task[None]] = {}
+        self._heard: dict[str, list[Listed | Unlisted]] = {}
+        self._answered: dict[str, asyncio.Event] = {}
+        self._callbacks: list[OnChange] = []
+        self._declared: list[Registration] = []
+        self._forgetting: asyncio.TimerHandle | None = None
+
+    async def start(self) -> None:
+        """Begin to look; returns when the services that are there have said what they hold."""
+        # news first: what changes after a service has answered must not be missed
+        self._declared.append(await self._transport.subscribe(NEWS_PATTERN, self._news))
+        self._declared.append(await self._transport.watch("*/*/*", self._seen))
+        waiting = [asyncio.create_task(event.wait()) for event in self._answered.values()]
+        if waiting:
+            _, late = await asyncio.wait(waiting, timeout=FIRST_LOOK)
+            for task in late:
+                task.cancel()
+
+    async def close(self) -> None:
+        """Look no more. Twice is once."""
+        declared, self._declared = self._declared, []
+        for registration in reversed(declared):
+            await registration.close()
+        followers, self._followers = self._followers, {}
+        for follower in followers.values():
+            follower.cancel()
+        await asyncio.gather(*followers.values(), return_exceptions=True)
+        if self._forgetting is not None:
+            self._forgetting.cancel()
+
+    @property
+    def listings(self) -> tuple[Listing, ...]:
+        """All that are listed, by role and name."""
+        return tuple(sorted(self._union.listings.values(), key=lambda listing: listing.address))
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """Names of the lookup services that live."""
+        parsed = (Address.parse(key) for key in self._union.services)
+        return tuple(sorted(address.name for address in parsed if address is not None))
+
+    @property
+    def stale(self) -> bool:
+        """Whether no lookup service lives, so that the list may be old."""
+        return not self._union.services
+
+    def find(self, template: Template) -> tuple[Listing, ...]:
+        """Return the listings that match, by role and name."""
+        return tuple(listing for listing in self.listings if template.matches(listing))
+
+    def on_change(self, callback: OnChange) -> Callable[[], None]:
+        """Call back after each change; returns how to end that."""
+        self._callbacks.append(callback)
+
+        def end() -> None:
+            if callback in self._callbacks:
+                self._callbacks.remove(callback)
+
+        return end
+
+    def present(self, role: Role) -> tuple[Address, ...]:
+        """Return all agents of a role that are seen alive, listed or not."""
+        return tuple(sorted(address for address in self._present if address.role == role))
+
+    async def resolve(self, name: str, role: Role = "robot") -> Address:
+        """Find an agent by its name, also one that is enslaved and therefore not listed.
+
+        Raises:
+            NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
+        """
+        found = [address for address in self.present(role) if address.name == name]
+        if not found:  # it may have come just now
+            keys = await self._transport.present(everyone(role, name))
+            found = [address for address in map(Address.parse, keys) if address is not None]
+        if not found:
+            raise _MISSING.get(role, NoSuchRobot)(name=name)
+        return next((address for address in found if address in self._union.listings), found[0])
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+        address = Address.parse(key)
+        if address is None:
+            return
+        (self._present.add if there else self._present.discard)(address)
+        if address.role != "lookup":
+            self._tell(self._union.see(address, there))
+        elif there:
+            self._union.add_service(key)
+            self._answered[key] = asyncio.Event()
+            self._followers[key] = asyncio.create_task(self._follow(key), name=f"follows {key}")
+            self._tell([Change("services")])
+        elif key in self._followers:
+            self._followers.pop(key).cancel()
+            self._answered.pop(key)
+            self._forget_later()
+            self._tell([*self._union.lose_service(key), Change("services")])
+
+    def _news(self, key: str, body: bytes) -> None:
+        try:
+            news = decode_event(body, key=key)
+        except VrError as error:
+            _log.warning("%s", error)
+            return
+        service = key.rpartition("/")[0]
+        if isinstance(news, Listed | Unlisted):
+            if service in self._heard:
+                self._heard[service].append(news)
+            self._tell(self._union.hear(service, news))
+
+    async def _follow(self, service: str) -> None:
+        """Ask a service for all it holds, again and again."""
+        while True:
+            # what it tells while it answers may overtake the answer
+            heard = self._heard[service] = []
+            pause = SYNCHRONISE
+            try:
+                found = await ask(self._transport, service, Query(), Found, timeout=PATIENCE)
+            except VrError:
+                pause = RETRY
+            else:
+                self._take(service, [listing for listing, _ in found.listings], heard)
+            finally:
+                if self._heard.get(service) is heard:
+                    del self._heard[service]
+            await asyncio.sleep(pause)
+
+    def _take(self, service: str, listings: list[Listing], heard: list[Listed | Unlisted]) -> None:
+        self._tell(self._union.replace(service, listings, heard))
+        if not self._answered[service].is_set():
+            self._answered[service].set()
+            self._forget_later()
+
+    def _forget_later(self) -> None:
+        if self._forgetting is not None:
+            self._forgetting.cancel()
+        self._forgetting = asyncio.get_running_loop().call_later(MEMORY, self._forget)
+
+    def _forget(self) -> None:
+        if any(answered.is_set() for answered in self._answered.values()):
+            self._tell(self._union.forget_lost())
+
+    def _tell(self, changes: list[Change]) -> None:
+        for change in changes:
+            for callback in list(self._callbacks):
+                try:
+                    callback(change)
+                except Exception:  # noqa: BLE001 # one listener's fault is not the others'
+                    _log.exception("a listener to the directory raised")

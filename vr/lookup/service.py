@@ -1,0 +1,140 @@
+"""A lookup service: one table, kept alive by whoever registers, told to whoever listens.
+
+Any number of them run side by side and owe each other nothing. One that starts late asks the others once
+for what they have; from then on it hears everything first hand, as they do.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+
+from robotree.vr.address import Address, Role, everyone
+from robotree.vr.description import Listing
+from robotree.vr.errors import VrError
+from robotree.vr.host.answering import answering, not_for
+from robotree.vr.host.asking import ask
+from robotree.vr.host.claim import claim, new_address
+from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, News
+from robotree.vr.requests import Done, Found, Query, Register, Registered, Reply, Request, Withdraw, encode
+from robotree.vr.transport import Registration, Transport
+
+FILL_LIMIT = 1.0
+"""[s] to wait for the others when it starts; one that hangs must not keep a newcomer from its work."""
+
+LISTED_ROLES: tuple[Role, ...] = ("robot", "view")
+
+
+def news_key(service: Address) -> str:
+    """Return the key under which a lookup service tells its news."""
+    return f"{service.key}/news"
+
+
+NEWS_PATTERN = f"{everyone('lookup')}/news"
+
+
+class LookupService:
+    """Serves one table on a transport."""
+
+    def __init__(self, transport: Transport, name: str, *, clock: Callable[[], float] | None = None) -> None:
+        """Prepare a service.
+
+        Args:
+            transport: where it serves.
+            name: under which people know it.
+            clock: monotonic [s]; None: the event loop's.
+
+        Raises:
+            BadName: the name cannot be one.
+        """
+        self.address = new_address("lookup", name)
+        self.table = LookupTable()
+        self._transport = transport
+        self._clock = clock or asyncio.get_running_loop().time
+        self._alive: set[Address] = set()
+        self._declared: list[Registration] = []
+        self._sweeper: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Fill the table from the others, then be there.
+
+        Raises:
+            DuplicateName: another lookup service has this name.
+        """
+        transport = self._transport
+        try:
+            for role in LISTED_ROLES:
+                self._declared.append(await transport.watch(everyone(role), self._seen))
+            self._declared.append(await transport.serve(self.address.key, answering(self._answer)))
+            await self._fill()
+            self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
+            self._declared.append(await claim(transport, self.address))
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """End it. Twice is once."""
+        declared, self._declared = self._declared, []
+        for registration in reversed(declared):
+            await registration.close()
+        if self._sweeper is not None:
+            self._sweeper.cancel()
+            await asyncio.gather(self._sweeper, return_exceptions=True)
+
+    # -- requests ---------------------------------------------------------------------------------
+
+    async def _answer(self, request: Request) -> Reply:
+        now = self._clock()
+        match request:
+            case Register(listing=listing, term=term):
+                granted, news = self.table.register(listing, term, now)
+                self._tell(news)
+                return Registered(term=granted)
+            case Withdraw(address=address, revision=revision):
+                self._tell(self.table.withdraw(address, revision, now))
+                return Done()
+            case Query(template=template):
+                return Found(listings=self.table.find(template, now))
+            case _:
+                raise not_for("lookup service", request)
+
+    def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+        address = Address.parse(key)
+        if address is None:
+            return
+        (self._alive.add if there else self._alive.discard)(address)
+        self._tell(self.table.see(address, there, self._clock()))
+
+    def _tell(self, news: list[News]) -> None:
+        for item in news:
+            with contextlib.suppress(VrError):  # the transport is closing
+                self._transport.publish(news_key(self.address), encode(item))
+
+    # -- beginning and end of leases --------------------------------------------------------------
+
+    async def _fill(self) -> None:
+        others = [key for key in await self._transport.present(everyone("lookup")) if key != self.address.key]
+        if others:
+            asking = [asyncio.create_task(self._fill_from(key)) for key in others]
+            await asyncio.wait(asking, timeout=FILL_LIMIT)
+
+    async def _fill_from(self, key: str) -> None:
+        with contextlib.suppress(VrError):  # one of the others that is just dying, or hangs
+            found = await ask(self._transport, key, Query(), Found, timeout=FILL_LIMIT)
+            for listing, remaining in found.listings:
+                self._take_over(listing, remaining)
+
+    def _take_over(self, listing: Listing, remaining: float) -> None:
+        alive = listing.address in self._alive
+        self._tell(self.table.fill(listing, remaining, self._clock(), alive=alive))
+
+    async def _sweep(self) -> None:
+        while True:
+            expiry = self.table.next_expiry()
+            now = self._clock()
+            # no lease that begins meanwhile is shorter, so none is over before the next look
+            left = SHORTEST_TERM if expiry is None else min(SHORTEST_TERM, max(0.0, expiry - now))
+            await asyncio.sleep(left)
+            self._tell(self.table.expire(self._clock()))

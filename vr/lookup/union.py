@@ -1,0 +1,121 @@
+"""One list made of what several lookup services say: pure.
+
+Each service has its view. A listing counts once, in its latest revision, if nobody has said that its agent
+withdrew it, and if the agent is seen alive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+import msgspec
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing
+from robotree.vr.lookup.table import LOST
+from robotree.vr.requests import Listed, Unlisted
+
+
+class Change(msgspec.Struct, frozen=True):
+    """One change of the list, or of the services behind it."""
+
+    kind: Literal["arrived", "changed", "departed", "services"]
+    listing: Listing | None = None
+
+
+class Union:
+    """What the services say, put together. Each method returns what it changed."""
+
+    def __init__(self) -> None:
+        """Begin with no service and nobody alive."""
+        self.listings: dict[Address, Listing] = {}
+        """What is to be seen."""
+        self._alive: set[Address] = set()
+        self._views: dict[str, dict[Address, Listing]] = {}
+        self._memory: dict[Address, Listing] = {}
+        self._withdrawn: dict[Address, int] = {}
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """The services that are counted, by key."""
+        return tuple(sorted(self._views))
+
+    def add_service(self, service: str) -> None:
+        """Count a service from now on. It has said nothing yet."""
+        self._views.setdefault(service, {})
+
+    def lose_service(self, service: str) -> list[Change]:
+        """Count it no longer, but remember what it said: its agents are not gone."""
+        view = self._views.pop(service, {})
+        for address, listing in view.items():
+            known = self._memory.get(address)
+            if known is None or known.revision < listing.revision:
+                self._memory[address] = listing
+        return self._look(view)
+
+    def forget_lost(self) -> list[Change]:
+        """Forget what lost services said: others say what is true now."""
+        memory, self._memory = self._memory, {}
+        return self._look(memory)
+
+    def replace(
+        self, service: str, listings: Iterable[Listing], heard: Iterable[Listed | Unlisted] = ()
+    ) -> list[Change]:
+        """Take what a service holds in all, and then the news that came while it said so."""
+        if service not in self._views:
+            return []
+        touched = set(self._views[service])
+        self._views[service] = {listing.address: listing for listing in listings}
+        touched.update(self._views[service])
+        touched.update(self._apply(service, news) for news in heard)
+        return self._look(sorted(touched))
+
+    def hear(self, service: str, news: Listed | Unlisted) -> list[Change]:
+        """Take a service's news; also of one that is not counted yet, if an agent withdrew."""
+        return self._look((self._apply(service, news),))
+
+    def see(self, address: Address, alive: bool) -> list[Change]:  # noqa: FBT001 # it is a fact
+        """Take notice that an agent has come to life or died."""
+        if alive:
+            self._alive.add(address)
+        else:
+            self._alive.discard(address)
+            self._memory.pop(address, None)
+            if not any(address in view for view in self._views.values()):
+                self._withdrawn.pop(address, None)
+        return self._look((address,))
+
+    def _apply(self, service: str, news: Listed | Unlisted) -> Address:
+        view = self._views.get(service, {})
+        if isinstance(news, Listed):
+            view[news.listing.address] = news.listing
+            return news.listing.address
+        view.pop(news.address, None)
+        self._memory.pop(news.address, None)
+        if news.revision != LOST:
+            self._withdrawn[news.address] = max(news.revision, self._withdrawn.get(news.address, 0))
+        return news.address
+
+    def _look(self, addresses: Iterable[Address]) -> list[Change]:
+        """Compare what is to be seen of some agents with what was."""
+        changes: list[Change] = []
+        for address in addresses:
+            before, now = self.listings.get(address), self._best(address)
+            if now is None:
+                if before is not None:
+                    del self.listings[address]
+                    changes.append(Change("departed", before))
+            elif now != before:
+                self.listings[address] = now
+                changes.append(Change("arrived" if before is None else "changed", now))
+        return changes
+
+    def _best(self, address: Address) -> Listing | None:
+        if address not in self._alive:
+            return None
+        said = [view[address] for view in (self._memory, *self._views.values()) if address in view]
+        latest = max(said, key=lambda listing: listing.revision, default=None)
+        if latest is None or latest.revision <= self._withdrawn.get(address, 0):
+            return None
+        return latest
