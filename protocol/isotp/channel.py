@@ -100,14 +100,14 @@ class Channel:
     def feed(self, field: bytes, now: float) -> Heard:
         """Take a data field that the partner sent, whatever it is."""
         frame = frames.decode(field)
-        if type(frame) is SingleFrame:
+        if isinstance(frame, SingleFrame):
             return Heard(self._receiver.single(frame))
-        if type(frame) is ConsecutiveFrame:
+        if isinstance(frame, ConsecutiveFrame):
             payload, reply = self._receiver.consecutive(frame, now)
             return (
                 _NOTHING if payload is None and reply is None else Heard(payload, (reply,) if reply else ())
             )
-        if type(frame) is FirstFrame:
+        if isinstance(frame, FirstFrame):
             return Heard(None, (self._receiver.first(frame, now),))
         if frame is None:
             self._malformed += 1

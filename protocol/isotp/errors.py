@@ -1,4 +1,6 @@
-"""Our own mistakes when sending through ISO-TP; what arrives is counted::
+"""Our own mistakes when sending through ISO-TP. What arrives never raises: it is counted.
+
+::
 
 LocalProtocolError
   PayloadSize         no such payload can be sent

@@ -1,0 +1,268 @@
+"""Who is on the bus: takes a seat, greets the others, hears newcomers, drains what waits.
+
+Members are connected each to each; no member relays for others, so none can take the bus down with it and
+none slows the others by being busy. One thread per member does what cannot wait until somebody calls the
+bus: it answers newcomers and empties backlogs. Frames themselves go from caller to caller.
+
+Two members that join at the same moment may connect twice. Each sends on the connection that it knew first
+and hears both, so nothing arrives twice or out of order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import select
+import socket
+import threading
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import msgspec
+from can import CanInitializationError
+
+from robotree.protocol.canbus.records import GREETING_BYTES, Greeting, read_greeting
+from robotree.protocol.canbus.seats import HOST, SEATS
+from robotree.protocol.canbus.wire import Wire
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ANSWER = 1.0
+"""[s] to wait at the start for the answers of those who are there."""
+MANNERS = 30.0
+"""[s] after which a connection that has not introduced itself is cut."""
+MOST_STRANGERS = 64
+"""Connections that have not introduced themselves; more are cut at once."""
+_ROUND_MS = 50
+"""[ms] after which to look whether somebody makes no room, or does not introduce himself."""
+
+
+class Stranger(msgspec.Struct, eq=False):
+    """A connection whose far end has not introduced itself yet."""
+
+    connection: socket.socket
+    dialled: bool
+    """We asked, and wait for the answer."""
+    since: float
+    heard: bytes = b""
+
+
+class Membership:
+    """One member's connections to all others.
+
+    Args:
+        first: first port of the channel.
+        channel: what `Message.channel` shall say.
+    """
+
+    def __init__(self, first: int, channel: str) -> None:
+        self._first, self._channel = first, channel
+        self._token = secrets.randbits(64)
+        self.lock = threading.Condition()
+        """Guards the connections; told whenever one makes room, comes or goes."""
+        self.outlets: tuple[Wire, ...] = ()
+        """The connection to send on, for each other member."""
+        self.dropped = self.malformed = 0
+        self.inlet = select.epoll()
+        """Readable when some wire is."""
+        self._wires: dict[int, Wire] = {}
+        self._strangers: dict[int, Stranger] = {}
+        self._open = True
+        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        try:
+            self._seat, self.port = self._sit()
+        except CanInitializationError:
+            self.inlet.close()
+            os.close(self._bell)
+            raise
+        self._dial_all()
+        self._thread = threading.Thread(target=self._run, name=f"can {channel}", daemon=True)
+        self._thread.start()
+        with self.lock:
+            self.lock.wait_for(self._all_answered, ANSWER)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether somebody has no room for another frame, and may still make some."""
+        return any(wire.full for wire in self.outlets)
+
+    def wire(self, descriptor: int) -> Wire | None:
+        """The connection with this descriptor."""
+        return self._wires.get(descriptor)
+
+    def say(self, record: bytes) -> None:
+        """Send a record to every other member. Under the lock."""
+        now, delayed = monotonic(), False
+        for wire in self.outlets:
+            try:
+                delayed |= wire.put(record, now)
+            except OSError:
+                self.lose(wire)
+        if delayed:
+            os.eventfd_write(self._bell, 1)
+
+    def lose(self, wire: Wire, *, malformed: bool = False) -> None:
+        """Forget a connection whose far end has gone, or speaks nonsense."""
+        with self.lock:
+            if self._wires.get(wire.descriptor) is not wire:
+                return
+            del self._wires[wire.descriptor]
+            self.dropped += wire.dropped
+            self.malformed += malformed
+            self._hang_up(wire.connection)
+            self._count()
+
+    def leave(self) -> None:
+        """End all connections and free the seat."""
+        with self.lock:
+            self._open = False
+        os.eventfd_write(self._bell, 1)
+        self._thread.join()
+        for wire in self._wires.values():
+            wire.connection.close()
+        for stranger in self._strangers.values():
+            stranger.connection.close()
+        self._wires.clear()
+        self._strangers.clear()
+        self.outlets = ()
+        self._seat.close()
+        self.inlet.close()
+        os.close(self._bell)
+
+    def _sit(self) -> tuple[socket.socket, int]:
+        for port in range(self._first, self._first + SEATS):
+            seat = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+            seat.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                seat.bind((HOST, port))
+                seat.listen(2 * SEATS)
+            except OSError:
+                seat.close()
+            else:
+                return seat, port
+        last = self._first + SEATS - 1
+        raise CanInitializationError(
+            f"bus {self._channel} has no free seat: all ports {self._first} to {last} of {HOST} are taken; "
+            "end a member, or use another channel"
+        )
+
+    def _dial_all(self) -> None:
+        greeting = Greeting(answer=False, channel=self._first, token=self._token).encode()
+        for port in range(self._first, self._first + SEATS):
+            if port == self.port:
+                continue
+            try:
+                connection = socket.create_connection((HOST, port), ANSWER)
+                connection.sendall(greeting)
+            except OSError:
+                continue  # nobody sits there
+            self._meet(connection, dialled=True)
+
+    def _all_answered(self) -> bool:
+        return not any(stranger.dialled for stranger in self._strangers.values())
+
+    def _meet(self, connection: socket.socket, *, dialled: bool) -> None:
+        connection.setblocking(False)
+        stranger = Stranger(connection, dialled, monotonic())
+        self._strangers[connection.fileno()] = stranger
+
+    def _run(self) -> None:
+        while self._open:
+            poll, timeout = self._watched()
+            ready = poll.poll(timeout)
+            with self.lock:
+                for descriptor, _ in ready:
+                    self._attend(descriptor)
+                self._drain(monotonic())
+                self.lock.notify_all()
+
+    def _watched(self) -> tuple[select.poll, int | None]:
+        """What the thread waits for now; made anew each time, since it changes with almost every round."""
+        poll = select.poll()
+        with self.lock:
+            for descriptor in (self._bell, self._seat.fileno(), *self._strangers):
+                poll.register(descriptor, select.POLLIN)
+            waiting = [wire.descriptor for wire in self.outlets if wire.waits]
+        for descriptor in waiting:
+            poll.register(descriptor, select.POLLOUT)
+        return poll, _ROUND_MS if waiting or self._strangers else None
+
+    def _attend(self, descriptor: int) -> None:
+        if descriptor == self._bell:
+            os.eventfd_read(self._bell)
+        elif descriptor == self._seat.fileno():
+            for connection in self._newcomers():
+                if len(self._strangers) < MOST_STRANGERS:
+                    self._meet(connection, dialled=False)
+                else:
+                    connection.close()
+        elif (stranger := self._strangers.get(descriptor)) is not None:
+            self._hear(stranger)
+
+    def _newcomers(self) -> Iterator[socket.socket]:
+        with contextlib.suppress(OSError):
+            while True:
+                yield self._seat.accept()[0]
+
+    def _hear(self, stranger: Stranger) -> None:
+        """Take the next bytes of an introduction; with the last one the stranger becomes a member."""
+        try:
+            data = stranger.connection.recv(GREETING_BYTES - len(stranger.heard))
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        stranger.heard += data
+        if data and len(stranger.heard) < GREETING_BYTES:
+            return
+        greeting = read_greeting(stranger.heard)
+        del self._strangers[stranger.connection.fileno()]
+        if (
+            greeting is None
+            or greeting.answer is not stranger.dialled
+            or greeting.channel != self._first
+            or greeting.token == self._token
+        ):
+            self.malformed += bool(data)
+            stranger.connection.close()
+        else:
+            self._welcome(stranger, greeting.token)
+
+    def _welcome(self, stranger: Stranger, token: int) -> None:
+        wire = Wire(stranger.connection, token, self._channel)
+        if not stranger.dialled:
+            answer = Greeting(answer=True, channel=self._first, token=self._token)
+            try:
+                wire.put(answer.encode(), monotonic())
+            except OSError:
+                stranger.connection.close()
+                return
+        self._wires[wire.descriptor] = wire
+        self._count()
+        self.inlet.register(wire.descriptor, select.EPOLLIN)
+
+    def _count(self) -> None:
+        """Choose the connection to send on for each member: the one that was known first."""
+        chosen: dict[int, Wire] = {}
+        for wire in self._wires.values():
+            chosen.setdefault(wire.token, wire)
+        self.outlets = tuple(chosen.values())
+
+    def _drain(self, now: float) -> None:
+        for wire in self.outlets:
+            if wire.waits:
+                try:
+                    wire.flush(now)
+                except OSError:
+                    self.lose(wire)
+        for stranger in list(self._strangers.values()):
+            if now - stranger.since > MANNERS:
+                del self._strangers[stranger.connection.fileno()]
+                stranger.connection.close()
+
+    def _hang_up(self, connection: socket.socket) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self.inlet.unregister(connection)
+        connection.close()
