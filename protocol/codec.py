@@ -104,6 +104,9 @@ class Codec:
 
     def diagnose(self, flat: Sequence[Any]) -> InvalidMessage:
         """Which field made `struct` refuse the flat values."""
+        needed = _spans(self.wire)[-1].stop
+        if len(flat) != needed:
+            return InvalidMessage(self.definition.name, "*", f"needs {needed} values, not {len(flat)}")
         for field, span in zip(self.wire, _spans(self.wire), strict=True):
             values = flat[span]
             try:
@@ -111,7 +114,7 @@ class Codec:
             except PACKING_ERRORS as error:
                 shown = values[0] if len(values) == 1 else values
                 return InvalidMessage(self.definition.name, field.name, f"cannot hold {shown!r} ({error})")
-        return InvalidMessage(self.definition.name, "*", f"got {len(flat)} values")
+        return InvalidMessage(self.definition.name, "*", "needs a system and component from 0 to 255")
 
 
 def _spans(wire: Sequence[Field]) -> list[slice]:
@@ -181,7 +184,7 @@ def _opener(name: str, field: Field) -> Callable[[Any], Sequence[Any]]:
     length = field.length
 
     def open_bytes(value: str | bytes) -> Sequence[Any]:
-        data = value.encode() if isinstance(value, str) else bytes(value)
+        data = value.encode() if isinstance(value, str) else b"".join((value,))
         if len(data) > length:
             raise InvalidMessage(name, field.name, f"holds {length} bytes, not {len(data)}")
         return (data,)

@@ -18,6 +18,7 @@ from fastcrc.crc16 import mcrf4xx
 from msgspec.structs import force_setattr
 
 from robotree.protocol.codec import HEADER, PACKING_ERRORS
+from robotree.protocol.errors import InvalidMessage
 from robotree.protocol.messages.base import AnyMessage, Untyped, codec_of, fields_of
 
 if TYPE_CHECKING:
@@ -161,12 +162,13 @@ def encode(
         InvalidMessage: a field cannot hold its value.
         UnknownMessage: the dialect has no such message.
     """
-    if type(message) is Untyped:
-        codec = codec_of(message.msgid)
-        flat = codec.flatten_declared(message.values)
-    else:
-        codec = message.codec
-        flat = codec.flatten(message)
+    codec = codec_of(message.msgid) if type(message) is Untyped else message.codec
+    try:
+        flat = codec.flatten_declared(message.values) if type(message) is Untyped else codec.flatten(message)
+    except (TypeError, IndexError) as error:
+        raise InvalidMessage(
+            codec.definition.name, "*", f"has a value of the wrong kind ({error})"
+        ) from error
     flags = 0 if signer is None else SIGNED
     try:
         frame = codec.pack(MAGIC, codec.length, flags, 0, sequence & 0xFF, system, component, codec.id, *flat)

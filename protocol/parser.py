@@ -198,7 +198,7 @@ class Parser:
         if len(buffer) - i < _OVERHEAD_V1:
             return i
         codec = _CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
-        if codec is None or buffer[i + 1] > codec.definition.minimum:
+        if codec is None or buffer[i + 1] > codec.length:
             return self._step(i, unknown=True)
         crc = i + HEADER_BYTES_V1 + buffer[i + 1]
         if crc + 2 > len(buffer):

@@ -11,6 +11,8 @@ import contextlib
 import io
 import shutil
 import tempfile
+import traceback
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,7 +76,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
         except DialectError:
             raise
         except Exception as error:  # whatever the parser may raise
-            raise DialectError(str(xml), f"{type(error).__name__}: {error}") from error
+            raise DialectError(str(xml), _told(error)) from error
     if duplicate:
         raise DialectError(str(xml), said.getvalue().strip())
     return list(seen.values())
@@ -138,9 +140,16 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
         try:
             done = mavgen.mavgen(options, [str(copy)]) is True
         except (Exception, SystemExit) as error:  # noqa: BLE001  it raises what it likes, SystemExit included
-            failure = f"{type(error).__name__}: {error}"
+            failure = _told(error)
     if not done:
         raise DialectError(str(xml), failure or said.getvalue().strip()[-2000:])
+
+
+def _told(error: BaseException) -> str:
+    """What an error says; its frames are cleared, since mavparse leaves files open in them."""
+    with warnings.catch_warnings(action="ignore", category=ResourceWarning):
+        traceback.clear_frames(error.__traceback__)
+    return f"{type(error).__name__}: {error}"
 
 
 def languages() -> tuple[str, ...]:

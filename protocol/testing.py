@@ -1,0 +1,157 @@
+"""Examinations that any new link or codec must pass. Call them from its tests."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
+
+from robotree.protocol.dialect.table import Definition, Field, definitions
+from robotree.protocol.errors import LinkClosed, LinkError
+from robotree.protocol.frame import encode
+from robotree.protocol.messages.base import codec_of, fields_of
+from robotree.protocol.parser import Parser
+
+if TYPE_CHECKING:
+    from robotree.protocol.codec import Value
+    from robotree.protocol.frame import Signer
+    from robotree.protocol.links.link import Accept, Link
+
+MakePair = Callable[["Accept", "Accept"], Awaitable[tuple["Link", "Link"]]]
+"""Opens a link between two handlers."""
+Settle = Callable[[], Awaitable[None]]
+"""Returns when everything under way has arrived."""
+Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
+"""Another encoder: definition, values by field, sequence, system, component."""
+
+
+class Recorder:
+    """A handler that remembers what it was told."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self.data = b""
+        self.reasons: list[LinkError] = []
+
+    def received(self, data: bytes) -> None:
+        """Remember some bytes.
+
+        Raises:
+            AssertionError: the link had ended before.
+        """
+        assert not self.reasons, "nothing is told after the end"  # noqa: S101  an examination asserts
+        self.data += data
+
+    def closed(self, reason: LinkError) -> None:
+        """Remember the end."""
+        self.reasons.append(reason)
+
+
+async def check_link(make_pair: MakePair, settle: Settle, *, tells_the_end: bool = True) -> None:
+    """Examine a link without accidents.
+
+    Args:
+        make_pair: opens one.
+        settle: waits until everything has arrived.
+        tells_the_end: whether one end hears that the other has closed (a datagram link cannot know).
+
+    Raises:
+        AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
+    """
+    recorders: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        recorders.append(Recorder(link))
+        return recorders[-1]
+
+    near, far = await make_pair(accept, accept)
+    await settle()
+    told = {id(each.link): each for each in recorders}
+    assert len(told) == 2, "each end is accepted once"  # noqa: S101
+    at_near, at_far = told[id(near)], told[id(far)]
+    await _check_bytes(near, at_far, settle)
+    await _check_bytes(far, at_near, settle)
+    await _check_end(near, at_near, settle)
+    far_heard = [type(each) for each in at_far.reasons]
+    assert far_heard == ([LinkClosed] if tells_the_end else []), "the far end hears of it"  # noqa: S101
+    far.close()
+    await settle()
+    assert len(at_far.reasons) == 1, "the end is told exactly once"  # noqa: S101
+
+
+async def _check_bytes(sender: Link, receiver: Recorder, settle: Settle) -> None:
+    frames = [bytes((i,)) * (1 + 40 * i) for i in range(7)]
+    topics = [None, "telemetry", None, "telemetry", "other", None, None]
+    for frame, topic in zip(frames, topics, strict=True):
+        sender.send(frame, topic)
+        await settle()
+    assert receiver.data == b"".join(frames), "bytes arrive complete and in order"  # noqa: S101
+    assert sender.statistics.sent == len(receiver.data), "what was sent is counted"  # noqa: S101
+    assert receiver.link.statistics.received == len(receiver.data), "and what arrived"  # noqa: S101
+    assert not sender.congested, "an idle link is not congested"  # noqa: S101
+
+
+async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:
+    link.close()
+    link.close()
+    await settle()
+    assert [type(each) for each in recorder.reasons] == [LinkClosed], "the end is told once"  # noqa: S101
+    dropped = link.statistics.dropped
+    link.send(b"too late")
+    assert link.statistics.dropped == dropped + 1, "what is sent after the end is counted"  # noqa: S101
+
+
+def check_codec(reference: Reference, *, seed: int = 0, rounds: int = 4, signer: Signer | None = None) -> int:
+    """Compare our bytes with those of another encoder, and what we read from them with what was meant.
+
+    Args:
+        reference: the other encoder; signs as `signer` does.
+        seed: of the random values.
+        rounds: sets of values per message.
+        signer: signs our frames.
+
+    Returns:
+        How many frames were compared.
+
+    Raises:
+        AssertionError: naming the message that differs.
+    """
+    chance, count = random.Random(seed), 0
+    for definition in definitions().values():
+        for _ in range(rounds):
+            values = random_values(definition, chance)
+            message = codec_of(definition.id).build(*values.values())
+            ids = count & 0xFF, 1 + count % 255, count % 256
+            theirs = reference(definition, values, *ids)
+            ours = encode(message, sequence=ids[0], system=ids[1], component=ids[2], signer=signer)
+            assert ours == theirs, f"{definition.name} {values}: {ours.hex()} is not {theirs.hex()}"  # noqa: S101
+            (frame,) = Parser().feed(ours)
+            assert fields_of(frame.message) == values, f"{definition.name}: read otherwise than written"  # noqa: S101
+            assert (frame.sequence, frame.system, frame.component) == ids, "the header is read"  # noqa: S101
+            count += 1
+    return count
+
+
+def random_values(definition: Definition, chance: random.Random) -> dict[str, Value]:
+    """Values for every field, extremes among them, that survive the wire unchanged."""
+    return {field.name: _random_value(field, chance) for field in definition.fields}
+
+
+def _random_value(field: Field, chance: random.Random) -> Value:
+    if field.type == "char":
+        letters = "".join(chance.choices("abcXYZ 019_", k=chance.randint(0, field.length)))
+        return letters if field.length else "a"
+    if field.is_bytes:
+        return chance.choice([bytes(field.length), chance.randbytes(field.length)])
+    numbers = tuple(_random_number(field.type, chance) for _ in range(field.length or 1))
+    return numbers if field.length else numbers[0]
+
+
+def _random_number(kind: str, chance: random.Random) -> int | float:
+    if kind in ("float", "double"):
+        mantissa = chance.randint(-(2**24), 2**24)
+        return chance.choice([0.0, -0.0, math.ldexp(mantissa, chance.randint(-60, 60))])
+    bits = int("".join(filter(str.isdigit, kind)))
+    lowest, highest = (0, (1 << bits) - 1) if kind.startswith("u") else (-1 << bits - 1, (1 << bits - 1) - 1)
+    return chance.choice([0, lowest, highest, chance.randint(lowest, highest)])
