@@ -9,7 +9,7 @@ import dataclasses
 import inspect
 import types
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -124,12 +124,14 @@ def _type(annotation: Any, where: str) -> tuple[ParameterType, tuple[str, ...]]:
 def _result(annotation: Any, where: str) -> Iterator[FieldSpec]:
     if annotation is None or annotation is types.NoneType:
         return
-    if isinstance(annotation, type) and (
-        issubclass(annotation, msgspec.Struct) or dataclasses.is_dataclass(annotation)
-    ):
-        for name, part in get_type_hints(annotation, include_extras=True).items():
+    if inspect.isclass(annotation) and _has_parts(cls := cast("type[Any]", annotation)):
+        for name, part in get_type_hints(cls, include_extras=True).items():
             if not name.startswith("_"):
                 yield _field(name, part, f"{where}: its result's {name!r}")
         return
     if annotation is not Any:
         yield _field("", annotation, f"{where}: its result")
+
+
+def _has_parts(cls: type[Any]) -> bool:
+    return issubclass(cls, msgspec.Struct) or dataclasses.is_dataclass(cls)

@@ -10,12 +10,9 @@ from __future__ import annotations
 import functools
 import math
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
-
-if TYPE_CHECKING:
-    import pint
 
 
 class Unit(msgspec.Struct, frozen=True):
@@ -95,7 +92,7 @@ def _convert(number: float, given: str, wanted: str) -> float:
 
 
 @functools.cache
-def _registry() -> pint.UnitRegistry[Any]:
+def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry()

@@ -9,16 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import secrets
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from robotree.vr.address import Address, everyone
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import (
     CycleOfBonds,
-    DuplicateName,
     Garbled,
     NotVirtual,
     StillBonded,
@@ -30,6 +27,7 @@ from robotree.vr.host.agent_bonds import BondKeeper
 from robotree.vr.host.agent_commands import CommandDesk
 from robotree.vr.host.agent_lease import LeaseKeeper
 from robotree.vr.host.call_counter import CallCounter
+from robotree.vr.host.claim import claim, new_address
 from robotree.vr.host.hooks import Hooks
 from robotree.vr.host.listed import Listed, Listings
 from robotree.vr.host.portrait import Portrait
@@ -96,7 +94,7 @@ class RobotAgent:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
         self.robot, self.transport = robot, transport
-        self.address = Address("robot", robot.name, secrets.token_hex(6))
+        self.address = new_address("robot", robot.name)
         self.closed = asyncio.Event()
         """Set when it has ended, whoever ended it."""
         self._loop = asyncio.get_running_loop()
@@ -145,17 +143,11 @@ class RobotAgent:
             DuplicateName: a living robot has this name.
             TransportError: the transport does not work.
         """
-        name = self.robot.name
-        if await self.transport.present(everyone("robot", name)):
-            raise DuplicateName(role="robot", name=name)
         await self._calls.recall()
         self._open = True
         try:
             self._registrations.append(await self.transport.serve(self.address.key, self._answer))
-            self._registrations.append(await self.transport.announce(self.address.key))
-            twins = await self.transport.present(everyone("robot", name))
-            if min([self.address.key, *twins]) != self.address.key:  # two began at the same moment
-                raise DuplicateName(role="robot", name=name)
+            self._registrations.append(await claim(self.transport, self.address))
         except VrError:
             self._open = False
             await self._withdraw()

@@ -14,7 +14,7 @@ import math
 import threading
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 from robotree.vr import context as contexts
 from robotree.vr.child import Record
@@ -288,7 +288,7 @@ class ChildCall:
     def result(self, timeout: float | None = None) -> Any:
         """See `CallFuture.result`."""
         value = self._thread.wait(self.future, timeout)
-        return Record(value) if isinstance(value, dict) else value
+        return Record(cast("dict[str, Any]", value)) if isinstance(value, dict) else value
 
     def cancel(self) -> None:
         """See `CallFuture.cancel`."""

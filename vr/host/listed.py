@@ -7,8 +7,6 @@ import contextlib
 import logging
 from typing import Protocol
 
-import msgspec
-
 from robotree.vr.address import Address
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
@@ -39,11 +37,10 @@ class Listed:
         self._listings, self._address = listings, address
         self._wanted: Listing | None = None
         self._present: Listing | None = None
-        self._revision = 0
         self._work: asyncio.Task[None] | None = None
 
     def want(self, listing: Listing | None) -> None:
-        """Say how it should be listed from now on; None: not at all. Revisions are given here."""
+        """Say how it should be listed from now on; None: not at all."""
         self._wanted = listing
         if self._work is None and self._listings is not None and not self._same():
             self._work = asyncio.get_running_loop().create_task(self._change(self._listings))
@@ -70,7 +67,6 @@ class Listed:
             if wanted is None:
                 await listings.leave(self._address)
             else:
-                self._revision += 1
-                await listings.enter(msgspec.structs.replace(wanted, revision=self._revision))
+                await listings.enter(wanted)
         except VrError as error:
             _log.warning("%s: %s", self._address.name, error)
