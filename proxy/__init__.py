@@ -1,7 +1,7 @@
 """proxy: the doors between agents and wire.
 
-A *robot proxy* stands for one robot: agents call its commands, and it has the robot's controller carry them out
-over MAVLink. A *view* stands for the cameras and instruments around a robot.
+A *robot proxy* stands for one robot: agents call its commands, and it has the robot's controller carry them
+out over MAVLink. A *view* stands for the cameras and instruments around a robot.
 
     motion · translate · guard · outcome · twin     pure: words of one side into words of the other
     session · backoff                               pure: the conversation with one controller

@@ -11,7 +11,7 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Gripper, GripperState, Tool
 from robotree.proxy.connection import Dial
 from robotree.proxy.guard import ArmLimits, Span
-from robotree.proxy.motion import GoTo, Grip
+from robotree.proxy.motion import GoTo, Grip, Hold
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import twist_of
 from robotree.vr.command import command
@@ -105,4 +105,4 @@ class Arm(RobotProxy):
     @command(effect="repeat")
     def hold(self) -> None:
         """Stay here: yield when pushed, and come back."""
-        self.stop()
+        self.carry_out(Hold())

@@ -26,12 +26,15 @@ SENTENCES: dict[Reason, str] = {
     Reason.FAULT: "the controller found a fault in itself",
 }
 """One for every reason of the dialect; a test compares."""
+LONGEST_TEXT = 80
+"""[bytes] The wire cuts a longer sentence."""
 
 
 def explain(end: GoalEnded) -> str:
     """Why a goal ended as it did, as one sentence without its full stop."""
     if end.text:
-        return end.text.rstrip(". ") or end.text
+        cut = len(end.text.encode()) >= LONGEST_TEXT
+        return f"{end.text}…" if cut else end.text.rstrip(". ") or end.text
     try:
         return SENTENCES[Reason(end.reason)]
     except ValueError:

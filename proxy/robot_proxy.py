@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from robotree.protocol.links.url import connect
+from robotree.protocol.messages import Message
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.errand import Desk, Errand, NotSent
@@ -26,14 +27,17 @@ from robotree.vr.command import command
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Message)
 
 GLANCE = 0.05
 """[s] between two looks of a waiting command at its caller's wishes. The end of its goal wakes it at once."""
-RECALL_WITHIN = 2.0
-"""[s] that a cancelled command waits for the controller to confirm the end of its goal."""
+RECALL_WITHIN = 0.8
+"""[s] that a cancelled command waits for the controller to confirm the end of its goal: less than the
+second that agents allow. What is not confirmed by then goes on being asked for."""
 NEWS_WITHIN = 1.0
 """[s] that a reading may take to arrive. The slowest stream comes ten times a second."""
+NEXT = "look after the controller, the proxy goes on dialling"
+"""What a person can do about a robot that is offline."""
 
 
 class RobotProxy(Robot):
@@ -79,6 +83,11 @@ class RobotProxy(Robot):
         finally:
             self._desk.close("its proxy has ended")
 
+    @property
+    def controller_epoch(self) -> int:
+        """The highest epoch that the controller has told of; 0: none yet."""
+        return self._session.obeyed
+
     # -- hooks of a robot --------------------------------------------------------------------------
 
     def readings(self) -> dict[str, float]:
@@ -91,16 +100,16 @@ class RobotProxy(Robot):
 
     def resume(self) -> None:
         """Release the stop at the controller."""
-        epoch = max(self._fence.highest, self._session.obeyed)
+        epoch = max(self._fence.highest, self.controller_epoch)
         self._connection.soon(
             lambda: self._connection.perform(self._session.release(epoch, self._connection.now()))
         )
 
     # -- commands of every robot -------------------------------------------------------------------
 
-    @command(effect="repeat")
+    @command(effect="read")  # so that it does not wait for the very motion that it shall end
     def stop(self) -> None:
-        """Drop whatever moves and stay here, compliantly."""
+        """Drop whatever moves and stay here, compliantly; the next command may move again."""
         self.carry_out(Hold())
 
     # -- for the kinds -----------------------------------------------------------------------------
@@ -117,7 +126,7 @@ class RobotProxy(Robot):
         """
         context = self.context
         check(motion, self._limits, command=f"{self.name}.{context.command}")
-        self._fence.raise_to(self._session.obeyed)
+        self._fence.raise_to(self.controller_epoch)
         self._fence.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
         errand = self._desk.send_out(goal_key(context.key), request_of(motion), epoch=context.epoch, ttl=ttl)
@@ -143,11 +152,10 @@ class RobotProxy(Robot):
             if message is not None:
                 return message
             if not self.online:
-                raise self._failed(self._session.trouble)
+                raise self._failed(f"{self._session.trouble}; {NEXT}")
             if self._connection.now() >= deadline:
-                raise self._failed(
-                    f"the controller tells no {kind.__name__.upper()}; is it a {self.kinds()[0]}?"
-                )
+                name = kind.codec.definition.name
+                raise self._failed(f"the controller tells no {name}; is it a {self.kinds()[0]}?")
             self.sleep(0.01)
 
     @property
@@ -180,7 +188,7 @@ class RobotProxy(Robot):
         """Raise what the end of an errand means for the command."""
         match errand.end:
             case NotSent(trouble=trouble):
-                raise self._failed(trouble)
+                raise self._failed(f"{trouble}; {NEXT}")
             case GoalSilent() | None:
                 raise self._failed("its controller has fallen silent; look whether the robot still moves")
             case end:

@@ -81,8 +81,8 @@ class Session:
         self.controller = controller
         self.twin = Twin()
         self.online = False
-        self.trouble = "it was not heard yet"
-        """Why it is offline, for people; the end of a sentence that begins with the robot's name."""
+        self.trouble = "its controller was not heard yet"
+        """Why it is offline, for people, as one clause."""
         self.heard_at = -math.inf
         """[s] The last sign of life of the controller."""
         self._open = False

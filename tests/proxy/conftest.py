@@ -17,6 +17,7 @@ from robotree.protocol.messages import (
     GoalCancel,
     GoalState,
     Heartbeat,
+    LocalPositionNed,
     Mode,
     ModeKind,
     Reason,
@@ -44,6 +45,7 @@ class Controller:
         self.heard: list[AnyMessage] = []
         self.mode = ModeKind.READY
         self.mute = False
+        self.place: tuple[float, float] | None = None
         self.now = 0.0
         self._heartbeats = HeartbeatSender()
         self._mode_told = LONG_AGO
@@ -60,6 +62,10 @@ class Controller:
 
     def tell_tool(self) -> None:
         self.say(Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 0))
+
+    def tell_place(self) -> None:
+        if self.place is not None:
+            self.say(LocalPositionNed(5, self.place[0], -self.place[1], 0.0, 0.0, 0.0, 0.0))
 
     def tick(self, now: float) -> None:
         self.now = now

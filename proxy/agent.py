@@ -1,0 +1,178 @@
+"""A proxy or a view as a whole: robot, agent, listing and connection, up together and down together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from robotree.protocol.errors import BadUrl
+from robotree.protocol.links.url import parse
+from robotree.proxy import kinds
+from robotree.proxy.errors import BadController
+from robotree.proxy.robot_proxy import RobotProxy
+from robotree.proxy.view import WorkspaceView
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.view_agent import ViewAgent
+from robotree.vr.host.zenoh import join
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.space.contract import Space
+from robotree.vr.space.sqlite import SqliteSpace
+from robotree.vr.transport import Transport
+
+Ready = Callable[[str], None]
+"""Told the address of an agent that is up."""
+
+
+def _nobody(_: str) -> None:
+    """Hear that it is ready, and do nothing."""
+
+
+async def run_proxy(
+    kind: str,
+    name: str,
+    url: str,
+    *,
+    realm: str | None = None,
+    space_path: Path | None = None,
+    ready: Ready = _nobody,
+) -> None:
+    """Stand for one robot in a realm until cancelled. The controller may come and go.
+
+    Args:
+        kind: of robot, one of `kinds.KINDS`.
+        name: of the robot, unique in the realm.
+        url: where its controller listens, as `tcp:127.0.0.1:5760`.
+        realm: None: `$ROBOTREE_REALM`, else `default`.
+        space_path: file in which calls are counted over restarts; None: they are not.
+        ready: told the address once the robot can be called.
+
+    Raises:
+        UnknownKind: there is no such kind of robot.
+        BadName: that cannot be a name.
+        BadController: the address means nothing.
+        DuplicateName: a living robot has the name.
+        TransportError: the realm cannot be joined.
+    """
+    robot = kinds.make(kind, name, _checked(url))
+    transport = await join(realm)
+    async with contextlib.AsyncExitStack() as stack:
+        stack.push_async_callback(transport.close)
+        space = None
+        if space_path is not None:
+            space = SqliteSpace(space_path)
+            stack.push_async_callback(space.close)
+        agent = await stack.enter_async_context(standing_for(robot, transport, space=space))
+        ready(agent.address.key)
+        await agent.closed.wait()
+
+
+async def run_view(name: str, url: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:
+    """Show one workspace to a realm until cancelled. The controller may come and go.
+
+    Args:
+        name: of the view, unique in the realm.
+        url: where the controller listens whose cameras it uses.
+        realm: None: `$ROBOTREE_REALM`, else `default`.
+        ready: told the address once the view can be looked at.
+
+    Raises:
+        BadName: that cannot be a name.
+        BadController: the address means nothing.
+        DuplicateName: a living view has the name.
+        TransportError: the realm cannot be joined.
+    """
+    view = WorkspaceView(name, _checked(url))
+    transport = await join(realm)
+    async with contextlib.AsyncExitStack() as stack:
+        stack.push_async_callback(transport.close)
+        agent = await stack.enter_async_context(showing(view, transport))
+        ready(agent.address.key)
+        await asyncio.get_running_loop().create_future()
+
+
+@asynccontextmanager
+async def standing_for(
+    robot: RobotProxy, transport: Transport, *, space: Space | None = None
+) -> AsyncIterator[RobotAgent]:
+    """A robot's proxy that is up inside the block.
+
+    Args:
+        robot: the proxy.
+        transport: the way to the other agents.
+        space: where calls are counted.
+
+    Yields:
+        Its agent.
+
+    Raises:
+        DuplicateName: a living robot has the name.
+        TransportError: the transport does not work.
+    """
+    registrar = Registrar(transport)
+    agent = RobotAgent(robot, transport, registrar=registrar, space=space)
+    robot.on_change = agent.notify
+    try:
+        await agent.start()
+        async with _meanwhile(robot.run()):
+            try:
+                yield agent
+            finally:
+                await agent.close()
+    finally:
+        await registrar.close()
+
+
+@asynccontextmanager
+async def showing(view: WorkspaceView, transport: Transport) -> AsyncIterator[ViewAgent]:
+    """A view that is up inside the block.
+
+    Args:
+        view: the view.
+        transport: the way to the other agents.
+
+    Yields:
+        Its agent.
+
+    Raises:
+        DuplicateName: a living view has the name.
+        TransportError: the transport does not work.
+    """
+    registrar = Registrar(transport)
+    agent = ViewAgent(view, transport, view.name, registrar=registrar)
+    try:
+        await agent.start()
+        async with _meanwhile(view.run()):
+            try:
+                yield agent
+            finally:
+                await agent.close()
+    finally:
+        await registrar.close()
+
+
+@asynccontextmanager
+async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Run something beside the block, and end it with the block; what fails in it ends the block."""
+    async with asyncio.TaskGroup() as group:
+        task = group.create_task(work)
+        try:
+            yield
+        finally:
+            task.cancel()
+
+
+def _checked(url: str) -> str:
+    """Refuse an address before anything is joined or opened.
+
+    Raises:
+        BadController: it means nothing.
+    """
+    try:
+        parse(url)
+    except BadUrl as error:
+        raise BadController(detail=str(error)) from None
+    return url
