@@ -6,5 +6,18 @@ Call them from the tests of a new implementation; a broken promise is an `Assert
 from __future__ import annotations
 
 from robotree.vr.host.examine import TRANSPORT_CHECKS, Join, check_transport, promise, until
+from robotree.vr.host.virtual_time import in_virtual_time, run_in_virtual_time
+from robotree.vr.lookup.examine import LOOKUP_CHECKS, Open, check_lookup
 
-__all__ = ["TRANSPORT_CHECKS", "Join", "check_transport", "promise", "until"]
+__all__ = [
+    "LOOKUP_CHECKS",
+    "TRANSPORT_CHECKS",
+    "Join",
+    "Open",
+    "check_lookup",
+    "check_transport",
+    "in_virtual_time",
+    "promise",
+    "run_in_virtual_time",
+    "until",
+]

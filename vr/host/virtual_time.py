@@ -7,10 +7,12 @@ whatever takes its time from the event loop and has no threads of its own.
 from __future__ import annotations
 
 import asyncio
+import functools
 import selectors
-from collections.abc import Coroutine
-from typing import Any, TypeVar
+from collections.abc import Callable, Coroutine
+from typing import Any, ParamSpec, TypeVar
 
+_P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
@@ -52,3 +54,13 @@ def run_in_virtual_time(story: Coroutine[Any, Any, _R]) -> _R:
     """Run a story to its end, and what it left behind, in no time."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(story)
+
+
+def in_virtual_time(story: Callable[_P, Coroutine[Any, Any, None]]) -> Callable[_P, None]:
+    """Make a plain function, for instance a test, of a story that is told in virtual time."""
+
+    @functools.wraps(story)
+    def tell(*args: _P.args, **kwargs: _P.kwargs) -> None:
+        run_in_virtual_time(story(*args, **kwargs))
+
+    return tell

@@ -1,0 +1,60 @@
+"""Names: one living agent each, whoever came first, also if nobody did."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from robotree.vr.address import Address
+from robotree.vr.errors import DuplicateName, VrError
+from robotree.vr.host.claim import claim, new_address
+from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.testing import in_virtual_time
+
+
+@in_virtual_time
+async def test_a_taken_name_is_refused_until_its_holder_has_gone() -> None:
+    network = MemoryNetwork()
+    one, other = network.join(), network.join()
+    held = await claim(one, new_address("robot", "arm"))
+    with pytest.raises(DuplicateName, match="a robot named 'arm' is already running"):
+        await claim(other, new_address("robot", "arm"))
+    await claim(other, new_address("view", "arm"))  # another role is another name
+    await held.close()
+    await claim(other, new_address("robot", "arm"))
+    assert len(await one.present("robot/arm/*")) == 1
+
+
+@in_virtual_time
+async def test_a_holder_that_is_just_leaving_is_waited_for() -> None:
+    network = MemoryNetwork(delay=0.02)
+    one, other = network.join(), network.join()
+    held = await claim(one, new_address("robot", "arm"))
+    asyncio.get_running_loop().call_later(0.05, lambda: asyncio.ensure_future(held.close()))
+    await claim(other, new_address("robot", "arm"))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.001, 0.05, 0.099])
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+@in_virtual_time
+async def test_of_those_who_come_at_once_exactly_one_stays(lag: float, order: tuple[int, ...]) -> None:
+    network = MemoryNetwork()
+    results: list[Address | VrError] = []
+
+    async def come(incarnation: int) -> None:
+        address = Address("robot", "arm", str(incarnation))
+        try:
+            await claim(network.join(), address)
+        except VrError as error:
+            results.append(error)
+        else:
+            results.append(address)
+
+    coming = []
+    for incarnation in order:
+        coming.append(asyncio.ensure_future(come(incarnation)))
+        await asyncio.sleep(lag)
+    await asyncio.gather(*coming)
+    assert [type(result) for result in results].count(Address) == 1
+    assert [type(result) for result in results].count(DuplicateName) == 2

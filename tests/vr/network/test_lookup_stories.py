@@ -1,0 +1,387 @@
+"""Agents, lookup services and onlookers, with every accident between them, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgspec
+import pytest
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing, Template
+from robotree.vr.errors import NoSuchHost, NoSuchRobot, NoSuchView
+from robotree.vr.host.claim import new_address
+from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.service import LookupService
+from robotree.vr.testing import in_virtual_time
+from robotree.vr.transport import Registration, Respond
+
+
+class Agent:
+    """One agent in a process of its own."""
+
+    def __init__(self, network: MemoryNetwork, name: str) -> None:
+        self.network, self.transport = network, network.join(name)
+        self.registrar = Registrar(self.transport, chance=lambda: 0.5)
+        self.listing = Listing(address=new_address("robot", name), kinds=("Arm", "Robot"))
+        self.presence: Registration | None = None
+
+    async def start(self) -> Agent:
+        self.presence = await self.transport.announce(self.listing.address.key)
+        await self.registrar.enter(self.listing)
+        return self
+
+    async def become_free(self) -> None:
+        await self.registrar.enter(self.listing)
+
+    async def be_enslaved(self) -> None:
+        await self.registrar.leave(self.listing.address)
+
+
+class Onlooker:
+    """A supervisor's directory and everything that it was told."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self.directory = Directory(network.join("onlooker"))
+        self.told: list[str] = []
+        self.directory.on_change(
+            lambda change: self.told.append(
+                f"{change.kind} {change.listing.name}" if change.listing else change.kind
+            )
+        )
+
+    async def start(self) -> Onlooker:
+        await self.directory.start()
+        return self
+
+    @property
+    def news(self) -> list[str]:
+        """What was told of robots since the last look."""
+        told, self.told = self.told, []
+        return [line for line in told if line != "services"]
+
+    @property
+    def names(self) -> list[str]:
+        return [listing.name for listing in self.directory.listings]
+
+
+async def open_lookup(network: MemoryNetwork, name: str) -> tuple[LookupService, MemoryTransport]:
+    transport = network.join(name)
+    service = LookupService(transport, name)
+    await service.start()
+    return service, transport
+
+
+async def open_lookups(network: MemoryNetwork, count: int = 3) -> list[MemoryTransport]:
+    return [(await open_lookup(network, f"lookup-{number}"))[1] for number in range(count)]
+
+
+@in_virtual_time
+async def test_arrivals_changes_and_departures_appear_by_themselves_and_once() -> None:
+    network = MemoryNetwork()
+    await open_lookups(network)
+    onlooker = await Onlooker(network).start()
+    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["arrived arm", "arrived rover"]
+    await arm.registrar.enter(msgspec.structs.replace(arm.listing, doc="now with a doc"))
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["changed arm"]
+    await arm.be_enslaved()
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["departed arm"]
+    network.kill(rover.transport)
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["departed rover"], "death is seen at once, not when the lease ends"
+    await arm.become_free()
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["arrived arm"]
+    await asyncio.sleep(300)
+    assert onlooker.news == [], "leases are renewed"
+    assert onlooker.directory.services == ("lookup-0", "lookup-1", "lookup-2")
+
+
+@in_virtual_time
+async def test_with_one_of_three_killed_nobody_notices() -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    assert onlooker.news == ["arrived arm"]
+    network.kill(lookups[0])
+    rover = await Agent(network, "rover").start()
+    await asyncio.sleep(60)
+    assert onlooker.news == ["arrived rover"]
+    network.kill(lookups[1])
+    await asyncio.sleep(60)
+    assert onlooker.news == []
+    assert onlooker.directory.services == ("lookup-2",)
+    assert not onlooker.directory.stale
+    await rover.be_enslaved()
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["departed rover"]
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.9, 2.1, 5.0, 9.0, 11.0, 100.0])
+@in_virtual_time
+async def test_with_one_of_three_stopped_nobody_notices(seconds: float) -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    assert onlooker.news == ["arrived arm"]
+    network.freeze(lookups[1])
+    await asyncio.sleep(seconds)
+    network.thaw(lookups[1])
+    await asyncio.sleep(60)
+    assert onlooker.news == []
+
+
+@in_virtual_time
+async def test_a_stopped_lookup_delays_neither_agents_nor_onlookers() -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    network.freeze(lookups[1])
+    loop = asyncio.get_running_loop()
+    begin = loop.time()
+    arm = await Agent(network, "arm").start()
+    assert loop.time() - begin < 0.2
+    onlooker = await Onlooker(network).start()
+    assert loop.time() - begin < FIRST_LOOK + 0.3
+    assert onlooker.names == ["arm"]
+    begin = loop.time()
+    await arm.be_enslaved()
+    assert loop.time() - begin < 0.2
+    await asyncio.sleep(0.01)
+    assert onlooker.names == []
+
+
+@in_virtual_time
+async def test_with_all_killed_the_list_is_stale_and_heals_when_one_returns() -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
+    onlooker = await Onlooker(network).start()
+    assert onlooker.news == ["arrived arm", "arrived rover"]
+    for lookup in lookups:
+        network.kill(lookup)
+    await asyncio.sleep(600)
+    assert onlooker.news == []
+    assert onlooker.directory.stale
+    assert onlooker.names == ["arm", "rover"], "the last knowledge stays"
+    network.kill(rover.transport)
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["departed rover"], "who is dead is dead, lookup or not"
+    late = await Agent(network, "late").start()
+    assert await onlooker.directory.resolve("late") == late.listing.address
+    await open_lookup(network, "lookup-9")
+    await asyncio.sleep(1)
+    assert not onlooker.directory.stale
+    assert onlooker.news == ["arrived late"], "all register again, and who was known does not flicker"
+    await asyncio.sleep(60)
+    assert onlooker.news == []
+    await arm.be_enslaved()
+    await asyncio.sleep(0.01)
+    assert onlooker.news == ["departed arm"]
+
+
+@in_virtual_time
+async def test_who_was_enslaved_while_no_lookup_lived_is_not_listed_by_the_next() -> None:
+    network = MemoryNetwork()
+    (lookup,) = await open_lookups(network, 1)
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    network.kill(lookup)
+    await arm.be_enslaved()
+    await open_lookup(network, "lookup-9")
+    await asyncio.sleep(5)
+    assert onlooker.news == ["arrived arm", "departed arm"]
+
+
+@in_virtual_time
+async def test_who_is_slow_to_register_with_a_new_lookup_does_not_flicker() -> None:
+    network = MemoryNetwork()
+    (lookup,) = await open_lookups(network, 1)
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    network.kill(lookup)
+    network.freeze(arm.transport)
+    await open_lookup(network, "lookup-9")
+    await asyncio.sleep(1.5)
+    network.thaw(arm.transport)
+    await asyncio.sleep(60)
+    assert onlooker.news == ["arrived arm"]
+
+
+@in_virtual_time
+async def test_a_registration_that_failed_is_repeated() -> None:
+    network = MemoryNetwork()
+    service, transport = await open_lookup(network, "lookup-1")
+    handler = transport.served[service.address.key]
+    failures = iter(range(3))
+
+    async def fail_at_first(body: bytes, respond: Respond) -> None:
+        if next(failures, None) is None:
+            await handler(body, respond)
+
+    transport.served[service.address.key] = fail_at_first
+    await Agent(network, "arm").start()
+    await asyncio.sleep(2)
+    onlooker = await Onlooker(network).start()
+    assert onlooker.names == ["arm"]
+
+
+@in_virtual_time
+async def test_a_late_lookup_takes_over_from_the_only_one() -> None:
+    network = MemoryNetwork()
+    (first,) = await open_lookups(network, 1)
+    await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    await open_lookup(network, "late")
+    network.kill(first)
+    await asyncio.sleep(60)
+    assert onlooker.news == ["arrived arm"]
+    assert onlooker.directory.services == ("late",)
+
+
+@in_virtual_time
+async def test_a_late_lookup_is_not_kept_waiting_by_a_stopped_one() -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    await Agent(network, "arm").start()
+    network.freeze(lookups[0])
+    begin = asyncio.get_running_loop().time()
+    service, _ = await open_lookup(network, "late")
+    assert asyncio.get_running_loop().time() - begin < 1.5
+    now = asyncio.get_running_loop().time()
+    assert [listing.name for listing, _ in service.table.find(Template(), now)] == ["arm"]
+
+
+@pytest.mark.parametrize("seconds", [1.0, 5.0, 30.0])
+@in_virtual_time
+async def test_a_lookup_that_slept_does_not_bring_back_the_enslaved_or_the_dead(seconds: float) -> None:
+    network = MemoryNetwork()
+    lookups = await open_lookups(network)
+    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
+    early = await Onlooker(network).start()
+    assert early.news == ["arrived arm", "arrived rover"]
+    network.freeze(lookups[2])
+    await asyncio.sleep(0.1)
+    await arm.be_enslaved()
+    network.kill(rover.transport)
+    await asyncio.sleep(seconds)
+    assert early.news == ["departed arm", "departed rover"]
+    network.thaw(lookups[2])
+    await asyncio.sleep(0.1)
+    late = await Onlooker(network).start()
+    assert late.names == [], "the withdrawal was repeated to it, long before its old leases end"
+    await asyncio.sleep(60)
+    assert early.news == late.news == []
+
+
+@in_virtual_time
+async def test_a_stopped_robot_departs_and_returns() -> None:
+    network = MemoryNetwork(lease=2.0)
+    await open_lookups(network)
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    assert onlooker.news == ["arrived arm"]
+    network.freeze(arm.transport)
+    await asyncio.sleep(2.1)
+    assert onlooker.news == ["departed arm"]
+    network.thaw(arm.transport)
+    await asyncio.sleep(1.0)
+    assert onlooker.news == ["arrived arm"]
+
+
+@in_virtual_time
+async def test_news_that_got_lost_is_made_up_for() -> None:
+    network = MemoryNetwork()
+    service, _ = await open_lookup(network, "lookup-1")
+    onlooker = await Onlooker(network).start()
+    service._tell = lambda _: None  # type: ignore[method-assign] # as if the network dropped it
+    arm = await Agent(network, "arm").start()
+    await asyncio.sleep(SYNCHRONISE + 1)
+    assert onlooker.news == ["arrived arm"]
+    await arm.be_enslaved()
+    await asyncio.sleep(SYNCHRONISE + 1)
+    assert onlooker.news == ["departed arm"]
+
+
+@in_virtual_time
+async def test_the_enslaved_are_found_by_name_and_nobody_else() -> None:
+    network = MemoryNetwork()
+    await open_lookups(network, 1)
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    await arm.be_enslaved()
+    await asyncio.sleep(0.01)
+    assert onlooker.names == []
+    assert await onlooker.directory.resolve("arm") == arm.listing.address
+    for role, error in (("robot", NoSuchRobot), ("view", NoSuchView), ("host", NoSuchHost)):
+        with pytest.raises(error, match="'nobody'"):
+            await onlooker.directory.resolve("nobody", role)  # type: ignore[arg-type]
+    with pytest.raises(NoSuchView):
+        await onlooker.directory.resolve("arm", "view")
+    assert onlooker.directory.present("robot") == (arm.listing.address,)
+
+
+@in_virtual_time
+async def test_onlookers_choose_by_template() -> None:
+    network = MemoryNetwork()
+    await open_lookups(network, 2)
+    await Agent(network, "arm").start()
+    view = Agent(network, "view")
+    view.listing = Listing(address=Address("view", "cell", "1"), kinds=("View",), attributes={"at": "cell"})
+    await view.start()
+    onlooker = await Onlooker(network).start()
+    for template, names in (
+        (Template(), ["arm", "cell"]),
+        (Template(role="view"), ["cell"]),
+        (Template(kind="Robot"), ["arm"]),
+        (Template(attributes={"at": "cell"}), ["cell"]),
+        (Template(kind="Rover"), []),
+    ):
+        assert [listing.name for listing in onlooker.directory.find(template)] == names
+
+
+@in_virtual_time
+async def test_a_listener_that_raises_or_leaves_disturbs_nobody(caplog: pytest.LogCaptureFixture) -> None:
+    network = MemoryNetwork()
+    await open_lookups(network, 1)
+    onlooker = Onlooker(network)
+
+    def fail(_: object) -> None:
+        raise RuntimeError("on purpose")
+
+    end = onlooker.directory.on_change(fail)
+    onlooker.directory.on_change(lambda _: None)()
+    await onlooker.start()
+    await Agent(network, "arm").start()
+    await asyncio.sleep(0.01)
+    end()
+    end()
+    assert onlooker.news == ["arrived arm"]
+    assert "on purpose" in caplog.text
+
+
+@in_virtual_time
+async def test_what_was_closed_asks_and_tells_nothing_more() -> None:
+    network = MemoryNetwork()
+    service, _ = await open_lookup(network, "lookup-1")
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    await onlooker.directory.close()
+    await onlooker.directory.close()
+    await arm.registrar.close()
+    await arm.registrar.close()
+    assert onlooker.news == ["arrived arm"]
+    await asyncio.sleep(60)
+    assert onlooker.news == []
+    assert service.table.find(Template(), asyncio.get_running_loop().time()) == (), "nobody renews"
+    await service.close()
+    await service.close()
+    left = asyncio.all_tasks() - {asyncio.current_task()}
+    assert not left, "no task is left behind"

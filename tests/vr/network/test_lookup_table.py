@@ -1,0 +1,162 @@
+"""The table of a lookup service: laws of leases and revisions, with time as an argument."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing, Template
+from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable
+from robotree.vr.requests import Listed, Unlisted
+
+ARM = Address("robot", "arm", "1")
+
+
+def listing(revision: int = 1, address: Address = ARM, **given: object) -> Listing:
+    return Listing(**{"address": address, "kinds": ("Arm", "Robot"), "revision": revision, **given})  # type: ignore[arg-type]
+
+
+def names(table: LookupTable, now: float, template: Template | None = None) -> list[str]:
+    return [found.name for found, _ in table.find(template or Template(), now)]
+
+
+def test_a_listing_lasts_as_long_as_its_lease() -> None:
+    table = LookupTable()
+    assert table.register(listing(), 5.0, now=0.0) == (5.0, [Listed(listing=listing())])
+    assert table.find(Template(), now=3.0) == ((listing(), 2.0),)
+    assert table.expire(now=4.9) == []
+    assert table.find(Template(), now=5.0) == (), "even before anybody looked at the clock"
+    assert table.expire(now=5.0) == [Unlisted(address=ARM, revision=LOST)]
+
+
+def test_a_renewal_prolongs_it_and_is_no_news() -> None:
+    table = LookupTable()
+    table.register(listing(), 5.0, now=0.0)
+    assert table.register(listing(), 5.0, now=4.0) == (5.0, [])
+    assert table.expire(now=8.9) == []
+    assert names(table, 8.9) == ["arm"]
+
+
+def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way() -> None:
+    table = LookupTable()
+    table.register(listing(2, doc="new"), 5.0, now=0.0)
+    assert table.register(listing(1, doc="late"), 5.0, now=0.1) == (0.0, [])
+    assert table.fill(listing(1), 5.0, now=0.1, alive=True) == []
+    assert table.find(Template(), now=0.1)[0][0].doc == "new"
+    changed = listing(3, doc="newer")
+    assert table.register(changed, 5.0, now=0.2) == (5.0, [Listed(listing=changed)])
+
+
+def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
+    table = LookupTable()
+    table.register(listing(1), 5.0, now=0.0)
+    assert table.withdraw(ARM, 2, now=1.0) == [Unlisted(address=ARM, revision=2)]
+    assert table.register(listing(1), 5.0, now=1.1) == (0.0, [])
+    assert table.fill(listing(1), 5.0, now=1.1, alive=True) == []
+    assert names(table, 1.1) == []
+    assert table.register(listing(3), 5.0, now=1.2)[0] == 5.0, "its agent can return"
+
+
+def test_a_late_withdrawal_does_not_take_out_what_returned() -> None:
+    table = LookupTable()
+    table.register(listing(3), 5.0, now=0.0)
+    assert table.withdraw(ARM, 2, now=0.1) == []
+    assert names(table, 0.1) == ["arm"]
+
+
+def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
+    """Another table may know it: whoever sees several must hear of it."""
+    table = LookupTable()
+    assert table.withdraw(ARM, 2, now=0.0) == [Unlisted(address=ARM, revision=2)]
+    assert table.register(listing(1), 5.0, now=0.1) == (0.0, [])
+
+
+def test_the_dead_are_hidden_at_once_and_their_lease_runs_on() -> None:
+    table = LookupTable()
+    table.register(listing(), 5.0, now=0.0)
+    assert table.see(ARM, False, now=1.0) == [Unlisted(address=ARM, revision=LOST)]
+    assert table.see(ARM, False, now=1.0) == []
+    assert names(table, 1.0) == []
+    assert table.see(ARM, True, now=2.0) == [Listed(listing=listing())], "back before its lease was over"
+    table.see(ARM, False, now=3.0)
+    assert table.expire(now=5.0) == [], "nobody saw it, so nobody misses it"
+    assert table.see(ARM, True, now=6.0) == [], "its lease was over"
+
+
+def test_a_renewal_is_a_sign_of_life() -> None:
+    table = LookupTable()
+    table.register(listing(), 5.0, now=0.0)
+    table.see(ARM, False, now=1.0)
+    assert table.register(listing(), 5.0, now=2.0) == (5.0, [Listed(listing=listing())])
+
+
+def test_a_table_filled_from_another_shows_only_who_is_alive() -> None:
+    table = LookupTable()
+    assert table.fill(listing(), 3.0, now=0.0, alive=False) == []
+    assert names(table, 0.0) == []
+    assert table.see(ARM, True, now=1.0) == [Listed(listing=listing())]
+    assert table.find(Template(), now=1.0) == ((listing(), 2.0),), "with what remained of the lease"
+
+
+@given(term=st.floats())
+def test_any_term_asked_for_is_granted_within_bounds(term: float) -> None:
+    granted, _ = LookupTable().register(listing(), term, now=0.0)
+    assert SHORTEST_TERM <= granted <= LONGEST_TERM
+    if SHORTEST_TERM <= term <= LONGEST_TERM:
+        assert granted == term
+
+
+@given(remaining=st.one_of(st.just(math.nan), st.floats(max_value=0), st.floats(min_value=LONGEST_TERM + 1)))
+def test_a_lease_that_no_service_grants_is_not_taken_over(remaining: float) -> None:
+    table = LookupTable()
+    assert table.fill(listing(), remaining, now=0.0, alive=True) == []
+    assert names(table, 0.0) == []
+
+
+words = st.sampled_from(["a", "b", ""])
+
+
+texts = st.dictionaries(words, words)
+addresses = st.builds(Address, st.just("robot"), st.text("ab", min_size=1), st.just("1"))
+pairs = st.tuples(words, words)
+listings = st.builds(listing, st.just(1), addresses, kinds=pairs, commands=pairs, attributes=texts)
+templates = st.builds(Template, name=words, kind=words, command=words, attributes=texts)
+
+
+@given(listed=st.lists(listings), template=templates)
+def test_find_returns_exactly_what_matches_by_name(listed: list[Listing], template: Template) -> None:
+    table = LookupTable()
+    for each in listed:
+        table.register(each, 5.0, now=0.0)
+    last = {each.address: each for each in listed}
+    expected = [
+        each for each in sorted(last.values(), key=lambda each: each.address) if template.matches(each)
+    ]
+    assert [found for found, _ in table.find(template, now=0.0)] == expected
+
+
+facts = st.lists(
+    st.one_of(
+        st.tuples(st.just("register"), st.integers(1, 6)), st.tuples(st.just("withdraw"), st.integers(1, 6))
+    ),
+    max_size=8,
+)
+
+
+@given(facts=facts, data=st.data())
+def test_what_is_known_does_not_depend_on_the_order_in_which_it_was_learnt(
+    facts: list[tuple[str, int]], data: st.DataObject
+) -> None:
+    """Listings have odd revisions and withdrawals even ones here, as an agent never uses one for both."""
+    apart = [(what, revision * 2 + (what == "register")) for what, revision in facts]
+    tables = [LookupTable(), LookupTable()]
+    for table, order in zip(tables, (apart, data.draw(st.permutations(apart))), strict=True):
+        for what, revision in order:
+            if what == "register":
+                table.register(listing(revision), 5.0, now=0.0)
+            else:
+                table.withdraw(ARM, revision, now=0.0)
+    assert tables[0].find(Template(), now=0.0) == tables[1].find(Template(), now=0.0)

@@ -1,0 +1,222 @@
+"""Everything that a lookup service promises, as checks for any implementation of it over any transport."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Protocol
+
+import msgspec
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing, Template
+from robotree.vr.errors import VrError
+from robotree.vr.host.asking import ask
+from robotree.vr.host.examine import Join, promise, until
+from robotree.vr.lookup.service import NEWS_PATTERN
+from robotree.vr.requests import (
+    DescribeHost,
+    Done,
+    Found,
+    HostDescribed,
+    Listed,
+    Query,
+    Register,
+    Registered,
+    Unlisted,
+    Withdraw,
+    decode_event,
+)
+from robotree.vr.transport import Transport
+
+
+class Service(Protocol):
+    """A lookup service under examination."""
+
+    @property
+    def address(self) -> Address:
+        """Where it serves."""
+        ...
+
+    async def close(self) -> None:
+        """End it."""
+        ...
+
+
+Open = Callable[[Transport, str], Awaitable[Service]]
+"""Opens a lookup service of a name on a transport and returns it when it serves."""
+
+ARM = Listing(
+    address=Address("robot", "arm", "1"),
+    kinds=("Arm", "Robot"),
+    commands=("go_to", "grip"),
+    attributes={"place": "lab"},
+    revision=1,
+)
+MATCHING = (
+    Template(),
+    Template(role="robot", name="arm", kind="Robot", command="grip", attributes={"place": "lab"}),
+)
+OTHERS = (
+    Template(role="view"),
+    Template(name="arms"),
+    Template(kind="Rover"),
+    Template(command="move"),
+    Template(attributes={"place": "hall"}),
+)
+
+
+class _Asker:
+    """Asks one service, as an agent or a supervisor does."""
+
+    def __init__(self, transport: Transport, service: Service) -> None:
+        self.transport, self.key = transport, service.address.key
+        self.news: list[Listed | Unlisted] = []
+
+    async def listen(self) -> None:
+        def hear(key: str, body: bytes) -> None:
+            event = decode_event(body, key=key)
+            if isinstance(event, Listed | Unlisted):
+                self.news.append(event)
+
+        await self.transport.subscribe(NEWS_PATTERN, hear)
+        await asyncio.sleep(0.1)  # until the service knows of the listener
+
+    async def register(self, listing: Listing, term: float = 10.0) -> float:
+        request = Register(listing=listing, term=term)
+        return (await ask(self.transport, self.key, request, Registered, timeout=5)).term
+
+    async def withdraw(self, address: Address, revision: int) -> None:
+        request = Withdraw(address=address, revision=revision)
+        await ask(self.transport, self.key, request, Done, timeout=5)
+
+    async def find(self, template: Template | None = None) -> list[Listing]:
+        request = Query(template=template or Template())
+        found = await ask(self.transport, self.key, request, Found, timeout=5)
+        return [listing for listing, _ in found.listings]
+
+
+async def what_is_registered_is_found(join: Join, open_service: Open) -> None:
+    """By every template that it matches, and by no other, until it is withdrawn."""
+    far, near = await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    asker = _Asker(far, service)
+    await far.announce(ARM.address.key)
+    promise(0 < await asker.register(ARM) <= 10, "a lease is granted for at most what was asked for")
+    for template in MATCHING:
+        promise(await asker.find(template) == [ARM], f"{template} finds what matches it")
+    for template in OTHERS:
+        promise(await asker.find(template) == [], f"{template} finds nothing else")
+    await asker.withdraw(ARM.address, 2)
+    promise(await asker.find() == [], "what was withdrawn is not found")
+    promise(await asker.register(ARM) == 0, "a late renewal is refused")
+    promise(await asker.find() == [], "a late renewal does not bring back what was withdrawn")
+    await _close(service, far, near)
+
+
+async def changes_are_told(join: Join, open_service: Open) -> None:
+    """Arrival, change, withdrawal, and death, each once."""
+    far, near = await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    asker = _Asker(far, service)
+    await asker.listen()
+    dying = await join()
+    await dying.announce(ARM.address.key)
+    changed = msgspec.structs.replace(ARM, revision=2, doc="changed")
+    for listing in (ARM, ARM, changed):
+        await asker.register(listing)
+    await until(lambda: asker.news == [Listed(listing=ARM), Listed(listing=changed)], "renewals are no news")
+    await dying.close()
+    lost = Unlisted(address=ARM.address, revision=0)
+    await until(lambda: asker.news[2:] == [lost], "a death is told at once, long before the lease ends")
+    await far.announce(ARM.address.key)
+    await until(lambda: asker.news[3:] == [Listed(listing=changed)], "so is a return within the lease")
+    await asker.withdraw(ARM.address, 3)
+    withdrawn = Unlisted(address=ARM.address, revision=3)
+    await until(lambda: asker.news[4:] == [withdrawn], "a withdrawal is told with its revision")
+    await _close(service, far, near)
+
+
+async def silence_ends_a_lease(join: Join, open_service: Open) -> None:
+    """Also of an agent whose presence nobody sees."""
+    far, near = await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    asker = _Asker(far, service)
+    await asker.listen()
+    term = await asker.register(ARM, term=0.01)
+    promise(await asker.find() == [ARM], "a lease lasts for a while, whatever was asked for")
+    await asyncio.sleep(term + 0.2)
+    promise(await asker.find() == [], "a lease that nobody renews ends")
+    lost = Unlisted(address=ARM.address, revision=0)
+    await until(lambda: asker.news[1:] == [lost], "the end of a lease is told")
+    await _close(service, far, near)
+
+
+async def a_late_one_fills_itself(join: Join, open_service: Open) -> None:
+    """From those who are there, before anybody can see it."""
+    far, near, late = await join(), await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    await far.announce(ARM.address.key)
+    await _Asker(far, service).register(ARM, term=5)
+    latecomer = await open_service(late, "lookup-2")
+    await _until_seen(far, latecomer)
+    found = await ask(far, latecomer.address.key, Query(), Found, timeout=5)
+    promise([listing for listing, _ in found.listings] == [ARM], "a late one has what the others have")
+    promise(0 < found.listings[0][1] <= 5, "and for no longer than they")
+    await _close(service, latecomer, far, near, late)
+
+
+async def nonsense_is_refused(join: Join, open_service: Open) -> None:
+    """With an error that travels; the service goes on."""
+    far, near = await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    try:
+        await ask(far, service.address.key, DescribeHost(), HostDescribed, timeout=5)
+    except VrError:
+        pass
+    else:
+        promise(False, "what it cannot answer is refused")
+    replies = [body async for body in far.request(service.address.key, b"\xff nonsense", timeout=5)]
+    promise(len(replies) == 1, "what cannot be read is refused too")
+    promise(await _Asker(far, service).find() == [], "it goes on")
+    await _close(service, far, near)
+
+
+LOOKUP_CHECKS: tuple[Callable[[Join, Open], Awaitable[None]], ...] = (
+    what_is_registered_is_found,
+    changes_are_told,
+    silence_ends_a_lease,
+    a_late_one_fills_itself,
+    nonsense_is_refused,
+)
+
+
+async def check_lookup(join: Join, open_service: Open) -> None:
+    """Examine a lookup service.
+
+    Args:
+        join: returns the transport of a new member of one and the same network.
+        open_service: opens a service.
+
+    Raises:
+        AssertionError: a promise is broken.
+    """
+    for check in LOOKUP_CHECKS:
+        await check(join, open_service)
+
+
+async def _until_seen(who: Transport, service: Service) -> None:
+    seen: list[str] = []
+    watch = await who.watch("lookup/*/*", lambda key, _: seen.append(key))
+    await until(lambda: service.address.key in seen, "a lookup service is seen")
+    await watch.close()
+
+
+async def _close(*closing: Service | Transport) -> None:
+    for each in closing:
+        await each.close()
