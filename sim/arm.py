@@ -139,7 +139,7 @@ class Arm:
         dynamics = self._kinematics.dynamics(ports.q, ports.v)
         self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
         setpoint = self._follower.advance(dt, self._load)
-        effort = self._law.effort(dynamics, ports.v, setpoint, self._wrench, dt)
+        effort = self._law.effort(dynamics, ports.q, ports.v, setpoint, self._wrench, dt)
         ports.torque[:] = effort.torque
         self._load, self._error = effort.load, effort.error
         self._waited = 0.0 if self._follower.moving else self._waited + dt

@@ -28,6 +28,9 @@ HOME: Final = (0.0, -0.3, 1.9, 0.0, math.pi - 1.6, 0.0)
 """[rad] posture in which the arm is switched on: tool down, elbow up."""
 ERROR_REACHED: Final = 1e-4
 """[m and rad, mixed norm] of the tool at which a posture counts as found."""
+ROLL: Final = 3
+"""The forearm's roll, which a tool that points down does not need. The search leaves it at 0: where the forearm is
+vertical too, roll and twist turn about the same line, and a free roll would wander off to its stop there."""
 DAMPING: Final = 1e-3
 """Damping per squared error; with the reach of this arm the median goal takes 7 iterations."""
 STEP: Final = 0.3
@@ -111,7 +114,7 @@ class Kinematics:
         return Dynamics(placement.translation, placement.rotation, jacobian, data.M, inverse, data.nle)
 
     def solve(self, position: Vector, rotation: Matrix, seed: Vector, iterations: int = 60) -> Solution:
-        """Find the posture near `seed` that brings the tool to a pose.
+        """Find the posture near `seed`, its forearm not rolled, that brings the tool to a pose.
 
         Args:
             position: (3,) of T in W [m].
@@ -122,6 +125,7 @@ class Kinematics:
         model, data = self._model, self._data
         goal = pin.SE3(rotation, position)
         q = np.array(seed)
+        q[ROLL] = 0.0
         squared = math.inf
         for _ in range(iterations):
             pin.forwardKinematics(model, data, q)
@@ -131,6 +135,7 @@ class Kinematics:
             if squared < ERROR_REACHED**2:
                 break
             jacobian = pin.computeFrameJacobian(model, data, q, self._tool, pin.LOCAL)
+            jacobian[:, ROLL] = 0.0
             damping = (DAMPING * squared + 1e-9) * np.eye(6)
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, error)
             furthest = float(np.abs(step).max())
