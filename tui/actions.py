@@ -89,7 +89,6 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.tree,
         where=ANYWHERE,
         key="t",
-        label="Tree",
     ),
     Action(
         usage="show NAME",
@@ -173,7 +172,6 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.cancel,
         where=ANYWHERE,
         key="c",
-        label="Cancel",
         examples=("cancel mover",),
     ),
     Action(
@@ -193,7 +191,6 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.resume,
         where=ANYWHERE,
         key="R",
-        label="Resume",
         danger=True,
         examples=("resume",),
     ),
@@ -261,9 +258,9 @@ ACTIONS: tuple[Action, ...] = (
         key="enter",
         label="Panel",
     ),
-    Action("robots", "List the free robots.", SCREEN, where=SHOWN, key="l", label="Robots"),
-    Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v", label="Views"),
-    Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g", label="Log"),
+    Action("robots", "List the free robots.", SCREEN, where=SHOWN, key="l"),
+    Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
+    Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g"),
     Action(
         "filter",
         "Show only what contains these letters.",

@@ -1,0 +1,276 @@
+"""The full screen: puts pages in front of the store, and verbs behind the keys."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar
+
+from textual import work
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
+from textual.widgets import Input
+
+from robotree.tui import asking, completion, exit_codes, grammar, manual
+from robotree.tui.actions import BY_VERB, Where, groups, shapes
+from robotree.tui.errors import SupervisorError
+from robotree.tui.feeding import Feed
+from robotree.tui.fence import Fenced
+from robotree.tui.grammar import Line
+from robotree.tui.screens.dialogs import Reading
+from robotree.tui.screens.help import help_text
+from robotree.tui.screens.main import PANES, MainPage
+from robotree.tui.screens.teleop import TeleopPage
+from robotree.tui.store import Store, Weight
+from robotree.tui.teleoperable import bounds
+from robotree.tui.terminal import complain
+from robotree.tui.themes import DARK, LIGHT
+from robotree.tui.verbs import Outcome
+from robotree.vr.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.description import RobotDescription
+
+log = logging.getLogger(__name__)
+
+
+class Supervisor(Fenced, App[int]):
+    """One operator, one realm."""
+
+    TITLE = "robotree"
+    CSS_PATH = "supervisor.tcss"
+    ENABLE_COMMAND_PALETTE = True
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "stop_unless_typing", "STOP", priority=True, show=False),
+        Binding("ctrl+s", "protective_stop", "STOP", priority=True, show=False),
+        Binding("question_mark", "show_help", "Help"),
+    ]
+
+    def __init__(self, fleet: FleetDoor, *, realm: str, store: Store | None = None) -> None:
+        """Supervise a fleet that has been joined.
+
+        Args:
+            fleet: the agents of the realm.
+            realm: its name, to be shown.
+            store: what is known already, when the screen is opened anew.
+        """
+        super().__init__()
+        self.fleet, self.realm = fleet, realm
+        self.store = store or Store()
+        self.feed = Feed(fleet, self.store, self.now)
+        self.mended: list[Exception] = []
+        """Errors that the fence held back."""
+        self.fatal: Exception | None = None
+        """The error that ended the screen, if one did."""
+
+    @staticmethod
+    def now() -> float:
+        """[s] on the store's clock."""
+        return time.monotonic()
+
+    async def on_mount(self) -> None:
+        """Show the main page and begin to listen."""
+        for theme in (DARK, LIGHT):
+            self.register_theme(theme)
+        self.theme = DARK.name
+        await self.push_screen(MainPage())
+        await self.feed.open()
+
+    async def on_unmount(self) -> None:
+        """Stop to listen."""
+        await self.feed.close()
+
+    # -- telling -----------------------------------------------------------------------------------
+
+    def tell(self, text: str, weight: Weight = "plain") -> None:
+        """Enter something in the log; the flash line shows it."""
+        self.store.tell(text, weight, self.now())
+
+    def mend(self, error: Exception) -> None:
+        """Go on after an error that should not have been."""
+        self.mended.append(error)
+        if any(repr(error) in one.text for one in list(self.store.happenings)[-3:]):
+            return  # what goes wrong at every drawing is told once
+        self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
+
+    def _handle_exception(self, error: Exception) -> None:
+        """Remember what ends this screen, so that `supervise` can say it and open another one."""
+        self.fatal = error
+        log.error("the screen ended", exc_info=error)
+        super()._handle_exception(error)
+
+    # -- verbs -------------------------------------------------------------------------------------
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Hear how far a verb is (`verbs.Teller`)."""
+        share = "" if math.isnan(fraction) else f"{fraction:.0%} "
+        self.tell(f"… {share}{text}".rstrip())
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Hear one of many outcomes of a verb (`verbs.Teller`)."""
+        self.tell(outcome.text)
+
+    async def attempt(self, line: Line) -> str:
+        """Carry out a verb and tell what came of it.
+
+        Returns:
+            Why it was refused or failed; empty: it was done.
+        """
+        _, refusal = await self._carry_out(line)
+        return refusal
+
+    async def _carry_out(self, line: Line) -> tuple[str, str]:
+        run = BY_VERB[line.verb].run
+        if run is None:
+            return "", f"{line.verb} is done by its key"
+        try:
+            outcome = await run(self.fleet, line, self)
+        except (VrError, SupervisorError, OSError) as error:
+            self.tell(str(error), "error")
+            return "", str(error)
+        finally:
+            self.feed.hint()
+        return outcome.text, ""
+
+    @work(exit_on_error=False, group="verbs")
+    async def perform(self, line: Line, *, read: bool = False) -> None:
+        """Carry out a verb beside everything else; `read`: show a longer text in a dialog of its own."""
+        try:
+            text, refusal = await self._carry_out(line)
+        except Exception as error:  # the last fence of this task
+            log.exception("while doing %s", line.verb)
+            self.mend(error)
+            return
+        if refusal:
+            return
+        if read or "\n" in text:
+            self.push_screen(Reading(grammar.form(line, shapes(Where.PROMPT)), text))
+        else:
+            self.tell(text, "good")
+
+    def do(self, verb: str, *, read: bool = False, **values: str) -> None:
+        """Carry out a verb with these values."""
+        self.perform(Line(verb, values), read=read or verb == "show")
+
+    def ask_for(self, verb: str, name: str = "", slot: str = "") -> None:
+        """Do what a key asks for: open a page, ask what is missing, ask back where it is dangerous."""
+        asking.ASK[verb](self, name, slot)
+
+    def obey(self, text: str) -> None:
+        """Do what was typed at the prompt."""
+        try:
+            words = grammar.split(text)
+            line = grammar.parse(words, shapes(Where.PROMPT), {}) if words else None
+        except SupervisorError as error:
+            self.tell(str(error), "error")
+            return
+        if line is None:
+            return
+        if line.verb in PANES and BY_VERB[line.verb].run is None:
+            self.main.show_pane(line.verb)
+        elif BY_VERB[line.verb].run is None:
+            self.ask_for(line.verb)
+        elif BY_VERB[line.verb].danger:
+            asking.confirm_line(self, line)
+        else:
+            self.perform(line)
+
+    @property
+    def main(self) -> MainPage:
+        """The main page."""
+        return next(screen for screen in self.screen_stack if isinstance(screen, MainPage))
+
+    def words(self) -> completion.Words:
+        """Return the names of the moment, for completion (`prompt.Known`)."""
+        robots = sorted({*self.store.robots, *self.store.descriptions})
+        described = [self.store.descriptions[name] for name in robots if name in self.store.descriptions]
+        return completion.Words(
+            {
+                "NAME": robots,
+                "CHILD": sorted(self.store.robots),
+                "VIEW": sorted(self.store.views),
+                "HOST": self.store.hosts,
+                "PARENT.SLOT": [f"{one.name}.{slot.name}" for one in described for slot in one.slots],
+                "ROBOT.COMMAND": [
+                    f"{one.name}.{command.name}" for one in described for command in one.commands
+                ],
+            }
+        )
+
+    # -- keys of the whole program -----------------------------------------------------------------
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Let space be a space while somebody types."""
+        if action == "stop_unless_typing" and isinstance(self.focused, Input):
+            return False
+        return super().check_action(action, parameters)
+
+    def action_stop_unless_typing(self) -> None:
+        """Stop every robot."""
+        self.action_protective_stop()
+
+    def action_protective_stop(self) -> None:
+        """Stop every robot, now."""
+        self.tell("protective stop is on its way to every robot", "warning")
+        self.do("stop")
+
+    def action_show_help(self) -> None:
+        """Show all keys and verbs."""
+        self.push_screen(Reading("help", help_text(self)))
+
+    def open_teleoperation(self, robot: RobotDescription) -> None:
+        """Open the tele-operation of a robot, if it can be tele-operated."""
+        found = bounds(robot)
+        if found is None:
+            self.tell(
+                f"{robot.name} cannot be tele-operated: it needs go_to with x, y, z, twist and get_info",
+                "warning",
+            )
+        else:
+            self.push_screen(TeleopPage(robot, found))
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Offer the registry in the palette, beside what Textual offers."""
+        for group, actions in groups(Where.SCREEN).items():
+            for action in actions:
+                title = f"{group}: {action.verb}" + (f"  ({manual.spell(action.key)})" if action.key else "")
+                yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
+        yield from super().get_system_commands(screen)
+
+    def _from_palette(self, verb: str) -> None:
+        if verb == "stop":
+            self.action_protective_stop()
+        else:
+            self.main.action_verb(verb)
+
+
+CRASHES = 3
+"""Screens that may end by an error within `CRASH_WINDOW`, before the supervisor gives up."""
+CRASH_WINDOW = 30.0
+"""[s]"""
+
+
+async def supervise(fleet: FleetDoor, realm: str) -> int:
+    """Show the full screen until the operator leaves; open it anew should an error end it.
+
+    Returns:
+        The exit code.
+    """
+    store, ends = Store(), list[float]()
+    while True:
+        app = Supervisor(fleet, realm=realm, store=store)
+        code = await app.run_async()
+        if app.fatal is None:
+            return code or exit_codes.DONE
+        now = time.monotonic()
+        ends = [one for one in ends if now - one < CRASH_WINDOW] + [now]
+        if len(ends) >= CRASHES:
+            complain(
+                f"the screen ended {CRASHES} times by {app.fatal!r}; the robots go on; use the command line"
+            )
+            return exit_codes.REFUSED
+        store.tell(f"the screen had to be opened anew: {app.fatal!r}", "error", now)

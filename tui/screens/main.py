@@ -1,0 +1,213 @@
+"""The main page: robots, tree, views, log; everything begins here."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.widgets import ContentSwitcher, DataTable, Static, Tree
+
+from robotree.tui import forest
+from robotree.tui.actions import ACTIONS, BY_VERB, Where
+from robotree.tui.screens.page import Page
+from robotree.tui.widgets.details import Details
+from robotree.tui.widgets.happenings import HappeningLog
+from robotree.tui.widgets.prompt import Prompt
+from robotree.tui.widgets.robot_table import RobotTable
+from robotree.tui.widgets.robot_tree import RobotTree
+from robotree.tui.widgets.tabs import TabLine, TabName
+from robotree.tui.widgets.views_pane import ViewsPane
+
+PANES = ("robots", "tree", "views", "log")
+GLOBAL = {"stop", "help"}
+"""Verbs whose keys belong to the whole program, not to this page."""
+
+EMPTY = """\
+
+
+Nobody is here yet.
+
+  robotree demo                  starts a simulated cell with an arm and a rover
+  robotree lookup lookup-1       starts a lookup service
+  robotree proxy arm arm-1 …     brings an arm among the agents
+
+Whoever comes appears here by itself."""
+
+HIDDEN = """\
+
+
+No free robot{letters}. Those that are enslaved are in the tree: press t."""
+
+
+def _bindings() -> list[BindingType]:
+    """Make the page's keys from the registry."""
+    found: list[BindingType] = [
+        Binding(action.key, f"verb('{action.verb}')", action.label, show=bool(action.label), id=action.verb)
+        for action in ACTIONS
+        if action.key and Where.SCREEN in action.where and action.verb not in GLOBAL
+    ]
+    return [*found, Binding("escape", "clear_filter", "Clear", show=False)]
+
+
+class MainPage(Page):
+    """Four panes of one realm, the selected robot beside them, and the prompt below."""
+
+    BINDINGS: ClassVar[list[BindingType]] = _bindings()
+
+    def parts(self) -> ComposeResult:
+        """Tabs, panes, details, prompt."""
+        yield TabLine({name: BY_VERB[name].key for name in PANES})
+        with Horizontal(classes="columns"):
+            with ContentSwitcher(initial="robots", id="panes"):
+                yield RobotTable(id="robots")
+                yield RobotTree(id="tree")
+                yield ViewsPane(id="views")
+                yield HappeningLog(id="log")
+            yield Static("", id="empty", markup=False)
+            with VerticalScroll(id="details-box", can_focus=False):
+                yield Details("", id="details", markup=False)
+        yield Prompt(self.supervisor, id="prompt")
+
+    def on_mount(self) -> None:
+        """Begin with the robots."""
+        self.query_one(RobotTable).focus()
+
+    # -- where one is ------------------------------------------------------------------------------
+
+    @property
+    def pane(self) -> str:
+        """Name of the pane in front."""
+        return self.query_one("#panes", ContentSwitcher).current or PANES[0]
+
+    def title_of_page(self) -> str:
+        """Return the pane's name, and what it is filtered by."""
+        letters = self.query_one(Prompt).letters
+        return f"{self.pane}  /{letters}" if letters else self.pane
+
+    @property
+    def selected(self) -> str:
+        """Name of the robot that keys are about; empty: none."""
+        if self.pane == "tree":
+            return self.query_one(RobotTree).selected.name
+        return self.query_one(RobotTable).selected if self.pane == "robots" else ""
+
+    def show_pane(self, name: str) -> None:
+        """Bring a pane to the front."""
+        self.query_one("#panes", ContentSwitcher).current = name
+        self._focus_pane()
+        self.draw()
+        self.refresh_bindings()
+
+    def _focus_pane(self) -> None:
+        target = {"robots": "#robots", "tree": "#tree", "views": "#cameras", "log": "#log"}[self.pane]
+        self.query_one(target).focus()
+
+    @on(TabName.Chosen)
+    def _clicked(self, event: TabName.Chosen) -> None:
+        self.show_pane(event.pane)
+
+    # -- keys --------------------------------------------------------------------------------------
+
+    def action_verb(self, verb: str) -> None:
+        """Do what a key of the registry asks for, with the selected robot."""
+        place = self.query_one(RobotTree).selected if self.pane == "tree" else None
+        if verb in PANES:
+            self.show_pane(verb)
+        elif verb == "filter":
+            self.query_one(Prompt).open("filter")
+        elif verb == "prompt":
+            self.query_one(Prompt).open("verb")
+        elif verb == "panel" and place is not None and not place.name and place.slot:
+            self.supervisor.ask_for("enslave", place.parent, place.slot)
+        elif verb == "release" and place is not None and place.slot and place.name:
+            self.supervisor.ask_for("release", place.parent, place.slot)
+        elif verb == "enslave" and place is not None and place.slot and not place.name:
+            self.supervisor.ask_for("enslave", place.parent, place.slot)
+        else:
+            self.supervisor.ask_for(verb, self.selected)
+
+    @on(DataTable.RowSelected)
+    @on(Tree.NodeSelected)
+    def _enter(self) -> None:
+        self.action_verb("panel")
+
+    def action_clear_filter(self) -> None:
+        """Show everything again; from another pane, back to the robots."""
+        prompt = self.query_one(Prompt)
+        if prompt.letters:
+            prompt.letters = ""
+        elif self.pane != PANES[0]:
+            self.show_pane(PANES[0])
+        self.draw()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show keys about a robot only where a robot can be selected."""
+        about_robot = action == "verb" and parameters[0] in {
+            "panel",
+            "enslave",
+            "release",
+            "delete",
+            "cancel",
+            "show",
+        }
+        if about_robot and self.is_mounted and self.pane not in {"robots", "tree"}:
+            return False
+        return super().check_action(action, parameters)
+
+    # -- the prompt --------------------------------------------------------------------------------
+
+    @on(Prompt.Entered)
+    def _typed(self, event: Prompt.Entered) -> None:
+        self.supervisor.obey(event.text)
+
+    @on(Prompt.Filtered)
+    def _filtered(self) -> None:
+        self.draw()
+
+    @on(Prompt.Left)
+    def _left_prompt(self) -> None:
+        self._focus_pane()
+
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw the pane in front."""
+        if not self.is_mounted:
+            return
+        super().draw()
+        store, now, pane = self.supervisor.store, self.supervisor.now(), self.pane
+        letters = self.query_one(Prompt).letters
+        self.query_one(TabLine).draw(pane)
+        rows = store.rows(letters, now)
+        if pane == "robots":
+            self.query_one(RobotTable).draw(rows)
+        elif pane == "tree":
+            self.query_one(RobotTree).draw(
+                _filtered(forest.forest(store.descriptions.values()), letters), store, now
+            )
+        elif pane == "views":
+            self.query_one(ViewsPane).draw()
+        self.query_one(HappeningLog).draw(store, now, self.wall())
+        self._draw_empty(rows=bool(rows), letters=letters)
+        self.query_one("#details-box").display = pane in {"robots", "tree"} and bool(self.selected)
+        if self.selected:
+            self.query_one(Details).draw(store, self.selected, now)
+
+    def _draw_empty(self, *, rows: bool, letters: str) -> None:
+        """Say what emptiness means, where nothing is listed."""
+        empty, store = self.query_one("#empty", Static), self.supervisor.store
+        nothing = self.pane == "robots" and not rows
+        empty.display = nothing
+        self.query_one("#panes").display = not nothing
+        if nothing:
+            wanted = f" with {letters!r}" if letters else ""
+            empty.update(HIDDEN.format(letters=wanted) if store.descriptions or letters else EMPTY)
+
+
+def _filtered(roots: tuple[forest.Branch, ...], letters: str) -> tuple[forest.Branch, ...]:
+    """Keep the trees in which a line contains these letters."""
+    wanted = letters.lower()
+    return tuple(root for root in roots if wanted in forest.drawing([root]).lower())

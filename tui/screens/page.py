@@ -1,0 +1,74 @@
+"""What all full pages share: the line on top, the banner, the flash line, the keys; drawn a few times a second."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, ClassVar, cast
+
+from textual.app import ComposeResult
+from textual.screen import Screen
+from textual.widgets import Footer
+
+from robotree.tui.fence import Fenced
+from robotree.tui.widgets.flash import FlashLine
+from robotree.tui.widgets.topbar import Banner, TopBar
+
+if TYPE_CHECKING:
+    from robotree.tui.app import Supervisor
+
+TICK = 0.25
+"""[s] between two drawings of a page: tables cost too much for more."""
+
+
+class Page(Fenced, Screen[None]):
+    """A full page."""
+
+    PAGE: ClassVar[str] = ""
+    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-narrow"), (100, "-wide")]
+    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-low"), (32, "-high")]
+
+    @property
+    def supervisor(self) -> Supervisor:
+        """The app, with its own type."""
+        return cast("Supervisor", self.app)
+
+    def compose(self) -> ComposeResult:
+        """Frame the page's own parts."""
+        yield TopBar(classes="topbar", markup=False)
+        yield Banner(classes="banner", markup=False)
+        yield from self.parts()
+        yield FlashLine(classes="flash", markup=False)
+        yield Footer(show_command_palette=False, compact=True)
+
+    def parts(self) -> ComposeResult:
+        """Yield the page's own parts."""
+        yield from ()
+
+    def on_mount(self) -> None:
+        """Draw now and then regularly."""
+        self.draw()
+        self.set_interval(TICK, self.fenced(self._tick))
+
+    def on_screen_resume(self) -> None:
+        """Draw what changed while another page was in front."""
+        self.draw()
+
+    def _tick(self) -> None:
+        if self.is_active:
+            self.draw()
+
+    def title_of_page(self) -> str:
+        """Return what stands in the line on top."""
+        return self.PAGE
+
+    def draw(self) -> None:
+        """Draw everything that may have changed; pages add their own."""
+        supervisor, now = self.supervisor, self.supervisor.now()
+        self.query_one(TopBar).draw(supervisor.store, supervisor.realm, self.title_of_page())
+        self.query_one(Banner).draw(supervisor.store)
+        self.query_one(FlashLine).draw(supervisor.store, now)
+
+    @staticmethod
+    def wall() -> float:
+        """[s] since 1970."""
+        return time.time()

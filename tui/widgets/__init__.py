@@ -1,0 +1,1 @@
+"""The parts of the full screen. They draw the store and ask for verbs; they know no agent."""

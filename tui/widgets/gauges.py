@@ -1,0 +1,103 @@
+"""Readings as a panel draws them: position in figures, forces as bars from the middle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+
+from rich.text import Text
+from textual.widgets import Static
+
+from robotree.tui import wording
+from robotree.tui.teleoperable import FORCES, TORQUES
+from robotree.tui.widgets.marks import tint
+
+FULL_FORCE = 35.0
+"""[N] at the end of a force bar: the bound that the arm's controller keeps."""
+
+FULL_TORQUE = 3.5
+"""[N m] at the end of a torque bar."""
+
+HALF = 12
+"""Cells on each side of the middle of a bar, at most."""
+BESIDE = 19
+"""Cells for name, middle, figure and unit."""
+
+_EIGHTHS = " ▏▎▍▌▋▊▉█"
+_WARN, _ALARM = 0.5, 0.8
+"""Shares of a full bar from which on it is drawn as a warning, as an alarm."""
+
+
+def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
+    """Return the two halves of a bar around its middle.
+
+    Args:
+        value: what is drawn.
+        full: value at the end of the bar; more is drawn as this.
+        half: cells on each side.
+
+    Returns:
+        The left half, filled from the right for negative values, and the right half; each `half` cells.
+    """
+    share = min(abs(value) / full, 1.0) * half
+    whole = int(share)
+    part = round((share - whole) * 8)
+    if value >= 0:
+        filled = ("█" * whole + (_EIGHTHS[part] if whole < half else "")).rstrip()
+        return " " * half, filled.ljust(half)
+    # There are no blocks that are filled from the right in eighths: half a cell is as fine as it gets.
+    filled = ("▐" if part >= 4 and whole < half else "") + "█" * whole
+    return filled.rjust(half), " " * half
+
+
+class Gauges(Static):
+    """Draws the readings of a robot; anything it has, the well known ones in their own way."""
+
+    def draw(self, readings: Mapping[str, float], *, stale: bool) -> None:
+        """Draw these readings; `stale`: they are old."""
+        muted = tint(self.app, "muted")
+        if not readings:
+            self.update(Text("no readings yet", muted))
+            return
+        text = Text()
+        if stale:
+            text.append("readings are old\n", tint(self.app, "warning"))
+        rest = dict(readings)
+        for axis, unit in (("x", "m"), ("y", "m"), ("z", "m")):
+            if axis in rest:
+                self._figure(text, axis, f"{rest.pop(axis):+8.4f}", unit)
+        if "twist" in rest:
+            self._figure(text, "twist", f"{degrees(rest.pop('twist')):+8.2f}", "°")
+        if "width" in rest:
+            self._figure(text, "width", f"{1000 * rest.pop('width'):8.1f}", "mm")
+        for names, full, unit in ((FORCES, FULL_FORCE, "N"), (TORQUES, FULL_TORQUE, "N m")):
+            for name in names:
+                if name in rest:
+                    self._bar(text, name, rest.pop(name), full, unit)
+        for name, value in rest.items():
+            self._figure(text, name, f"{wording.number(value, 4):>8}", "")
+        text.rstrip()
+        self.update(text)
+
+    @property
+    def _half(self) -> int:
+        """Cells on each side of the middle: as many as there is room for."""
+        return min(max((self.size.width - BESIDE) // 2, 2), HALF)
+
+    def _figure(self, text: Text, name: str, figure: str, unit: str) -> None:
+        muted = tint(self.app, "muted")
+        text.append(f"{name:<7}", muted)
+        text.append(figure, "bold")
+        text.append(f" {unit}\n", muted)
+
+    def _bar(self, text: Text, name: str, value: float, full: float, unit: str) -> None:
+        muted = tint(self.app, "muted")
+        share = abs(value) / full
+        colour = "error" if share >= _ALARM else "warning" if share >= _WARN else "primary"
+        left, right = bar(value, full, self._half)
+        style = tint(self.app, colour)
+        text.append(f"{name:<5}", muted)
+        text.append(left, style)
+        text.append("│", muted)
+        text.append(right, style)
+        text.append(f" {value:+6.1f} {unit}\n", style if share >= _WARN else "")

@@ -1,0 +1,141 @@
+"""The line at the bottom for `:` verbs and `/` letters, with completion from the registry and the realm."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Protocol
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.message import Message
+from textual.suggester import Suggester
+from textual.widgets import Input, Label
+
+from robotree.tui import completion
+from robotree.tui.fence import Fenced
+
+Kind = Literal["verb", "filter"]
+SIGNS: dict[Kind, str] = {"verb": ":", "filter": "/"}
+REMEMBERED = 100
+
+
+class Known(Protocol):
+    """Where completion takes the names from."""
+
+    def words(self) -> completion.Words:
+        """Return the names of the moment."""
+        ...
+
+
+class VerbSuggester(Suggester):
+    """Suggests the rest of a line."""
+
+    def __init__(self, known: Known) -> None:
+        """Take names from `known`."""
+        super().__init__(use_cache=False, case_sensitive=True)
+        self._known = known
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """Return the line with its last word completed, or None."""
+        return completion.complete(value, self._known.words())
+
+
+class Prompt(Fenced, Horizontal):
+    """One line of input; hidden while nobody types."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "Leave", show=False),
+        Binding("up", "recall(-1)", "Before", show=False),
+        Binding("down", "recall(1)", "After", show=False),
+        Binding("tab", "complete", "Complete", show=False, priority=True),
+    ]
+
+    class Entered(Message):
+        """A verb was typed."""
+
+        def __init__(self, text: str) -> None:
+            """Carry the line."""
+            super().__init__()
+            self.text = text
+
+    class Filtered(Message):
+        """Other letters shall be filtered by."""
+
+        def __init__(self, text: str) -> None:
+            """Carry the letters."""
+            super().__init__()
+            self.text = text
+
+    class Left(Message):
+        """The prompt was left."""
+
+    def __init__(self, known: Known, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Complete from what `known` knows."""
+        super().__init__(id=id)
+        self._suggester = VerbSuggester(known)
+        self.kind: Kind = "verb"
+        self._past: list[str] = []
+        self._at = 0
+        self.letters = ""
+
+    def compose(self) -> ComposeResult:
+        """A sign and an input."""
+        yield Label(":", id="sign", markup=False)
+        yield Input(compact=True, id="line", suggester=self._suggester, select_on_focus=False)
+
+    def on_mount(self) -> None:
+        """Hide until somebody types."""
+        self.display = False
+
+    def open(self, kind: Kind, text: str = "") -> None:
+        """Begin to type a verb, or letters to filter by."""
+        self.kind = kind
+        self.query_one("#sign", Label).update(SIGNS[kind])
+        line = self.query_one(Input)
+        line.suggester = self._suggester if kind == "verb" else None
+        with self.prevent(Input.Changed):
+            line.value = self.letters if kind == "filter" and not text else text
+        line.cursor_position = len(line.value)
+        self._at = len(self._past)
+        self.display = True
+        line.focus()
+
+    @on(Input.Submitted)
+    def _submitted(self, event: Input.Submitted) -> None:
+        event.stop()
+        text = event.value.strip()
+        self._close()
+        if self.kind == "verb" and text:
+            self._past = [*[one for one in self._past if one != text], text][-REMEMBERED:]
+            self.post_message(self.Entered(text))
+
+    @on(Input.Changed)
+    def _changed(self, event: Input.Changed) -> None:
+        event.stop()
+        if self.kind == "filter":
+            self.letters = event.value
+            self.post_message(self.Filtered(event.value))
+
+    def action_leave(self) -> None:
+        """Leave; a filter is taken away."""
+        if self.kind == "filter":
+            self.letters = ""
+            self.post_message(self.Filtered(""))
+        self._close()
+
+    def action_recall(self, by: int) -> None:
+        """Bring back an earlier line."""
+        if self.kind == "verb" and self._past:
+            self._at = min(max(self._at + by, 0), len(self._past))
+            line = self.query_one(Input)
+            line.value = self._past[self._at] if self._at < len(self._past) else ""
+            line.cursor_position = len(line.value)
+
+    def action_complete(self) -> None:
+        """Take the suggestion over."""
+        self.query_one(Input).action_cursor_right()
+
+    def _close(self) -> None:
+        self.display = False
+        self.post_message(self.Left())

@@ -1,0 +1,100 @@
+"""The views: which there are, what their instruments read, and the picture of the chosen camera."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import OptionList, Static
+from textual.widgets.option_list import Option
+
+from robotree.tui import wording
+from robotree.tui.fence import Fenced
+from robotree.tui.widgets.cameras import Cameras
+from robotree.tui.widgets.marks import tint
+from robotree.tui.widgets.picture import PictureView
+from robotree.vr.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.tui.app import Supervisor
+
+INSTRUMENTS = 0.5
+"""[s] between two looks at the instruments."""
+
+
+class ViewsPane(Fenced, Horizontal):
+    """Cameras on the left, the picture on the right."""
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Know no view yet."""
+        super().__init__(id=id)
+        self._options: list[tuple[str, str]] = []
+
+    def compose(self) -> ComposeResult:
+        """List, instruments, picture."""
+        with Vertical(classes="side"):
+            yield OptionList(id="cameras", markup=False)
+            yield Static("", id="instruments", markup=False)
+        with Vertical(classes="picture-side"):
+            yield Cameras()
+            yield PictureView()
+
+    def on_mount(self) -> None:
+        """Point the picture and read the instruments regularly."""
+        self.query_one("#cameras").border_title = "cameras"
+        self.query_one("#instruments").border_title = "instruments"
+        self.query_one(Cameras).attach(self.query_one(PictureView))
+        self.set_interval(INSTRUMENTS, self.fenced(self._tick))
+
+    @property
+    def _supervisor(self) -> Supervisor:
+        return cast("Supervisor", self.app)
+
+    def draw(self) -> None:
+        """Draw the list of cameras."""
+        cameras = self.query_one(Cameras)
+        cameras.draw()
+        if cameras.all != self._options:
+            self._options = list(cameras.all)
+            options = self.query_one("#cameras", OptionList)
+            options.clear_options()
+            options.add_options(Option(Text(f"{view} / {camera}")) for view, camera in self._options)
+            if self._options:
+                options.highlighted = cameras.at
+
+    @on(OptionList.OptionHighlighted)
+    def _choose(self, event: OptionList.OptionHighlighted) -> None:
+        cameras = self.query_one(Cameras)
+        if event.option_index != cameras.at and event.option_index < len(cameras.all):
+            cameras.choose(event.option_index)
+
+    def turn(self) -> None:
+        """Look through the next camera."""
+        cameras, options = self.query_one(Cameras), self.query_one("#cameras", OptionList)
+        cameras.turn()
+        if cameras.all:
+            options.highlighted = cameras.at
+
+    def _tick(self) -> None:
+        if self.query_one(PictureView).seen and self.query_one(Cameras).all:
+            self._read()
+
+    @work(exclusive=True, exit_on_error=False, group="instruments")
+    async def _read(self) -> None:
+        cameras = self.query_one(Cameras)
+        view, _ = cameras.all[cameras.at]
+        try:
+            readings = (await self._supervisor.fleet.describe_view(view)).readings
+        except VrError as error:
+            self.query_one("#instruments", Static).update(Text(str(error), tint(self.app, "error")))
+            return
+        text = Text()
+        width = max((len(name) for name in readings), default=0)
+        for name, value in readings.items():
+            text.append(f"{name.ljust(width)} ", tint(self.app, "muted"))
+            text.append(f"{wording.number(value, 4):>9}\n", "bold")
+        text.rstrip()
+        self.query_one("#instruments", Static).update(text)
