@@ -49,22 +49,35 @@ class WorkspaceView:
     """Looks at one workspace through the cameras of a controller."""
 
     def __init__(
-        self, name: str, url: str, *, dial: Dial = connect, chance: random.Random | None = None
+        self,
+        name: str,
+        url: str,
+        *,
+        answer_within: float = ANSWER_WITHIN,
+        dial: Dial = connect,
+        chance: random.Random | None = None,
     ) -> None:
         """Prepare the view; nothing is opened before `run`.
 
         Args:
             name: of the view, for messages.
             url: where the controller listens.
+            answer_within: [s] that one picture may take.
             dial: opens a link.
             chance: for the waits between attempts to connect.
         """
         self.name = name
+        self._answer_within = answer_within
         self._session = Session(component=MavComponent.ONBOARD_COMPUTER)
         self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
         self._shared: dict[Wish, asyncio.Task[bytes]] = {}
         self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in CAMERAS}
         self._expected: dict[int, asyncio.Future[bytes]] = {}
+
+    @property
+    def online(self) -> bool:
+        """Whether the controller can be asked; when not, the readings are old."""
+        return self._session.online
 
     @property
     def cameras(self) -> Sequence[str]:
@@ -121,7 +134,9 @@ class WorkspaceView:
                     return await self._ask(wish)
                 except TimeoutError:
                     continue
-        raise self._failed(f"no picture came from camera {wish.camera} within {ANSWER_WITHIN * ATTEMPTS:g} s")
+        raise self._failed(
+            f"no picture came from camera {wish.camera} within {self._answer_within * ATTEMPTS:g} s"
+        )
 
     async def _ask(self, wish: Wish) -> bytes:
         component, system = CAMERAS[wish.camera], self._session.controller.system
@@ -130,7 +145,7 @@ class WorkspaceView:
         expected = self._expected[component] = asyncio.get_running_loop().create_future()
         self._connection.perform(self._session.ask_for(request))
         try:
-            async with asyncio.timeout(ANSWER_WITHIN):
+            async with asyncio.timeout(self._answer_within):
                 return await expected
         finally:
             self._expected.pop(component, None)

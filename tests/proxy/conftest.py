@@ -20,6 +20,7 @@ from robotree.protocol.messages import (
     LocalPositionNed,
     Mode,
     ModeKind,
+    PictureRequest,
     Reason,
     SetMode,
     Tool,
@@ -28,6 +29,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer, Refusal
 from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
+from robotree.protocol.services.picture import split
 from robotree.proxy.session import SUPERVISOR_SYSTEM, OnlineChanged, Redial, Session
 from robotree.proxy.session import Effect as SessionEffect
 
@@ -46,6 +48,9 @@ class Controller:
         self.mode = ModeKind.READY
         self.mute = False
         self.place: tuple[float, float] | None = None
+        self.jpeg = b""
+        self.holes = 0
+        """How many of the next pictures lose a packet on their way."""
         self.now = 0.0
         self._heartbeats = HeartbeatSender()
         self._mode_told = LONG_AGO
@@ -97,6 +102,17 @@ class Controller:
             self._carry_out(self.goals.receive(message, peer, self.now))
         elif isinstance(message, SetMode):
             self._set_mode(message)
+        elif isinstance(message, PictureRequest) and self.jpeg:
+            self._send_picture(message)
+
+    def _send_picture(self, request: PictureRequest) -> None:
+        assert self._endpoint is not None
+        pieces = split(self.jpeg, width=request.width, height=request.height, quality=request.quality)
+        if self.holes:
+            self.holes -= 1
+            pieces.pop(1)
+        for piece in pieces:
+            self._endpoint.send(piece, component=request.target_component)
 
     def _set_mode(self, message: SetMode) -> None:
         if message.mode == ModeKind.SAFE_STOP:

@@ -1,0 +1,88 @@
+"""The examples at work: real agents on a network in memory, real proxies, real physics in a hurry."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.proxy import kinds
+from robotree.proxy.robot_proxy import RobotProxy
+from robotree.sim import realtime
+from robotree.sim.server import serving
+from robotree.vr.address import Address
+from robotree.vr.bundle import Bundle
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.client import RobotClient
+from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.testing import until
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+HURRY = 6.0
+"""Simulated seconds in a second."""
+SILENCE = 60.0
+"""[s] of simulated time: heartbeats come once a second of real time."""
+
+
+class Workshop:
+    """Robots of one network: proxies in front of simulated cells, and virtual robots from the examples."""
+
+    def __init__(self, stack: AsyncExitStack) -> None:
+        self._stack = stack
+        self._transport = MemoryNetwork().join("workshop")
+        self._addresses: dict[str, Address] = {}
+        self.proxies: dict[str, RobotProxy] = {}
+
+    async def proxy(self, kind: str, name: str) -> RobotProxy:
+        """Simulate a robot and stand for it."""
+        server = await self._stack.enter_async_context(serving(kind, "tcp:127.0.0.1:0", silence=SILENCE))
+        robot = kinds.make(kind, name, server.address, chance=random.Random(1))
+        await self._agent(robot)
+        running = asyncio.create_task(robot.run())
+        self._stack.push_async_callback(_end, running)
+        await until(lambda: robot.online and bool(robot.readings()), f"{name} is found")
+        self.proxies[name] = robot
+        return robot
+
+    async def create(self, file: str, name: str, **children: str) -> RobotClient:
+        """Create a virtual robot from an example and put it on top of others, by slot."""
+        bundle = Bundle.read(EXAMPLES / file)
+        await self._agent(await asyncio.to_thread(bundle.create, name))
+        client = self.client(name)
+        for slot, child in children.items():
+            await client.enslave(slot, self._addresses[child])
+        return client
+
+    def client(self, name: str) -> RobotClient:
+        """Whom to ask for a robot."""
+        return RobotClient(self._transport, self._addresses[name])
+
+    async def _agent(self, robot: Any) -> None:
+        agent = RobotAgent(robot, self._transport)
+        robot.on_change = agent.notify
+        await agent.start()
+        self._addresses[robot.name] = agent.address
+        self._stack.push_async_callback(agent.close)
+
+
+async def _end(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+@pytest.fixture
+async def workshop(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Workshop]:
+    honest = realtime.Pacer
+    monkeypatch.setattr(realtime, "Pacer", lambda period, now: honest(period / HURRY, now))
+    async with AsyncExitStack() as stack:
+        yield Workshop(stack)
+
+
+@pytest.fixture
+def examples() -> Path:
+    return EXAMPLES

@@ -1,0 +1,141 @@
+"""What the examples promise, kept."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.tui.session import Do, read
+from robotree.vr.bundle import Bundle
+from robotree.vr.command import commands_of
+from robotree.vr.errors import BadArgument, CommandFailed, SlotEmpty
+from robotree.vr.virtual_robot import exposures_of, slots_of
+
+Workshop = Any
+PAGE = 90
+"""Lines."""
+
+PROMISES = {
+    "teleop.py": ("TeleOp", {"arm": "Arm"}, {"jog", "twist"}, {"go_to", "get_info", "grip", "hold", "stop"}),
+    "move_to.py": ("MoveTo", {"arm": "Arm"}, {"move"}, {"go_to", "get_info", "grip"}),
+    "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
+    "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
+    "two_arms.py": ("TwoArms", {"left": "Arm", "right": "Arm"}, {"lift", "grip"}, set[str]()),
+}
+
+
+def test_every_example_is_promised(examples: Path) -> None:
+    assert {file.name for file in examples.glob("*.py")} == set(PROMISES)
+
+
+@pytest.mark.parametrize("file", PROMISES)
+def test_an_example_is_one_page_that_loads(file: str, examples: Path) -> None:
+    kind, slots, commands, exposed = PROMISES[file]
+    bundle = Bundle.read(examples / file)
+    assert len(bundle.source.splitlines()) <= PAGE
+    robot = bundle.load()
+    assert robot.__name__ == kind
+    assert {name: slot.kind for name, slot in slots_of(robot).items()} == slots
+    assert set(commands_of(robot)) == commands
+    assert set(exposures_of(robot)) == exposed
+    assert all(command.spec.doc for command in commands_of(robot).values())
+
+
+@pytest.mark.parametrize("file", PROMISES)
+def test_the_first_words_of_an_example_say_how_to_use_it(file: str, examples: Path) -> None:
+    robot = Bundle.read(examples / file).load()
+    text = inspect.getdoc(inspect.getmodule(robot)) or ""
+    assert text.startswith(f"{robot.__name__}: ")
+    assert f"robotree create examples/{file} as " in text
+    assert "robotree enslave " in text
+    assert "robotree call " in text
+
+
+def test_the_session_is_understood_and_creates_what_is_there(examples: Path) -> None:
+    script = read((examples / "close_lever.session").read_text(), "close_lever.session")
+    created = [
+        step.deed.line.text("FILE")
+        for step in script.steps
+        if isinstance(step.deed, Do) and step.deed.line.verb == "create"
+    ]
+    assert created == ["teleop.py", "move_to.py", "open_close_lever.py"]
+    assert all((examples / file).exists() for file in created)
+
+
+# -- at work ---------------------------------------------------------------------------------------
+
+
+async def test_teleop_moves_an_arm_step_by_step(workshop: Workshop) -> None:
+    await workshop.proxy("arm", "arm-1")
+    teleop = await workshop.create("teleop.py", "teleop", arm="arm-1")
+    before = await teleop.call("get_info", {})
+    for axis, distance in (("x", 0.08), ("y", "5 cm"), ("z", -0.08)):
+        await teleop.call("jog", {"axis": axis, "distance": distance})
+    await teleop.call("twist", {"angle": 0.4})
+    after = await teleop.call("get_info", {})
+    moved = [after[name] - before[name] for name in ("x", "y", "z", "twist")]
+    assert moved == pytest.approx([0.08, 0.05, -0.08, 0.4], abs=0.01)
+    with pytest.raises(BadArgument, match=r"from -0\.1 to 0\.1"):
+        await teleop.call("jog", {"axis": "x", "distance": 2.0})
+    await teleop.call("grip", {"action": "close"})
+    assert (await teleop.call("get_info", {}))["width"] < 0.002
+
+
+async def test_move_to_arrives_in_small_steps(workshop: Workshop) -> None:
+    await workshop.proxy("arm", "arm-1")
+    mover = await workshop.create("move_to.py", "mover", arm="arm-1")
+    told: list[str] = []
+    goal = {"x": 0.35, "y": 0.1, "z": 0.35, "twist": 0.5}
+    await mover.call("move", goal, on_progress=lambda _, text: told.append(text))
+    here = await mover.call("get_info", {})
+    assert [here[name] for name in goal] == pytest.approx(list(goal.values()), abs=0.005)
+    calls = (await workshop.client("arm-1").describe()).calls
+    assert calls["go_to"] >= 3
+    assert told
+    assert all(text.endswith("cm to go") for text in told)
+
+
+async def test_the_lever_closes_and_opens_and_nothing_is_pressed_hard(workshop: Workshop) -> None:
+    arm = await workshop.proxy("arm", "arm-1")
+    await workshop.create("move_to.py", "mover", arm="arm-1")
+    lever = await workshop.create("open_close_lever.py", "lever", mover="mover")
+    assert arm.readings()["lever"] < -0.75
+    assert 0 < await lever.call("close", {}, deadline=300.0) < 35
+    assert arm.readings()["lever"] > 0.75
+    with pytest.raises(CommandFailed, match=r"the handle is not at -0\.785 rad; is the lever there already"):
+        await lever.call("close", {}, deadline=300.0)
+    await lever.call("open", {}, deadline=300.0)
+    assert arm.readings()["lever"] < -0.75
+    assert 0 < arm.readings()["peak_force"] < 35
+
+
+async def test_a_rover_drives_a_square_and_ends_where_it_began(workshop: Workshop) -> None:
+    rover = await workshop.proxy("rover", "rover-1")
+    square = await workshop.create("move_square.py", "square", rover="rover-1")
+    before = rover.readings()
+    await square.call("move_square", {"length": 12})
+    after = rover.readings()
+    assert [after["x"] - before["x"], after["y"] - before["y"]] == pytest.approx([0, 0], abs=0.01)
+    assert (await workshop.client("rover-1").describe()).calls["move"] == 4
+    await square.call("move", {"x": 0.3, "y": -0.2})
+    assert [rover.readings()[axis] - after[axis] for axis in "xy"] == pytest.approx([0.3, -0.2], abs=0.01)
+
+
+async def test_two_arms_move_at_the_same_time(workshop: Workshop) -> None:
+    for name in ("arm-1", "arm-2"):
+        await workshop.proxy("arm", name)
+    pair = await workshop.create("two_arms.py", "pair", left="arm-1", right="arm-2")
+    before = [proxy.readings()["z"] for proxy in workshop.proxies.values()]
+    assert await pair.call("lift", {"height": -0.1}) < 0.01
+    after = [proxy.readings()["z"] for proxy in workshop.proxies.values()]
+    assert [new - old for old, new in zip(before, after, strict=True)] == pytest.approx([-0.1] * 2, abs=0.01)
+    await pair.call("grip", {"action": "close"})
+
+
+async def test_a_robot_without_its_child_says_what_to_do(workshop: Workshop) -> None:
+    lever = await workshop.create("open_close_lever.py", "lever")
+    with pytest.raises(SlotEmpty, match=r"enslave a MoveTo first: `robotree enslave lever\.mover NAME`"):
+        await lever.call("close", {})

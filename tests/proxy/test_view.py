@@ -1,0 +1,134 @@
+"""Views: pictures only for those who look."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import random
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from robotree.protocol.links.url import listen
+from robotree.protocol.messages import PictureRequest
+from robotree.proxy.view import ATTEMPTS, WorkspaceView
+from robotree.sim.server import serving
+from robotree.vr.errors import BadArgument, CommandFailed
+from robotree.vr.testing import until
+
+Controller = Any
+JPEG = bytes(range(256)) * 8
+
+
+def requests(controller: Controller) -> list[PictureRequest]:
+    return [message for message in controller.heard if isinstance(message, PictureRequest)]
+
+
+@pytest.fixture
+async def controller(make_controller: type[Controller]) -> Controller:
+    controller = make_controller()
+    controller.jpeg = JPEG
+    return controller
+
+
+@pytest.fixture
+async def view(controller: Controller) -> AsyncIterator[WorkspaceView]:
+    listener = await listen("tcp:127.0.0.1:0", controller.accept)
+    view = WorkspaceView("cell", listener.address, answer_within=0.3, chance=random.Random(1))
+    running = asyncio.create_task(view.run())
+    pump = asyncio.create_task(_pump(controller))
+    await until(lambda: view.online, "the controller is found")
+    yield view
+    running.cancel()
+    pump.cancel()
+    await asyncio.gather(running, pump, return_exceptions=True)
+    await listener.close()
+
+
+async def _pump(controller: Controller) -> None:
+    loop = asyncio.get_running_loop()
+    while True:
+        controller.tick(loop.time())
+        await asyncio.sleep(0.02)
+
+
+async def test_a_picture_is_asked_for_only_when_somebody_looks(
+    view: WorkspaceView, controller: Controller
+) -> None:
+    await asyncio.sleep(0.2)
+    assert requests(controller) == []
+    assert await view.look("wrist", 64, 36, 50) == JPEG
+    (request,) = requests(controller)
+    assert (request.width, request.height, request.quality, request.target_component) == (64, 36, 50, 101)
+
+
+async def test_who_looks_at_the_same_thing_at_the_same_time_shares_one_picture(
+    view: WorkspaceView, controller: Controller
+) -> None:
+    looks = [view.look("cell", 64, 36) for _ in range(5)]
+    assert await asyncio.gather(*looks) == [JPEG] * 5
+    assert len(requests(controller)) == 1
+    await view.look("cell", 64, 36)
+    assert len(requests(controller)) == 2
+
+
+async def test_who_stops_looking_does_not_take_the_picture_away_from_others(
+    view: WorkspaceView, controller: Controller
+) -> None:
+    controller.holes = 1
+    tired, patient = (asyncio.create_task(view.look()) for _ in range(2))
+    await until(lambda: bool(requests(controller)), "it is asked for")
+    tired.cancel()
+    assert await patient == JPEG
+
+
+async def test_a_picture_with_a_hole_is_asked_for_again(view: WorkspaceView, controller: Controller) -> None:
+    controller.holes = 1
+    assert await view.look() == JPEG
+    assert len(requests(controller)) == 2
+
+
+async def test_a_camera_that_does_not_answer_is_given_up(view: WorkspaceView, controller: Controller) -> None:
+    controller.jpeg = b""
+    with pytest.raises(CommandFailed, match=r"cell\.look failed: no picture came from camera wrist within"):
+        await view.look("wrist")
+    assert len(requests(controller)) == ATTEMPTS
+
+
+@pytest.mark.parametrize(("width", "height", "quality"), [(0, 0, 0), (-5, 10**9, 1000)])
+async def test_a_wish_beyond_all_bounds_is_moved_into_them(
+    view: WorkspaceView, controller: Controller, width: int, height: int, quality: int
+) -> None:
+    await view.look("cell", width, height, quality)
+    (request,) = requests(controller)
+    assert 16 <= request.width <= 1920
+    assert 16 <= request.height <= 1920
+    assert 1 <= request.quality <= 100
+
+
+async def test_an_unknown_camera_is_refused_with_those_that_are_known(view: WorkspaceView) -> None:
+    with pytest.raises(BadArgument, match=r"there is no camera 'ceiling'; there is: cell, wrist$"):
+        await view.look("ceiling")
+
+
+async def test_a_view_whose_controller_is_dead_says_so_at_once() -> None:
+    view = WorkspaceView("cell", "tcp:127.0.0.1:1")
+    with pytest.raises(CommandFailed, match=r"cell\.look failed: its controller was not heard yet"):
+        await view.look()
+
+
+async def test_the_simulated_cell_shows_itself_and_tells_its_readings() -> None:
+    async with serving("arm", "tcp:127.0.0.1:0") as server:
+        view = WorkspaceView("cell", server.address)
+        running = asyncio.create_task(view.run())
+        await until(lambda: view.online and "lever" in view.readings(), "the cell is found")
+        assert view.readings()["lever"] < -0.75
+        assert view.readings()["peak_force"] >= 0
+        for camera in view.cameras:
+            with Image.open(io.BytesIO(await view.look(camera, 160, 90))) as picture:
+                assert picture.size == (160, 90)
+                assert len(picture.getcolors(160 * 90) or []) > 50, "there is something to be seen"
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
