@@ -117,6 +117,11 @@ def flow_control(control: FlowControl) -> bytes:
     return bytes((_FLOW << 4 | control.status, control.block_size, encode_separation(control.separation)))
 
 
+def is_flow_control(field: bytes) -> bool:
+    """Whether a data field of ours is a flow control."""
+    return field[0] >> 4 == _FLOW
+
+
 def encode_separation(seconds: float) -> int:
     """Separation time as its byte, rounded up: whole milliseconds to 127, or 100 to 900 microseconds."""
     microseconds = round(seconds * 1e6)
