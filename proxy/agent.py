@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,7 @@ async def run_view(name: str, url: str, *, realm: str | None = None, ready: Read
 @asynccontextmanager
 async def standing_for(
     robot: RobotProxy, transport: Transport, *, space: Space | None = None
-) -> AsyncIterator[RobotAgent]:
+) -> AsyncGenerator[RobotAgent]:
     """A robot's proxy that is up inside the block.
 
     Args:
@@ -127,7 +127,7 @@ async def standing_for(
 
 
 @asynccontextmanager
-async def showing(view: WorkspaceView, transport: Transport) -> AsyncIterator[ViewAgent]:
+async def showing(view: WorkspaceView, transport: Transport) -> AsyncGenerator[ViewAgent]:
     """A view that is up inside the block.
 
     Args:
@@ -155,14 +155,27 @@ async def showing(view: WorkspaceView, transport: Transport) -> AsyncIterator[Vi
 
 
 @asynccontextmanager
-async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Run something beside the block, and end it with the block; what fails in it ends the block."""
-    async with asyncio.TaskGroup() as group:
-        task = group.create_task(work)
-        try:
-            yield
-        finally:
-            task.cancel()
+async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
+    """Run something beside the block and end it with the block. If it fails, the block ends so."""
+    body = asyncio.current_task()
+    beside = asyncio.get_running_loop().create_task(work)
+
+    def ended(task: asyncio.Task[None]) -> None:
+        if body is not None and not task.cancelled() and task.exception() is not None:
+            body.cancel()
+
+    beside.add_done_callback(ended)
+    try:
+        yield
+    except asyncio.CancelledError:
+        error = beside.exception() if beside.done() and not beside.cancelled() else None
+        if body is None or error is None:
+            raise
+        body.uncancel()
+        raise error from None
+    finally:
+        beside.cancel()
+        await asyncio.gather(beside, return_exceptions=True)
 
 
 def _checked(url: str) -> str:

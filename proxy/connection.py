@@ -12,10 +12,11 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 
 from robotree.protocol.endpoint import Endpoint
-from robotree.protocol.errors import BadUrl, LinkClosed, LinkError
+from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Accept, Handler, Link
 from robotree.protocol.links.url import connect
+from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
 from robotree.proxy.backoff import Backoff
@@ -69,14 +70,15 @@ class Connection:
             BadUrl: the address means nothing; trying again would not help.
         """
         self._loop = asyncio.get_running_loop()
-        ticking = self._loop.create_task(self._tick())
+        work = [self._loop.create_task(each) for each in (self._dial_on(), self._tick())]
         try:
-            while True:
-                trouble = await self._converse()
-                self.perform(self.session.closed(trouble))
-                await asyncio.sleep(self._backoff.next_wait())
+            done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+            for each in done:
+                each.result()
         finally:
-            ticking.cancel()
+            for each in work:
+                each.cancel()
+            await asyncio.gather(*work, return_exceptions=True)
             self._loop = None
             self.perform(self.session.closed("its proxy has ended"))
 
@@ -93,8 +95,7 @@ class Connection:
         for effect in effects:
             match effect:
                 case Send(message=message):
-                    if self._endpoint is not None:
-                        self._endpoint.send(message)
+                    self._send(message)
                 case Redial(trouble=trouble):
                     _log.warning("%s: %s; dialling again", self.url, trouble)
                     if self._endpoint is not None:
@@ -109,6 +110,12 @@ class Connection:
                     self._on_event(effect)
 
     # -- inside ------------------------------------------------------------------------------------
+
+    async def _dial_on(self) -> None:
+        while True:
+            trouble = await self._converse()
+            self.perform(self.session.closed(trouble))
+            await asyncio.sleep(self._backoff.next_wait())
 
     async def _converse(self) -> str:
         """Open one link and use it to its end; returns why it ended, as a clause."""
@@ -147,6 +154,14 @@ class Connection:
         while True:
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
+
+    def _send(self, message: AnyMessage) -> None:
+        if self._endpoint is None:
+            return
+        try:
+            self._endpoint.send(message)
+        except LocalProtocolError:  # our own mistake; the goal will be told silent
+            _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
         self.perform(self.session.hear(frame, self.now()))
