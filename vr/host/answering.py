@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import Garbled, VrError
 from robotree.vr.requests import Failed, Reply, Request, decode_request, encode
 from robotree.vr.transport import RequestHandler, Respond
+
+_log = logging.getLogger(__name__)
 
 Answer = Callable[[Request], Awaitable[Reply]]
 """Answers one request; a `VrError` that it raises travels to the asker."""
@@ -20,6 +23,9 @@ def answering(answer: Answer) -> RequestHandler:
             reply = await answer(decode_request(body))
         except VrError as error:
             reply = Failed.of(error)
+        except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
+            _log.exception("an answer failed")
+            reply = Failed.of(VrError(detail=f"internal error of the agent asked: {error!r}"))
         respond(encode(reply))
 
     return handle

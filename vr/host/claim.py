@@ -39,16 +39,37 @@ async def claim(transport: Transport, address: Address) -> Registration:
     Raises:
         DuplicateName: a living agent of this role has the name.
     """
+    await expect_free(transport, address)
+    presence = await transport.announce(address.key)
+    try:
+        await outlast(transport, address)
+    except BaseException:
+        await presence.close()
+        raise
+    return presence
+
+
+async def expect_free(transport: Transport, address: Address) -> None:
+    """Before announcing: see that nobody has the name; one who is just leaving is waited for.
+
+    Raises:
+        DuplicateName: somebody has it.
+    """
     if await _others(transport, address):
-        await asyncio.sleep(SETTLE)  # it may be just about to leave
+        await asyncio.sleep(SETTLE)
         if await _others(transport, address):
             raise DuplicateName(role=address.role, name=address.name)
-    presence = await transport.announce(address.key)
+
+
+async def outlast(transport: Transport, address: Address) -> None:
+    """After announcing: see that of those who came at the same moment this one stays.
+
+    Raises:
+        DuplicateName: another one stays, because its incarnation is smaller.
+    """
     await asyncio.sleep(SETTLE)
     if any(other < address for other in await _others(transport, address)):
-        await presence.close()
         raise DuplicateName(role=address.role, name=address.name)
-    return presence
 
 
 async def _others(transport: Transport, address: Address) -> list[Address]:

@@ -11,7 +11,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from robotree.vr.address import Address, Role, everyone
+from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import AddressError, NoSuchHost, NoSuchRobot, NoSuchView, VrError
 from robotree.vr.host.asking import ask
@@ -117,8 +117,10 @@ class Directory:
         """Find an agent by its name, also one that is enslaved and therefore not listed.
 
         Raises:
+            BadName: nobody can have this name.
             NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
         """
+        check_name(name)  # it becomes part of a pattern
         found = [address for address in self.present(role) if address.name == name]
         if not found:  # it may have come just now
             keys = await self._transport.present(everyone(role, name))

@@ -1,0 +1,270 @@
+"""All agents of one realm by name: what a supervisor needs, in one place.
+
+Every method takes names as people type them, finds the agents, asks them, and raises nothing but `VrError`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from robotree.vr.address import Address, check_name, everyone
+from robotree.vr.bundle import Bundle
+from robotree.vr.description import Listing, RobotDescription, Template
+from robotree.vr.errors import NoSuchHost, NotInControl, Unreachable, VrError
+from robotree.vr.host.client import DEFAULT_DEADLINE, RobotClient
+from robotree.vr.host.host_client import HostClient
+from robotree.vr.host.view_agent import ViewClient
+from robotree.vr.lookup.directory import Directory
+from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
+from robotree.vr.transport import Registration, Transport
+
+CALLER = "operator"
+"""How a supervisor names itself to robots."""
+
+GLANCE = 1.5
+"""[s] to wait for each agent when many are asked at once: one that hangs must not hide the others."""
+
+OnProgress = Callable[[float, str], None]
+OnState = Callable[[str, State], None]
+
+_R = TypeVar("_R")
+
+
+class Fleet:
+    """Sees and commands all agents of a realm."""
+
+    def __init__(self, transport: Transport) -> None:
+        """Prepare; `start` looks around."""
+        self.directory = Directory(transport)
+        self._transport = transport
+
+    async def start(self) -> None:
+        """Begin to look; returns when the lookup services that are there have said what they hold."""
+        await self.directory.start()
+
+    async def close(self) -> None:
+        """Look no more. The transport stays open: it is the caller's."""
+        await self.directory.close()
+
+    # -- who is there -----------------------------------------------------------------------------
+
+    @property
+    def services(self) -> Sequence[str]:
+        """Names of the lookup services that live."""
+        return self.directory.services
+
+    @property
+    def stale(self) -> bool:
+        """Whether no lookup service lives, so that the lists may be old."""
+        return self.directory.stale
+
+    def robots(self) -> Sequence[Listing]:
+        """Return the robots that are listed: an enslaved one is not."""
+        return self.directory.find(Template(role="robot"))
+
+    def views(self) -> Sequence[Listing]:
+        """Return the views."""
+        return self.directory.find(Template(role="view"))
+
+    async def hosts(self) -> Sequence[HostDescribed]:
+        """Ask all hosts what they run, by name. One that does not answer is left out."""
+        hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
+        return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+
+    def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call back after each change of the lists; returns how to end that."""
+        return self.directory.on_change(lambda _: callback())
+
+    async def watch_state(self, name: str | None, callback: OnState) -> Registration:
+        """Hear the states of one robot, whenever it lives, or of all.
+
+        Args:
+            name: of the robot; None: all.
+            callback: takes the name of a robot and how it is now.
+
+        Raises:
+            BadName: that cannot be a name.
+        """
+
+        def hear(key: str, body: bytes) -> None:
+            address = Address.parse(key.rpartition("/")[0])
+            try:
+                state = decode_event(body, key=key)
+            except VrError:
+                return  # a robot of another version; it is no less there
+            if address is not None and isinstance(state, State):
+                callback(address.name, state)
+
+        pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
+        return await self._transport.subscribe(f"{pattern}/state", hear)
+
+    # -- what they are ----------------------------------------------------------------------------
+
+    async def describe(self, name: str) -> RobotDescription:
+        """Ask a robot who it is, enslaved or not."""
+        return await (await self._robot(name)).describe()
+
+    async def describe_view(self, name: str) -> ViewDescribed:
+        """Ask a view for its cameras and readings."""
+        return await (await self._view(name)).describe()
+
+    async def tree(self) -> Sequence[RobotDescription]:
+        """Describe all robots: the free ones by name, then their children, and so on down.
+
+        A robot that vanishes or hangs meanwhile is left out; its children are not.
+        """
+        asked = (self._client(address, GLANCE).describe() for address in self.directory.present("robot"))
+        return from_the_top(await _all_that_answer(asked))
+
+    async def look(
+        self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
+    ) -> Picture:
+        """Fetch one picture."""
+        client = await self._view(view)
+        return await client.look(camera, width=width, height=height, quality=quality)
+
+    # -- what they do -----------------------------------------------------------------------------
+
+    async def call(
+        self,
+        name: str,
+        command: str,
+        arguments: Mapping[str, Any],
+        *,
+        deadline: float = DEFAULT_DEADLINE,
+        on_progress: OnProgress | None = None,
+    ) -> Any:
+        """Have a command carried out and return its result.
+
+        Args:
+            name: of the robot.
+            command: its name.
+            arguments: numbers in the declared units, or text with units.
+            deadline: [s] within which it must be done.
+            on_progress: told how far it is.
+        """
+        robot = await self._robot(name)
+        return await robot.call(command, arguments, deadline=deadline, caller=CALLER, on_progress=on_progress)
+
+    async def cancel(self, name: str) -> None:
+        """End all commands of a robot."""
+        await (await self._robot(name)).cancel(reason="the operator ended it")
+
+    async def stop(self, name: str | None) -> Sequence[str]:
+        """Protective stop of one robot or of all, at once, down to the hardware.
+
+        Returns:
+            The names of those that have confirmed it.
+
+        Raises:
+            NoSuchRobot: there is none of this name.
+            TransportError: one that lives did not confirm it; all others were told before this is raised.
+        """
+        return await self._tell_all(name, lambda robot: robot.safe_stop("the operator's protective stop"))
+
+    async def resume(self, name: str | None) -> Sequence[str]:
+        """Release the protective stop of one robot, or of all; parents pass it on to their children.
+
+        Returns:
+            The names of the robots that were told.
+        """
+        return await self._tell_all(name, lambda robot: robot.resume())
+
+    # -- who commands whom ------------------------------------------------------------------------
+
+    async def create(self, path: str, name: str, host: str = "", wanted: str = "") -> RobotDescription:
+        """Make a virtual robot from a source file.
+
+        Args:
+            path: of the file, on this machine.
+            name: of the robot.
+            host: on which it shall live; empty: the first.
+            wanted: name of the class; empty: the only one in the file.
+
+        Raises:
+            BundleError: the file cannot be used.
+            NoSuchHost: there is no such host, or none at all.
+            AddressError: the name cannot be one, or is taken.
+        """
+        check_name(name)
+        bundle = await asyncio.to_thread(Bundle.read, path, wanted)
+        return await HostClient(self._transport, await self._choose_host(host)).create(bundle, name)
+
+    async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
+        """Bind a child to a slot; returns the parent's description."""
+        client = await self._robot(parent)
+        return await client.enslave(slot, await self.directory.resolve(child))
+
+    async def release(self, parent: str, slot: str) -> RobotDescription:
+        """Release the child in a slot; returns the parent's description."""
+        return await (await self._robot(parent)).free(slot)
+
+    async def delete(self, name: str) -> None:
+        """End a virtual robot; its children are released."""
+        await (await self._robot(name)).delete()
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _robot(self, name: str) -> RobotClient:
+        return RobotClient(self._transport, await self.directory.resolve(name))
+
+    async def _view(self, name: str) -> ViewClient:
+        return ViewClient(self._transport, await self.directory.resolve(name, "view"))
+
+    def _client(self, address: Address, patience: float) -> RobotClient:
+        return RobotClient(self._transport, address, patience=patience)
+
+    async def _choose_host(self, name: str) -> Address:
+        if name:
+            return await self.directory.resolve(name, "host")
+        hosts = self.directory.present("host")
+        if not hosts:
+            raise NoSuchHost(name="host")
+        return hosts[0]
+
+    async def _tell_all(
+        self, name: str | None, tell: Callable[[RobotClient], Awaitable[None]]
+    ) -> Sequence[str]:
+        if name is not None:
+            await tell(await self._robot(name))
+            return [name]
+        robots = [self._client(address, GLANCE) for address in self.directory.present("robot")]
+        results = await asyncio.gather(*(tell(robot) for robot in robots), return_exceptions=True)
+        told: list[str] = []
+        failures: list[BaseException] = []
+        for robot, result in zip(robots, results, strict=True):
+            if result is None:
+                told.append(robot.address.name)
+            elif not isinstance(
+                result, Unreachable | NotInControl
+            ):  # it ended meanwhile; its parent tells it
+                failures.append(result)
+        if failures:
+            raise failures[0]
+        return told
+
+
+def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:
+    """Put robots in order: those that nobody commands, by name, then their children by slot, and so on down."""
+    left = {robot.address: robot for robot in sorted(robots, key=lambda robot: robot.address)}
+    ordered = [robot for robot in left.values() if robot.bond is None or robot.bond.parent not in left]
+    for robot in ordered:
+        del left[robot.address]
+    for robot in ordered:  # it grows while it is walked through
+        below = [slot.child for slot in robot.slots if slot.child is not None and slot.child in left]
+        ordered.extend(left.pop(child) for child in below)
+    return [*ordered, *left.values()]
+
+
+async def _all_that_answer(questions: Iterable[Awaitable[_R]]) -> list[_R]:
+    results = await asyncio.gather(*questions, return_exceptions=True)
+    answers: list[_R] = []
+    for result in results:
+        if isinstance(result, BaseException):
+            if not isinstance(result, VrError):
+                raise result
+        else:
+            answers.append(result)
+    return answers

@@ -1,0 +1,87 @@
+"""A host, or a lookup service, as a process: up until it is cancelled, and then down in order."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+from robotree.vr.address import check_name
+from robotree.vr.host.server import Host
+from robotree.vr.host.zenoh import join
+from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.service import LookupService
+from robotree.vr.space.sqlite import SqliteSpace
+
+Ready = Callable[[str], None]
+"""Told the key of an agent that is up."""
+
+
+def _nobody(_: str) -> None:
+    """Hear that it is ready, and do nothing."""
+
+
+async def run_host(
+    name: str,
+    *,
+    realm: str | None = None,
+    space_path: Path | None = None,
+    term: float = DEFAULT_TERM,
+    ready: Ready = _nobody,
+) -> None:
+    """Be a host in a realm until cancelled.
+
+    Args:
+        name: of the host, unique in the realm.
+        realm: None: `$ROBOTREE_REALM`, else `default`.
+        space_path: file in which calls are counted over restarts; None: they are not.
+        term: [s] of the leases that its robots grant and ask for.
+        ready: told the key once robots can be made.
+
+    Raises:
+        BadName: that cannot be a name.
+        DuplicateName: a living host has the name.
+        TransportError: the realm cannot be joined.
+        SpaceError: the file cannot be used.
+    """
+    check_name(name)
+    async with contextlib.AsyncExitStack() as stack:
+        transport = await join(realm)
+        stack.push_async_callback(transport.close)
+        space = None
+        if space_path is not None:
+            space = SqliteSpace(space_path)
+            stack.push_async_callback(space.close)
+        registrar = Registrar(transport)
+        stack.push_async_callback(registrar.close)
+        host = Host(transport, name, registrar=registrar, space=space, term=term)
+        stack.push_async_callback(host.close)
+        await host.start()
+        ready(host.address.key)
+        await asyncio.get_running_loop().create_future()
+
+
+async def run_lookup(name: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:
+    """Be a lookup service in a realm until cancelled.
+
+    Args:
+        name: of the service, unique in the realm.
+        realm: None: `$ROBOTREE_REALM`, else `default`.
+        ready: told the key once it answers.
+
+    Raises:
+        BadName: that cannot be a name.
+        DuplicateName: a living lookup service has the name.
+        TransportError: the realm cannot be joined.
+    """
+    check_name(name)
+    async with contextlib.AsyncExitStack() as stack:
+        transport = await join(realm)
+        stack.push_async_callback(transport.close)
+        service = LookupService(transport, name)
+        stack.push_async_callback(service.close)
+        await service.start()
+        ready(service.address.key)
+        await asyncio.get_running_loop().create_future()

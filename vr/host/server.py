@@ -1,0 +1,157 @@
+"""The process in which virtual robots live: makes them of source while everything runs, and ends them.
+
+Each robot has an agent of its own and runs its commands in threads of its own; the host only makes them,
+knows which there are, and ends those that are left when it ends itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+
+from robotree.vr.address import Address, check_name
+from robotree.vr.bundle import Bundle
+from robotree.vr.errors import DuplicateName, Unreachable, VrError
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.answering import answering, not_for
+from robotree.vr.host.claim import claim, expect_free, new_address, outlast
+from robotree.vr.host.listed import Listings
+from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
+from robotree.vr.space.contract import Space
+from robotree.vr.transport import Registration, Transport
+
+AT_ONCE = 4
+"""Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
+
+
+class Host:
+    """Makes virtual robots and is their home."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        name: str,
+        *,
+        registrar: Listings | None = None,
+        space: Space | None = None,
+        term: float = DEFAULT_TERM,
+    ) -> None:
+        """Prepare a host.
+
+        Args:
+            transport: the way to the others, shared by all its robots.
+            name: of the host.
+            registrar: where its robots are listed.
+            space: where their calls are counted.
+            term: [s] of the leases that its robots grant and ask for.
+
+        Raises:
+            BadName: the name cannot be one.
+        """
+        self.address = new_address("host", name)
+        self.agents: dict[str, RobotAgent] = {}
+        """The robots that live here, by name."""
+        self._transport, self._registrar, self._space, self._term = transport, registrar, space, term
+        self._coming: set[str] = set()
+        self._declared: list[Registration] = []
+        self._watchers: set[asyncio.Task[None]] = set()
+        self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
+        self._open = False
+
+    async def start(self) -> None:
+        """Serve, then be there.
+
+        Raises:
+            DuplicateName: a living host has this name.
+            TransportError: the transport does not work.
+        """
+        self._open = True
+        try:
+            self._declared.append(await self._transport.serve(self.address.key, answering(self._answer)))
+            self._declared.append(await claim(self._transport, self.address))
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """End its robots politely, then itself. Twice is once."""
+        self._open = False
+        declared, self._declared = self._declared, []
+        for registration in reversed(declared):
+            await registration.close()
+        await asyncio.gather(*(agent.close() for agent in list(self.agents.values())))
+        for watcher in self._watchers:
+            watcher.cancel()
+        self._loaders.shutdown(wait=False, cancel_futures=True)
+
+    async def create(self, bundle: Bundle, name: str) -> RobotAgent:
+        """Make a virtual robot of this source.
+
+        Args:
+            bundle: its source.
+            name: of the robot.
+
+        Returns:
+            Its agent, when it can be called.
+
+        Raises:
+            BadName: the name cannot be one.
+            DuplicateName: a living robot has it.
+            BundleError: the source cannot be used.
+        """
+        check_name(name)
+        if name in self._coming:
+            raise DuplicateName(role="robot", name=name)
+        self._coming.add(name)
+        try:
+            # before anybody's source is run for nothing
+            await expect_free(self._transport, new_address("robot", name))
+            loop = asyncio.get_running_loop()
+            robot = await loop.run_in_executor(self._loaders, bundle.create, name)
+            agent = RobotAgent(
+                robot,
+                self._transport,
+                registrar=self._registrar,
+                host=self.address.name,
+                space=self._space,
+                term=self._term,
+            )
+            await self._settle(agent)
+        finally:
+            self._coming.discard(name)
+        return agent
+
+    async def _settle(self, agent: RobotAgent) -> None:
+        await agent.start()
+        self.agents[agent.robot.name] = agent
+        watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
+        self._watchers.add(watcher)
+        watcher.add_done_callback(self._watchers.discard)
+        try:
+            await outlast(self._transport, agent.address)
+            if not self._open:
+                raise Unreachable(key=self.address.key)
+        except VrError:
+            await agent.close()
+            raise
+
+    async def _watch(self, agent: RobotAgent) -> None:
+        await agent.closed.wait()
+        if self.agents.get(agent.robot.name) is agent:
+            del self.agents[agent.robot.name]
+
+    async def _answer(self, request: Request) -> Reply:
+        match request:
+            case Create(name=name, path=path, source=source, wanted=wanted):
+                agent = await self.create(Bundle(source, path, wanted), name)
+                return Described(robot=agent.description())
+            case DescribeHost():
+                return self.description()
+            case _:
+                raise not_for("host", request)
+
+    def description(self) -> HostDescribed:
+        """Describe the host: which robots live here."""
+        robots: tuple[Address, ...] = tuple(sorted(agent.address for agent in self.agents.values()))
+        return HostDescribed(address=self.address, robots=robots)

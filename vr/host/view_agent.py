@@ -1,0 +1,157 @@
+"""Views among agents: a picture is made when somebody asks for one, and for nobody else.
+
+The looker pulls: one `Look`, one picture. So the looker sets size and rate, a slow looker gets fewer pictures
+and never a queue of old ones, and nothing is rendered while nobody looks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing
+from robotree.vr.host.answering import answering, not_for
+from robotree.vr.host.asking import ask
+from robotree.vr.host.claim import claim, new_address
+from robotree.vr.host.jpeg import jpeg_size
+from robotree.vr.host.listed import Listings
+from robotree.vr.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
+from robotree.vr.transport import Registration, Transport
+
+PATIENCE = 5.0
+"""[s] to wait for a picture: two attempts at a busy renderer, and the way."""
+
+
+class View(Protocol):
+    """A source of pictures of a workspace."""
+
+    @property
+    def cameras(self) -> Sequence[str]:
+        """What can be looked through; the first one is the default."""
+        ...
+
+    def readings(self) -> Mapping[str, float]:
+        """Return what the instruments of the workspace read, in SI units."""
+        ...
+
+    async def look(self, camera: str, width: int, height: int, quality: int) -> bytes:
+        """Take one picture, as JPEG.
+
+        Args:
+            camera: one of `cameras`; empty: the first.
+            width: [px] wished for.
+            height: [px] wished for.
+            quality: of the JPEG, 1 to 100.
+
+        Raises:
+            VrError: there is no such camera, or no picture can be had.
+        """
+        ...
+
+
+class ViewAgent:
+    """Serves one view to whoever looks."""
+
+    def __init__(
+        self,
+        view: View,
+        transport: Transport,
+        name: str,
+        *,
+        registrar: Listings | None = None,
+        host: str = "",
+    ) -> None:
+        """Prepare the agent.
+
+        Args:
+            view: what it shows.
+            transport: the way to the others.
+            name: of the view.
+            registrar: where it is listed.
+            host: name of the process, for people.
+
+        Raises:
+            BadName: the name cannot be one.
+        """
+        self.address = new_address("view", name)
+        self._view, self._transport, self._registrar, self._host = view, transport, registrar, host
+        self._declared: list[Registration] = []
+
+    async def start(self) -> None:
+        """Serve, be present, be listed.
+
+        Raises:
+            DuplicateName: a living view has this name.
+            TransportError: the transport does not work.
+        """
+        try:
+            self._declared.append(await self._transport.serve(self.address.key, answering(self._answer)))
+            self._declared.append(await claim(self._transport, self.address))
+            if self._registrar is not None:
+                cameras = {"cameras": ", ".join(self._view.cameras)}
+                listing = Listing(address=self.address, kinds=("View",), host=self._host, attributes=cameras)
+                await self._registrar.enter(listing)
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """Leave. Twice is once."""
+        declared, self._declared = self._declared, []
+        if declared and self._registrar is not None:
+            await self._registrar.leave(self.address)
+        for registration in reversed(declared):
+            await registration.close()
+
+    async def _answer(self, request: Request) -> Reply:
+        match request:
+            case Look(camera=camera, width=width, height=height, quality=quality):
+                jpeg = await self._view.look(camera, width, height, quality)
+                width, height = await asyncio.to_thread(jpeg_size, jpeg)
+                camera = camera or next(iter(self._view.cameras), "")
+                return Picture(jpeg=jpeg, width=width, height=height, camera=camera)
+            case DescribeView():
+                return ViewDescribed(
+                    address=self.address,
+                    cameras=tuple(self._view.cameras),
+                    readings=dict(self._view.readings()),
+                )
+            case _:
+                raise not_for("view", request)
+
+
+class ViewClient:
+    """Looks at one view, wherever it is."""
+
+    def __init__(self, transport: Transport, address: Address) -> None:
+        """Point at a view."""
+        self.address = address
+        self._transport = transport
+
+    async def describe(self) -> ViewDescribed:
+        """Ask for its cameras and its readings.
+
+        Raises:
+            TransportError: it cannot be reached or does not answer.
+        """
+        return await ask(self._transport, self.address.key, DescribeView(), ViewDescribed, timeout=PATIENCE)
+
+    async def look(
+        self, camera: str = "", *, width: int = 320, height: int = 180, quality: int = 75
+    ) -> Picture:
+        """Take one picture. Whoever wants a film asks again when the last one has come.
+
+        Args:
+            camera: empty: the view's first.
+            width: [px]
+            height: [px]
+            quality: of the JPEG, 1 to 100.
+
+        Raises:
+            VrError: there is no such camera, or no picture can be had.
+            TransportError: the view cannot be reached or does not answer.
+        """
+        request = Look(camera=camera, width=width, height=height, quality=quality)
+        return await ask(self._transport, self.address.key, request, Picture, timeout=PATIENCE)
