@@ -11,9 +11,9 @@ however late.
     v_r += dt (a_r + LEAK (v - v_r))                    a reference with the arm's own inertia
     tau += BETA M (v_r - v)                             velocity servo on that reference
 
-The posture term is a weak spring on the forearm's roll: where the forearm hangs vertically, roll and twist turn about
-one line and the tool's spring alone would leave their difference to chance. It is at rest whenever the tool points
-down, so it costs no accuracy.
+The posture term is a weak spring on the forearm's roll: where the forearm hangs vertically, roll and twist
+turn about one line, and the tool's spring alone would leave their difference to chance. It is at rest
+whenever the tool points down, so it costs no accuracy.
 
 Keeping the arm's own inertia in the reference is what makes the admittance *natural* (Newman, "Stability and
 performance limits of interaction controllers", ASME JDSMC 1992; Glosser and Newman, "The implementation of a

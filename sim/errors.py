@@ -47,7 +47,7 @@ class PathBlocked(GoalRefused):
 
     def __init__(self, point: Sequence[float]) -> None:
         self.point = tuple(point)
-        super().__init__(f"no line or arc leads to ({_metres(point)}) from here; go by another point")
+        super().__init__(f"no line or arc leads to ({_metres(point)}); go by another point")
 
 
 class BadArgument(GoalRefused):
@@ -91,4 +91,4 @@ class CannotListen(SimError, OSError):
 
 
 def _metres(point: Sequence[float]) -> str:
-    return ", ".join(f"{value:.3f}" for value in point[:3])
+    return ", ".join(f"{value:.3g}" for value in point[:3])

@@ -1,7 +1,7 @@
 """The kinds of robot that can be simulated: one registry. Listing it loads no physics, building from it does.
 
-The engines are therefore imported inside the builders. To simulate another robot: a model, a device with verbs, a
-world, its streams, and one line here.
+The engines are therefore imported inside the builders. To simulate another robot: a model, a device with
+verbs, a world, its streams, and one line here.
 """
 
 from collections.abc import Callable

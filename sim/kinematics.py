@@ -29,8 +29,8 @@ HOME: Final = (0.0, -0.3, 1.9, 0.0, math.pi - 1.6, 0.0)
 ERROR_REACHED: Final = 1e-4
 """[m and rad, mixed norm] of the tool at which a posture counts as found."""
 ROLL: Final = 3
-"""The forearm's roll, which a tool that points down does not need. The search leaves it at 0: where the forearm is
-vertical too, roll and twist turn about the same line, and a free roll would wander off to its stop there."""
+"""The forearm's roll, which a tool that points down does not need. The search leaves it at 0: where the
+forearm is vertical too, roll and twist turn about one line, and a free roll would wander off to its stop."""
 DAMPING: Final = 1e-3
 """Damping per squared error; with the reach of this arm the median goal takes 7 iterations."""
 STEP: Final = 0.3

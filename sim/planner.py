@@ -83,14 +83,14 @@ class Planner:
     def _check_reach(self, goal: Vector, q: Vector) -> None:
         x, y, z, twist = goal
         if z < LOWEST:
-            raise OutOfReach(goal.tolist(), f"the tool would meet the table: z must be at least {LOWEST} m")
+            raise OutOfReach(goal.tolist(), f"keep z at {LOWEST} m or more, for the table")
         if math.hypot(x, y) < NEAREST:
-            raise OutOfReach(goal.tolist(), f"it is closer than {NEAREST} m to the arm's own base")
+            raise OutOfReach(goal.tolist(), f"keep {NEAREST} m or more from the base")
         ahead = np.array((math.atan2(y, x), *HOME[1:]))
         for seed in (q, ahead):
             if self._kinematics.solve(goal[:3], tool_down(twist), seed).reached:
                 return
-        raise OutOfReach(goal.tolist(), "no posture of the arm brings the tool there pointing down")
+        raise OutOfReach(goal.tolist(), "no posture brings the tool there")
 
     def _walkable(self, path: Path, q: Vector) -> bool:
         """Whether a posture follows the last all the way; margins may be what they are now, not less."""

@@ -122,7 +122,7 @@ class Rover:
         origin = self._ports.position if self._follower.moving else start.pose
         goal = origin + np.array(args[:2])
         if float(np.abs(goal).max()) > ARENA:
-            raise OutOfReach((*goal.tolist(), 0.0), f"the rover's floor ends {ARENA} m from its middle")
+            raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
         limits = Limits((speed, speed), (ACCELERATION,) * 2, (JERK,) * 2)
         path = Line(start, goal, limits)
 
@@ -140,7 +140,7 @@ class Rover:
         short = float(np.linalg.norm(self._follower.setpoint.pose - self._ports.position))
         if self._follower.blocked or self._waited > SETTLE_WITHIN:
             return Progress(
-                fraction, done=True, reason=Reason.BLOCKED, text="something stands in the rover's way"
+                fraction, done=True, reason=Reason.BLOCKED, text="Something stands in the way."
             )
         standing = float(np.abs(self._ports.velocity).max()) < SETTLED
         if self._follower.moving:

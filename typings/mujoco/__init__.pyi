@@ -72,6 +72,7 @@ class MjModel:
     actuator_ctrladr: NDArray[np.int32]
     body_subtreemass: _Array
     cam_fovy: _Array
+    dof_frictionloss: _Array
     geom_rgba: NDArray[np.float32]
     geom_type: NDArray[np.int32]
     light_pos: _Array
@@ -89,6 +90,7 @@ class MjData:
     cam_xpos: _Array
     cfrc_ext: _Array
     ctrl: _Array
+    qfrc_bias: _Array
     qpos: _Array
     qvel: _Array
     sensordata: _Array

@@ -1,0 +1,206 @@
+"""Somebody who commands a simulated controller in virtual time: for tests and benches.
+
+    bench = ArmBench(delay=1.0)                 # every frame takes a second each way
+    bench.operator.succeed(Verb.GRIP, 0.07)     # returns when the controller says so; no second passes
+    bench.world.lever_angle
+
+Real frames cross protocol's loopback; nothing is mocked, and nothing sleeps.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.frame import Frame
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    GoalCancel,
+    GoalState,
+    GoalStatus,
+    Heartbeat,
+    MavAutopilot,
+    MavState,
+    MavType,
+    Message,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+    Verb,
+)
+from robotree.sim.controller import Controller
+from robotree.sim.firmware import SILENCE, Firmware
+from robotree.sim.telemetry import arm_streams, rover_streams
+from robotree.sim.worlds import arm_world, rover_world
+
+NAN: Final = float("nan")
+M = TypeVar("M", bound=Message)
+_ARGUMENTS: Final = 7
+
+
+class Operator:
+    """Commands a controller as a proxy would: over real frames, with a heartbeat every second of its time.
+
+    Args:
+        controller: whom it commands; its world advances when the operator waits.
+        delay: that every frame takes, each way [s of the world's time].
+        component: of system 255, under which it speaks.
+    """
+
+    def __init__(self, controller: Controller, delay: float = 0.0, component: int = 190) -> None:
+        self.controller, self.component = controller, component
+        self.heard: list[tuple[float, AnyMessage]] = []
+        """Everything that was heard, each with the world's time [s]."""
+        self.silent = False
+        """Whether it has ceased to send heartbeats."""
+        self._keys = itertools.count(1)
+        self._statuses: dict[int, GoalStatus] = {}
+        self._beat_at = 0.0
+        self._wire = Loopback(self._near, self._far, Accidents(delay=delay), now=self.now)
+
+    @property
+    def now(self) -> float:
+        """The world's time [s]."""
+        return self.controller.cell.time_ms / 1000
+
+    def step(self) -> None:
+        """One batch of the world, and what the wire carries meanwhile."""
+        if not self.silent and self.now >= self._beat_at:
+            self._beat_at = self.now + 1.0
+            self.say(Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE))
+        self._wire.advance(self.now)
+        for outgoing in self.controller.advance():
+            if outgoing.via in {None, self.far}:
+                self.far.send(outgoing.message)
+        self._wire.advance(self.now)
+
+    def wait(self, seconds: float) -> None:
+        """Let the world go on for `seconds` of its time."""
+        end = self.controller.cell.time_ms + round(1000 * seconds)
+        while self.controller.cell.time_ms < end:
+            self.step()
+
+    def until(self, happened: Callable[[], bool], within: float) -> None:
+        """Let the world go on until something has happened.
+
+        Args:
+            happened: looked at after every batch.
+            within: [s] of the world's time.
+
+        Raises:
+            TimeoutError: it did not happen.
+        """
+        end = self.now + within
+        while not happened():
+            if self.now >= end:
+                raise TimeoutError(f"it did not happen within {within} s of the world's time")
+            self.step()
+
+    def say(self, message: AnyMessage) -> None:
+        """Send anything."""
+        self._near_end.send(message)
+
+    def ask(self, verb: int, *args: float, key: int | None = None, epoch: int = 1, ttl: float = 0.0) -> int:
+        """Send a goal and do not wait for it; returns its key."""
+        key = next(self._keys) if key is None else key
+        padded = (*args, *(NAN,) * (_ARGUMENTS - len(args)))
+        self.say(Goal(key, epoch, round(1000 * ttl), padded, verb, 1, 1))
+        return key
+
+    def status_of(self, key: int) -> GoalStatus:
+        """The latest that was heard of a goal."""
+        return self._statuses[key]
+
+    def end_of(self, key: int, within: float = 60.0) -> GoalStatus:
+        """Wait for the end of a goal.
+
+        Raises:
+            TimeoutError: it did not end.
+        """
+        self.until(lambda: key in self._statuses and GoalState(self._statuses[key].state).final, within)
+        return self._statuses[key]
+
+    def do(self, verb: int, *args: float, within: float = 60.0, epoch: int = 1) -> GoalStatus:
+        """Send a goal and wait for its end."""
+        return self.end_of(self.ask(verb, *args, epoch=epoch), within)
+
+    def succeed(self, verb: Verb, *args: float) -> GoalStatus:
+        """Send a goal that must be reached.
+
+        Raises:
+            RuntimeError: it ended otherwise.
+        """
+        status = self.do(verb, *args)
+        if status.state != GoalState.SUCCEEDED:
+            raise RuntimeError(f"{verb.name} {args} ended {GoalState(status.state).name}: {status.text}")
+        return status
+
+    def cancel(self, key: int, epoch: int = 1) -> None:
+        """Ask for the end of a goal; key 0: of whichever runs."""
+        self.say(GoalCancel(key, epoch, 1, 1))
+
+    def set_mode(self, mode: ModeKind, epoch: int = 1) -> None:
+        """Ask for a mode."""
+        self.say(SetMode(epoch, 0, 0, mode))
+
+    def latest(self, kind: type[M]) -> M:
+        """The message of a kind that was heard last."""
+        return next(message for _, message in reversed(self.heard) if isinstance(message, kind))
+
+    def mode(self) -> tuple[ModeKind, Reason]:
+        """The mode that was heard last, and why."""
+        mode = self.latest(Mode)
+        return ModeKind(mode.mode), Reason(mode.reason)
+
+    def _near(self, link: Link) -> Endpoint:
+        self._near_end = Endpoint(link, system=255, component=self.component, on_frame=self._hear)
+        return self._near_end
+
+    def _far(self, link: Link) -> Endpoint:
+        self.far = Endpoint(link, system=1, component=1, on_frame=self._arrive)
+        return self.far
+
+    def _arrive(self, frame: Frame) -> None:
+        self.controller.post(frame, self.far)
+
+    def _hear(self, frame: Frame) -> None:
+        message = frame.message
+        self.heard.append((self._wire.now, message))
+        if isinstance(message, GoalStatus) and message.target_component == self.component:
+            self._statuses[message.key] = message
+
+
+class ArmBench:
+    """The arm's world, its controller and its operator.
+
+    Args:
+        delay: of every frame, each way [s].
+        silence: of the link that the controller bears [s].
+    """
+
+    def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
+        self.world = arm_world()
+        streams = arm_streams(self.world)
+        firmware = Firmware(self.world.arm, streams, system=1, kind=MavType.GENERIC, silence=silence)
+        self.controller = Controller(self.world.cell, firmware, {})
+        self.operator = Operator(self.controller, delay)
+
+
+class RoverBench:
+    """The rover's world, its controller and its operator.
+
+    Args:
+        delay: of every frame, each way [s].
+        silence: of the link that the controller bears [s].
+    """
+
+    def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
+        self.world = rover_world()
+        streams = rover_streams(self.world)
+        firmware = Firmware(self.world.rover, streams, system=1, kind=MavType.GROUND_ROVER, silence=silence)
+        self.controller = Controller(self.world.cell, firmware, {})
+        self.operator = Operator(self.controller, delay)
