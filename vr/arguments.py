@@ -14,6 +14,9 @@ from robotree.vr.description import Arguments, CommandSpec, FieldSpec, Parameter
 from robotree.vr.errors import BadArgument
 from robotree.vr.units import in_unit, read_quantity, shorten
 
+_ROUNDING = 1e-9
+"""What a conversion may overshoot a bound by: 70 cm are 0.7000000000000001 m."""
+
 _WORDS = {
     "true": True,
     "yes": True,
@@ -111,16 +114,17 @@ def _number(field: FieldSpec, value: object) -> float:
         number = float(value) if abs(value) < 1e300 else math.inf
     if not math.isfinite(number):
         raise ValueError(f"{value} is not a finite number; give {expected(field)}")
-    if not _inside(field, number):
-        shown = f"{value}" if isinstance(value, str) else f"{number:g} {field.unit}".strip()
+    number, meant = _clip(field, number), number
+    if not math.isclose(number, meant, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
+        shown = f"{value}" if isinstance(value, str) else f"{meant:g} {field.unit}".strip()
         raise ValueError(f"{shown} is out of range; give {expected(field)}")
     return number
 
 
-def _inside(field: FieldSpec, number: float) -> bool:
+def _clip(field: FieldSpec, number: float) -> float:
     low = -math.inf if field.lower is None else field.lower
     high = math.inf if field.upper is None else field.upper
-    return low <= number <= high
+    return min(max(number, low), high)
 
 
 def _whole(field: FieldSpec, value: object) -> int:

@@ -223,14 +223,15 @@ class SlotEmpty(BondError):
     """The slot holds no child (any more)."""
 
     sentence = (
-        "{robot}.{slot} is empty ({reason}); enslave a {kind} first: `robotree enslave {robot}.{slot} NAME`"
+        "{robot}.{slot} is empty ({reason}); enslave a robot of kind {kind}: "
+        "`robotree enslave {robot}.{slot} NAME`"
     )
 
 
 class WrongKind(BondError):
     """The child is not of the kind that the slot wants."""
 
-    sentence = "{robot}.{slot} takes a {wanted}; {child} is a {kind}"
+    sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is of kind {kind}"
 
 
 class StillBonded(BondError):

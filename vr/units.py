@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import re
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -95,4 +95,4 @@ def _convert(number: float, given: str, wanted: str) -> float:
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry()
+    return cast("Any", pint.UnitRegistry())

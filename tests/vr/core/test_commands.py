@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any, Literal
+
+import msgspec
+import pytest
+
+from robotree.vr import Child, Range, Robot, Unit, VirtualRobot, command
+from robotree.vr.command import commands_of
+from robotree.vr.description import FieldSpec
+from robotree.vr.virtual_robot import exposures_of, slots_of
+
+Metres = Annotated[float, Unit("m")]
+
+
+class Pose(msgspec.Struct):
+    x: Annotated[float, Unit("m"), "ahead"]
+    twist: Annotated[float, Unit("rad")]
+    busy: bool
+
+
+@dataclasses.dataclass
+class Grip:
+    width: Metres
+
+
+class Arm(Robot):
+    """An arm.
+
+    It grips.
+    """
+
+    @command(effect="repeat")
+    def go_to(
+        self,
+        x: Annotated[Metres, Range(-0.7, 0.7), "ahead of the base"],
+        *,
+        speed: Annotated[float | None, Unit("m/s")] = None,
+        elbow: Literal["up", "down"] = "up",
+    ) -> None:
+        """Go to a point.
+
+        In a straight line.
+        """
+
+    @command(effect="read")
+    def get_info(self) -> Pose:
+        """Tell where it is."""
+        return Pose(0, 0, busy=False)
+
+    @command
+    def grip(self, width: Metres | None = None, n: int = 1) -> Grip:
+        return Grip(width or float(n))
+
+    @command
+    def count(self) -> int:
+        return 1
+
+    @command
+    def anything(self) -> Any:
+        return None
+
+    def not_a_command(self) -> None: ...
+
+
+def test_what_callers_see_of_a_method() -> None:
+    go_to = commands_of(Arm)["go_to"].spec
+    assert go_to.effect == "repeat"
+    assert go_to.doc == "Go to a point.\n\nIn a straight line."
+    assert go_to.parameters == (
+        FieldSpec(name="x", type="float", unit="m", lower=-0.7, upper=0.7, doc="ahead of the base"),
+        FieldSpec(name="speed", type="float", unit="m/s", required=False),
+        FieldSpec(name="elbow", type="choice", choices=("up", "down"), required=False, default="up"),
+    )
+    assert go_to.result == ()
+
+
+def test_results_have_typed_parts() -> None:
+    specs = {name: found.spec for name, found in commands_of(Arm).items()}
+    assert list(specs) == ["go_to", "get_info", "grip", "count", "anything"]
+    assert specs["get_info"].result == (
+        FieldSpec(name="x", type="float", unit="m", doc="ahead"),
+        FieldSpec(name="twist", type="float", unit="rad"),
+        FieldSpec(name="busy", type="bool"),
+    )
+    assert specs["grip"].result == (FieldSpec(name="width", type="float", unit="m"),)
+    assert specs["count"].result == (FieldSpec(name="", type="int"),)
+    assert specs["anything"].result == ()
+
+
+def test_a_command_stays_an_ordinary_method() -> None:
+    assert Arm("arm-1").grip(0.05).width == 0.05
+
+
+def test_kinds_are_the_classes_most_special_first() -> None:
+    class FastArm(Arm): ...
+
+    assert FastArm.kinds() == ("FastArm", "Arm", "Robot")
+
+
+def test_a_subclass_inherits_overrides_and_removes_commands() -> None:
+    class Lame(Arm):
+        grip = None  # type: ignore[assignment]
+
+        @command(effect="read")
+        def count(self) -> int:
+            return 2
+
+    assert list(commands_of(Lame)) == ["go_to", "get_info", "count", "anything"]
+    assert commands_of(Lame)["count"].spec.effect == "read"
+    assert commands_of(Arm)["count"].spec.effect == "once"
+
+
+def test_slots_and_exposures_are_declared_in_the_class() -> None:
+    class Square(VirtualRobot):
+        rover = Child("Rover", "what drives")
+        move = rover.exposed()
+        drive = rover.exposed("move")
+
+    class Cube(Square):
+        lift = Child("Lift")
+        drive = None  # type: ignore[assignment]
+
+    assert {name: child.kind for name, child in slots_of(Cube).items()} == {"rover": "Rover", "lift": "Lift"}
+    assert {name: exposed.command for name, exposed in exposures_of(Cube).items()} == {"move": "move"}
+    cube = Cube("cube")
+    assert not cube.rover
+    assert str(cube.rover) == "nobody in rover"
+    assert [spec.doc for spec in cube.child_slots.specs()] == ["what drives", ""]
+
+
+def declare(function: Any) -> type[Robot]:
+    function.__qualname__ = f"Odd.{function.__name__}"
+    return type("Odd", (Robot,), {function.__name__: command(function)})
+
+
+def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901 # a list of examples
+    def untyped(self: Any, x) -> None: ...  # type: ignore[no-untyped-def]  # noqa: ANN001
+
+    def listy(self: Any, x: list[float]) -> None: ...
+    def starry(self: Any, *x: float) -> None: ...
+    def ranged(self: Any, x: Annotated[str, Range(0, 1)]) -> None: ...
+    def defaulted(self: Any, x: Annotated[float, Range(0, 1)] = 2.0) -> None: ...
+    def complicated(self: Any) -> dict[str, float]: ...  # type: ignore[empty-body]
+    def unknown(self: Any, x: Metre) -> None: ...  # type: ignore[name-defined]  # noqa: F821
+    async def later(self: Any) -> None: ...
+    def readings(self: Any) -> None: ...
+    def _hidden(self: Any) -> None: ...
+
+    sentences = {
+        untyped: "Odd.untyped: parameter 'x' needs a type: float, int, bool, str or Literal of texts",
+        listy: "Odd.listy: parameter 'x' cannot be list[float]: "
+        "use float, int, bool, str or Literal of texts",
+        starry: "Odd.starry: parameter 'x': a command takes named parameters only",
+        ranged: "Odd.ranged: parameter 'x': only numbers have a unit or a range",
+        defaulted: "default of Odd.defaulted: x: 2 is out of range; give a number from 0 to 1",
+        complicated: "Odd.complicated: its result cannot be dict[str, float]: "
+        "use float, int, bool, str or Literal of texts",
+        unknown: "Odd.unknown: name 'Metre' is not defined; define it in the file, outside of functions",
+        later: "Odd.later: a command is a plain function; it may block as it likes",
+        readings: "Odd.readings: a command cannot have this name; every robot uses it itself",
+        _hidden: "Odd._hidden: a command cannot have this name; every robot uses it itself",
+    }
+    for function, sentence in sentences.items():
+        with pytest.raises(TypeError) as refused:
+            commands_of(declare(function))
+        assert str(refused.value) == sentence
+
+
+def test_an_empty_range_is_refused_where_it_is_written() -> None:
+    with pytest.raises(ValueError, match="a range from 1 to 0 is empty"):
+        Range(1, 0)
+
+
+def test_the_inside_of_a_command_works_only_there() -> None:
+    with pytest.raises(RuntimeError, match="only inside a running command"):
+        Arm("arm-1").sleep(1)

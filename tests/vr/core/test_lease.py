@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from robotree.vr.address import Address
+from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, StaleEpoch
+from robotree.vr.lease import Lessee, Lessor
+
+LEVER = Address("robot", "lever", "1")
+OTHER = Address("robot", "other", "1")
+BORN = 1_000.0
+
+
+def lessor() -> Lessor:
+    return Lessor("mover", term=5.0, unix=BORN)
+
+
+def grant(
+    child: Lessor, parent: Address = LEVER, *, now: float = 0.0, slot: str = "mover", wanted: float = 5.0
+) -> int:
+    return child.petition(parent, slot, (parent.name,), wanted, now=now, unix=BORN + now).epoch
+
+
+def test_a_silent_parent_loses_the_robot_when_the_term_is_over() -> None:
+    child = lessor()
+    grant(child)
+    assert child.tick(4.999, BORN) is None
+    ended = child.tick(5.0, BORN)
+    assert ended is not None
+    assert ended.parent == LEVER
+    assert child.tenure is None
+
+
+def test_a_parent_that_renews_keeps_the_robot() -> None:
+    child = lessor()
+    epoch = grant(child)
+    for now in range(1, 100):
+        assert child.renew(LEVER, epoch, ("lever",), now=float(now), unix=BORN).epoch == epoch
+    assert child.tick(103.9, BORN) is None
+
+
+def test_the_child_decides_the_term() -> None:
+    child = lessor()
+    grant(child, wanted=60.0)
+    assert child.term_granted == 5.0
+    child.end(BORN)
+    grant(child, wanted=1.0)
+    assert child.term_granted == 1.0
+
+
+def test_a_second_parent_is_told_of_the_first() -> None:
+    child = lessor()
+    grant(child)
+    with pytest.raises(
+        LeaseDenied, match=r"mover is already enslaved by lever; .*`robotree release lever.mover`"
+    ):
+        grant(child, OTHER)
+    with pytest.raises(LeaseDenied):
+        grant(child, LEVER, slot="second")
+
+
+def test_a_petition_sent_twice_is_granted_anew() -> None:
+    child = lessor()
+    first = grant(child)
+    second = grant(child, now=1.0)
+    assert second > first
+    with pytest.raises(StaleEpoch):
+        child.check(first)
+    child.check(second)
+
+
+def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed() -> None:
+    child = lessor()
+    epoch = grant(child)
+    with pytest.raises(StaleEpoch):
+        child.renew(LEVER, epoch, ("lever",), now=5.0, unix=BORN)
+    assert child.tenure is None
+
+
+def test_epochs_grow_with_each_grant_and_each_end() -> None:
+    child = lessor()
+    seen = [child.epoch]
+    for _ in range(3):
+        seen.append(grant(child))
+        child.end(BORN)
+        seen.append(child.epoch)
+    assert seen == sorted(set(seen))
+
+
+def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None:
+    """Unless it was granted more than once a second for all its life."""
+    child = lessor()
+    for now in range(1, 100):
+        grant(child, now=float(now))
+        child.end(BORN + now)
+    assert Lessor("mover", unix=BORN + 200).epoch > child.epoch
+
+
+def test_who_may_command() -> None:
+    child = lessor()
+    child.check(None)
+    with pytest.raises(StaleEpoch):
+        child.check(child.epoch)  # an epoch is a parent's, and there is none
+    epoch = grant(child)
+    child.check(epoch)
+    with pytest.raises(NotInControl, match=r"mover is commanded by lever; .*`robotree release lever.mover`"):
+        child.check(None)
+    with pytest.raises(StaleEpoch):
+        child.check(epoch - 1)
+    child.release(LEVER, epoch, unix=BORN)
+    child.check(None)
+    with pytest.raises(StaleEpoch):
+        child.check(epoch)
+
+
+def test_only_the_holder_can_release() -> None:
+    child = lessor()
+    epoch = grant(child)
+    assert child.release(OTHER, epoch, unix=BORN) is None
+    assert child.release(LEVER, epoch - 1, unix=BORN) is None
+    assert child.tenure is not None
+    assert child.release(LEVER, epoch, unix=BORN) is not None
+    assert child.release(LEVER, epoch, unix=BORN) is None
+
+
+def test_nobody_is_bound_to_itself_or_to_a_descendant() -> None:
+    child = lessor()
+    with pytest.raises(CycleOfBonds, match=r"mover cannot enslave mover"):
+        child.petition(Address("robot", "mover", "1"), "slot", ("mover",), 5.0, now=0, unix=BORN)
+    with pytest.raises(CycleOfBonds, match=r"lever cannot enslave mover: .*\(top > mover > lever\)"):
+        child.petition(LEVER, "slot", ("top", "mover", "lever"), 5.0, now=0, unix=BORN)
+    assert child.tenure is None
+
+
+def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal() -> None:
+    child = lessor()
+    epoch = grant(child)
+    with pytest.raises(CycleOfBonds):
+        child.renew(LEVER, epoch, ("mover", "lever"), now=1.0, unix=BORN)
+    assert child.tenure is None
+
+
+# -- the parent's side -----------------------------------------------------------------------------
+
+
+def test_the_parent_counts_from_when_it_asked() -> None:
+    lease = Lessee(epoch=1, term=5.0, sent=10.0, now=12.0)
+    assert lease.expires == 15.0
+
+
+def test_on_a_quick_way_a_third_of_the_term_passes_between_renewals() -> None:
+    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.001)
+    assert lease.due == pytest.approx(2.0)
+
+
+def test_on_a_slow_way_renewals_leave_sooner() -> None:
+    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.6)
+    assert lease.due < 1.0
+
+
+def test_a_late_answer_is_asked_for_again_before_the_lease_ends() -> None:
+    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.1)
+    asked = []
+    while lease.due < lease.expires:
+        asked.append(lease.due)
+        lease.asked(lease.due)
+    assert len(asked) >= 4
+    assert all(later - sooner > 0.599 for sooner, later in itertools.pairwise(asked))
+
+
+def test_grants_that_overtake_each_other_never_shorten_the_lease() -> None:
+    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=0.1)
+    lease.asked(1.0)
+    lease.asked(2.0)
+    lease.granted(sent=2.0, now=2.5, term=5.0)
+    lease.granted(sent=1.0, now=2.6, term=5.0)
+    assert lease.expires == 7.0
+
+
+def test_a_way_of_one_second_each_way_is_quick_enough_for_the_default_term() -> None:
+    """Simulated: answers come 2 s later, the parent's own belief must never run out."""
+    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=2.0)
+    out: list[float] = []
+    now = 2.0
+    while now < 120.0:
+        while out and out[0] + 2.0 <= now:
+            lease.granted(sent=out.pop(0), now=now, term=5.0)
+        assert now < lease.expires
+        if now >= lease.due:
+            lease.asked(now)
+            out.append(now)
+        now += 0.01

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import pytest
+
+from robotree.vr.address import Address
+from robotree.vr.bond import Bond, Slots
+from robotree.vr.description import RobotDescription, SlotSpec
+from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
+from robotree.vr.lease import Lessee
+
+ARM = Address("robot", "arm-1", "1")
+OTHER = Address("robot", "arm-2", "1")
+
+
+def slots() -> Slots:
+    return Slots("lever", [SlotSpec(name="left", kind="Arm"), SlotSpec(name="right", kind="Arm")])
+
+
+def bond(child: Address = ARM) -> Bond:
+    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=0.0)
+    return Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm", "Robot")))
+
+
+def test_an_unknown_slot_is_answered_with_those_there_are() -> None:
+    with pytest.raises(NoSuchSlot, match="lever has no child slot 'middle'; it has: left, right"):
+        slots()["middle"]
+
+
+def test_an_occupied_slot_names_who_is_in_it() -> None:
+    children = slots()
+    children.begin("left", ARM)
+    with pytest.raises(SlotOccupied, match=r"lever.left already holds arm-1; release it first"):
+        children.begin("left", OTHER)
+    children.bind("left", bond())
+    with pytest.raises(SlotOccupied):
+        children.begin("left", OTHER)
+
+
+def test_a_refused_child_leaves_the_slot_as_it_was() -> None:
+    children = slots()
+    children.begin("left", ARM)
+    children.abort("left")
+    assert children["left"].state == "empty"
+    children.begin("left", OTHER)
+
+
+def test_a_lost_child_leaves_its_reason_until_the_next_one_comes() -> None:
+    children, first = slots(), bond()
+    children.begin("left", ARM)
+    children.bind("left", first)
+    assert children.lose("left", first, "arm-1 has ended")
+    assert [spec.lost for spec in children.specs()] == ["arm-1 has ended", ""]
+    with pytest.raises(
+        SlotEmpty, match=r"lever.left is empty \(arm-1 has ended\); enslave a robot of kind Arm: "
+    ):
+        children.require("left")
+    children.begin("left", OTHER)
+    children.bind("left", bond(OTHER))
+    assert [spec.lost for spec in children.specs()] == ["", ""]
+    assert children.require("left").child == OTHER
+
+
+def test_an_old_loss_does_not_touch_a_new_bond() -> None:
+    children, first = slots(), bond()
+    children.begin("left", ARM)
+    children.bind("left", first)
+    children.free("left")
+    children.begin("left", ARM)
+    children.bind("left", bond())
+    assert not children.lose("left", first, "late news")
+    assert children["left"].state == "bound"
+
+
+def test_a_released_child_leaves_no_reason() -> None:
+    children = slots()
+    children.begin("left", ARM)
+    children.bind("left", bond())
+    assert children.free("left").child == ARM
+    assert children["left"].lost == ""
+    with pytest.raises(SlotEmpty, match="no child was bound to it"):
+        children.free("left")
+
+
+def test_only_the_child_that_was_asked_comes_in() -> None:
+    children = slots()
+    children.begin("left", ARM)
+    with pytest.raises(ValueError, match="was not asked"):
+        children.bind("left", bond(OTHER))
