@@ -21,7 +21,7 @@ OPEN, CLOSED = -0.785, 0.785
 
 ACROSS = math.pi / 2
 """[rad] Twist at which the fingers are before and behind the handle."""
-ABOVE = 0.08
+ABOVE = 0.10
 """[m] Where the reach ends and the careful descent begins."""
 THINNEST = 0.015
 """[m] Fingers that came closer than this hold nothing."""
@@ -57,7 +57,7 @@ class OpenCloseLever(VirtualRobot):
         if self.mover.get_info().width < THINNEST:
             self.mover.grip(action="open")
             detail = f"the handle is not at {start:g} rad; is the lever there already?"
-            raise CommandFailed(robot=self.name, command="swing", detail=detail)
+            raise CommandFailed(robot=self.name, command=self.context.command, detail=detail)
         felt = 0.0
         for point in range(1, ARC + 1):
             self.reach(start + (end - start) * point / ARC, speed=CAREFUL)

@@ -51,7 +51,7 @@ class ArmLimits:
 
     x: Span = Span(-0.65, 0.65, "m")
     y: Span = Span(-0.65, 0.65, "m")
-    z: Span = Span(0.02, 0.80, "m")
+    z: Span = Span(0.025, 0.80, "m")
     """The finger tips reach 0.02 m below the tool point, and the table is at 0."""
     twist: Span = Span(-math.pi, math.pi, "rad")
     speed: Span = Span(0.005, 0.25, "m/s")
@@ -65,7 +65,7 @@ class RoverLimits:
 
     x: Span = Span(-3.0, 3.0, "m")
     y: Span = Span(-3.0, 3.0, "m")
-    speed: Span = Span(0.01, 0.8, "m/s")
+    speed: Span = Span(0.01, 1.0, "m/s")
     arena_x: Span = Span(-1.5, 1.5, "m")
     arena_y: Span = Span(-1.5, 1.5, "m")
 

@@ -196,6 +196,8 @@ class RobotProxy(Robot):
                 error = error_of(end, robot=self.name, command=name, epoch=epoch, obeyed=self._session.obeyed)
                 if error is not None:
                     raise error
+                if end.text:  # such as: it got there, but something pulls at it
+                    self.progress(1.0, end.text)
 
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)

@@ -47,7 +47,7 @@ def test_no_move_leads_out_of_the_arena(dx: float, dy: float, speed: float, x: f
 
 
 def test_a_refusal_names_value_limit_and_unit() -> None:
-    with pytest.raises(BadArgument, match=r"go_to: z: -0\.1 m is outside 0\.02 to 0\.8 m"):
+    with pytest.raises(BadArgument, match=r"go_to: z: -0\.1 m is outside 0\.025 to 0\.8 m"):
         check(GoTo(x=0.3, y=0, z=-0.1, twist=0, speed=0.1), ArmLimits(), command="go_to")
     with pytest.raises(BadArgument, match=r"is not a number; give one from 0 to 0\.08 m"):
         check(Grip(width=math.nan), ArmLimits(), command="grip")
