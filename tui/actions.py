@@ -17,9 +17,9 @@ from robotree.tui.grammar import Line, Shape
 from robotree.tui.verbs import Outcome, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.fleet import Fleet
 
-Run = Callable[["FleetDoor", Line, Teller], Awaitable[Outcome]]
+Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
 
 
 class Where(Flag):
@@ -222,7 +222,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="proxy KIND NAME --connect URL",
+        usage="proxy KIND NAME --connect URL [--space FILE]",
         help="Bring a robot's controller among the agents.",
         group=PROCESS,
         where=Where.SHELL,
@@ -236,7 +236,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME",
+        usage="host NAME [--space FILE]",
         help="Run virtual robots that are created.",
         group=PROCESS,
         where=Where.SHELL,

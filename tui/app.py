@@ -32,8 +32,8 @@ from robotree.tui.verbs import Outcome
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.fleet_contract import FleetDoor
     from robotree.vr.description import RobotDescription
+    from robotree.vr.fleet import Fleet
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class Supervisor(Fenced, App[int]):
         Binding("question_mark", "show_help", "Help"),
     ]
 
-    def __init__(self, fleet: FleetDoor, *, realm: str, store: Store | None = None) -> None:
+    def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None) -> None:
         """Supervise a fleet that has been joined.
 
         Args:
@@ -254,7 +254,7 @@ CRASH_WINDOW = 30.0
 """[s]"""
 
 
-async def supervise(fleet: FleetDoor, realm: str) -> int:
+async def supervise(fleet: Fleet, realm: str) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
     Returns:

@@ -46,7 +46,11 @@ def _enslave(app: Supervisor, name: str, slot: str) -> None:
 
 
 def _offer(app: Supervisor, places: list[Opening], child: str) -> None:
-    app.push_screen(EnslaveDialog(app.store, places, child), lambda line: app.perform(line) if line else None)
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+
+    app.push_screen(EnslaveDialog(app.store, places, child), answered)
 
 
 def _release(app: Supervisor, name: str, slot: str) -> None:
@@ -99,7 +103,12 @@ def confirm_line(app: Supervisor, line: Line) -> None:
     """Ask back, then carry out."""
     written = grammar.form(line, shapes(Where.PROMPT))
     dialog = Confirm(f"{written} ?", _consequence(app, line), line.verb.capitalize())
-    app.push_screen(dialog, lambda answer: app.perform(line) if answer else None)
+
+    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+        if answer:
+            app.perform(line)
+
+    app.push_screen(dialog, answered)
 
 
 def _consequence(app: Supervisor, line: Line) -> str:
@@ -114,7 +123,7 @@ def _consequence(app: Supervisor, line: Line) -> str:
         case "release":
             return "The child stops what it does for its parent, and is listed again."
         case "resume":
-            return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is the cell clear?"
+            return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
         case _:
             return BY_VERB[line.verb].help
 

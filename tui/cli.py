@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes, grammar, manual
 from robotree.tui.actions import Where, shapes
-from robotree.tui.errors import SupervisorError, UsageError
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import complain, put
+
+if TYPE_CHECKING:
+    from robotree.tui.serving import Ready
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -31,9 +34,6 @@ def main(words: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if words is None else words)
     try:
         return _obey(given)
-    except UsageError as error:
-        complain(error)
-        return exit_codes.USAGE
     except KeyboardInterrupt:
         complain("interrupted")
         return exit_codes.INTERRUPTED
@@ -41,6 +41,11 @@ def main(words: Sequence[str] | None = None) -> int:
         # The reader of our output left (`robotree ls | head -1`): nothing to say, nobody to say it to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return exit_codes.DONE
+    except Exception as error:
+        if not exit_codes.ours(error):
+            raise  # a mistake of ours: its traceback is wanted
+        complain(error)
+        return exit_codes.code_of(error)
 
 
 def _obey(given: list[str]) -> int:
@@ -83,9 +88,7 @@ def _start(line: Line) -> int:
     tether = line.flag("--tether")
     match line.verb:
         case "supervise":
-            from robotree.tui.app import supervise
-
-            return supervise(realm)
+            return _run(_supervise(realm))
         case "demo":
             from robotree.tui import demo
 
@@ -111,15 +114,63 @@ def _run(work: Coroutine[Any, Any, int]) -> int:
     return asyncio.run(work)
 
 
+async def _supervise(realm: str) -> int:
+    """Join the realm and show the full screen."""
+    from robotree.tui.app import supervise
+    from robotree.tui.realm import joined
+
+    async with joined(realm) as fleet:
+        return await supervise(fleet, realm)
+
+
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:
     """Be one agent until told otherwise."""
     from robotree.tui.serving import serve
-    from robotree.vr.errors import VrError
 
-    starts = {"sim": _sim, "proxy": _proxy, "view": _view, "host": _host, "lookup": _lookup}
-    try:
-        await serve(starts[line.verb](line, realm), tether=tether)
-    except (VrError, SupervisorError, OSError) as error:
-        complain(error)
-        return exit_codes.code_of(error)
+    await serve(partial(AGENTS[line.verb], line, realm), tether=tether)
     return exit_codes.DONE
+
+
+async def _sim(line: Line, _realm: str, ready: Ready) -> None:
+    from robotree.sim.server import serve
+
+    await serve(line.text("KIND"), line.text("--listen"), ready=ready)
+
+
+async def _proxy(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.proxy.agent import run_proxy
+    from robotree.tui.state_files import space_file
+
+    kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
+    space = space_file(line.text("--space"), realm, name)
+    await run_proxy(kind, name, url, realm=realm, space_path=space, ready=ready)
+
+
+async def _view(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.proxy.agent import run_view
+
+    await run_view(line.text("NAME"), line.text("--connect"), realm=realm, ready=ready)
+
+
+async def _host(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.tui.state_files import space_file
+    from robotree.vr.host.run import run_host
+
+    space = space_file(line.text("--space"), realm, line.text("NAME"))
+    await run_host(line.text("NAME"), realm=realm, space_path=space, ready=ready)
+
+
+async def _lookup(line: Line, realm: str, ready: Ready) -> None:
+    from robotree.vr.host.run import run_lookup
+
+    await run_lookup(line.text("NAME"), realm=realm, ready=ready)
+
+
+AGENTS: dict[str, Callable[[Line, str, Ready], Coroutine[Any, Any, None]]] = {
+    "sim": _sim,
+    "proxy": _proxy,
+    "view": _view,
+    "host": _host,
+    "lookup": _lookup,
+}
+"""The process verbs: each is its agent until it is cancelled."""

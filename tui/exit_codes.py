@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotree.tui.errors import NothingToAsk, UsageError, ValueRefused
+from robotree.tui.errors import BadScript, NothingToAsk, UsageError, ValueRefused
 
 DONE = 0
 REFUSED = 1
@@ -15,11 +15,16 @@ INTERRUPTED = 130
 """Ctrl-C, as shells count it."""
 
 
+def ours(error: Exception) -> bool:
+    """Whether an error is one of robotree's own, or of the system: one sentence that a person can use."""
+    return isinstance(error, OSError) or type(error).__module__.startswith("robotree.")
+
+
 def code_of(error: Exception) -> int:
     """Return the exit code for an error that ended a verb."""
     from robotree.vr.errors import TransportError
 
-    if isinstance(error, UsageError | ValueRefused):
+    if isinstance(error, UsageError | ValueRefused | BadScript):
         return USAGE
     if isinstance(error, NothingToAsk | TransportError):
         return NOBODY

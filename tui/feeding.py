@@ -1,4 +1,4 @@
-"""Keeps a store up to date from a fleet: arrivals, departures and states as they come, the tree when it changed.
+"""Keeps a store up to date from a fleet: arrivals and states as they come, the tree when it changed.
 
 Callbacks of the fleet arrive on the event loop; asking who commands whom costs a question to every robot,
 so it is done only after something hinted at a change, and never more often than `PAUSE`.
@@ -15,7 +15,7 @@ from robotree.tui.store import Store
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.fleet import Fleet
     from robotree.vr.requests import State
     from robotree.vr.transport import Registration
 
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 class Feed:
     """Feeds one store from one fleet while it is open."""
 
-    def __init__(self, fleet: FleetDoor, store: Store, clock: Callable[[], float]) -> None:
+    def __init__(self, fleet: Fleet, store: Store, clock: Callable[[], float]) -> None:
         """Feed `store` from `fleet`; `clock` gives the store's `now` [s]."""
         self.fleet, self.store, self.clock = fleet, store, clock
         self._hint = asyncio.Event()

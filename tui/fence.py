@@ -9,20 +9,23 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import Protocol, cast
+from typing import TYPE_CHECKING
 
+from textual import getters
 from textual.message import Message
 from textual.message_pump import MessagePump
+
+if TYPE_CHECKING:
+    from robotree.tui.app import Supervisor
 
 log = logging.getLogger(__name__)
 
 
-class _Mending(Protocol):
-    def mend(self, error: Exception) -> None: ...
-
-
 class Fenced(MessagePump):
-    """Mixed into apps, screens and widgets, before their Textual class."""
+    """Mixed into the app, its screens and its widgets, before their Textual class."""
+
+    if TYPE_CHECKING:
+        app = getters.app(Supervisor)
 
     def fenced(self, draw: Callable[[], None]) -> Callable[[], None]:
         """Return a timer's callback behind the fence: timers do not come as messages."""
@@ -32,7 +35,7 @@ class Fenced(MessagePump):
                 draw()
             except Exception as error:  # the last fence of the supervisor
                 log.exception("while %s drew itself", type(self).__name__)
-                cast("_Mending", self.app).mend(error)
+                self.app.mend(error)
 
         return safely
 
@@ -42,4 +45,4 @@ class Fenced(MessagePump):
             await super()._dispatch_message(message)
         except Exception as error:  # the last fence of the supervisor
             log.exception("while %s handled %s", type(self).__name__, type(message).__name__)
-            cast("_Mending", self.app).mend(error)
+            self.app.mend(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -13,18 +14,24 @@ from typing import TYPE_CHECKING, Any
 from robotree.tui import exit_codes
 from robotree.tui.actions import BY_VERB
 from robotree.tui.conditions import Scene, Verdict
-from robotree.tui.errors import BadScript, SessionError, SupervisorError
+from robotree.tui.errors import SessionError, SupervisorError
 from robotree.tui.grammar import Line
 from robotree.tui.session import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
-from robotree.tui.terminal import complain, note, put
-from robotree.tui.verbs import Outcome
+from robotree.tui.shell import Console
+from robotree.tui.terminal import note, put
+from robotree.tui.verbs import Outcome, Teller
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
-    from robotree.tui.fleet_contract import FleetDoor
     from robotree.vr.description import RobotDescription
+    from robotree.vr.fleet import Fleet
+    from robotree.vr.requests import State
+    from robotree.vr.transport import Registration
 
 LOOK_AGAIN = 0.1
 """[s] between two looks at a condition that does not hold yet."""
+
+FIRST_STATE = 2.5
+"""[s] to wait for the first state of a robot: it tells one every second."""
 
 Tell = Callable[[Told], None]
 
@@ -42,14 +49,32 @@ class Silent:
 class Player:
     """Plays one script."""
 
-    def __init__(self, fleet: FleetDoor, script: Script, tell: Tell) -> None:
-        """Play `script` on `fleet`; `tell` hears of each step when it is over."""
-        self.fleet, self.script, self.tell = fleet, script, tell
+    def __init__(self, fleet: Fleet, script: Script, tell: Tell, teller: Teller | None = None) -> None:
+        """Prepare.
+
+        Args:
+            fleet: on which it is played.
+            script: what is played.
+            tell: hears of each step when it is over.
+            teller: hears of each verb while it goes on.
+        """
+        self.fleet, self.script, self.tell, self.teller = fleet, script, tell, teller or Silent()
         self.result: Any = None
         self.refusal = ""
+        self._heard: dict[str, Mapping[str, float]] = {}
+        self._listening: list[Registration] = []
 
     async def play(self) -> Report:
         """Play until the end or until a step does not hold."""
+        try:
+            return await self._play()
+        finally:
+            for listening in self._listening:
+                await listening.close()
+            self._listening.clear()
+            self._heard.clear()
+
+    async def _play(self) -> Report:
         began = time.monotonic()
         told: list[Told] = []
         for position, step in enumerate(self.script.steps):
@@ -93,7 +118,7 @@ class Player:
         if run is None:
             raise SupervisorError(f"{line.verb} has no place in a session")
         try:
-            outcome = await run(self.fleet, self._placed(line), Silent())
+            outcome = await run(self.fleet, self._placed(line), self.teller)
         except (VrError, SupervisorError, OSError) as error:
             self.refusal = type(error).__name__
             return Verdict(may_fail, f"{self.refusal}: {error}"), None
@@ -145,9 +170,24 @@ class Player:
         try:
             if any(view.name == name for view in self.fleet.views()):
                 return (await self.fleet.describe_view(name)).readings
-            return await self.fleet.readings(name)
+            return await self._robot_readings(name)
         except VrError:
             return {}
+
+    async def _robot_readings(self, name: str) -> Mapping[str, float]:
+        """Return what a robot tells by itself: it is listened to from the first question on."""
+        if name not in self._heard:
+            self._heard[name] = {}
+            news = asyncio.Event()
+
+            def hear(_: str, state: State) -> None:
+                self._heard[name] = state.readings
+                news.set()
+
+            self._listening.append(await self.fleet.watch_state(name, hear))
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(news.wait(), FIRST_STATE)
+        return self._heard[name]
 
 
 def read_file(path: str) -> Script:
@@ -169,21 +209,23 @@ async def play_file(path: str, realm: str, *, as_json: bool) -> int:
 
     Returns:
         The exit code: 0 only when everything held.
+
+    Raises:
+        BadScript: a line cannot be understood; nothing was played.
+        SessionError: the file cannot be read.
+        TransportError: the realm cannot be joined.
     """
     from robotree.tui.realm import joined
-    from robotree.vr.errors import VrError
 
-    tell = note if as_json else put
-    try:
-        script = await asyncio.to_thread(read_file, path)
-        async with joined(realm) as fleet:
-            report = await Player(fleet, script, lambda told: tell(transcript(told))).play()
-    except BadScript as error:
-        complain(error)
-        return exit_codes.USAGE
-    except (VrError, SupervisorError) as error:
-        complain(error)
-        return exit_codes.code_of(error)
+    console = Console(as_json=as_json)
+
+    def tell(told: Told) -> None:
+        console.settle()
+        (note if as_json else put)(transcript(told))
+
+    script = await asyncio.to_thread(read_file, path)
+    async with joined(realm) as fleet:
+        report = await Player(fleet, script, tell, console).play()
     if as_json:
         put(json.dumps(report.structure(), ensure_ascii=False))
     else:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotree.tui.fleet_contract import FleetDoor
-
-DEFAULT = "default"
+    from robotree.vr.fleet import Fleet
 
 
 def chosen(given: str) -> str:
-    """Return the realm that was asked for, else that of the environment, else the default one."""
-    return given or os.environ.get("ROBOTREE_REALM", "") or DEFAULT
+    """Return the realm that was asked for, else that of the environment, else the default one.
+
+    Raises:
+        BadName: it cannot be a name.
+    """
+    from robotree.vr.host.rendezvous import realm_name
+
+    return realm_name(given or None)
 
 
 @contextlib.asynccontextmanager
-async def joined(realm: str) -> AsyncIterator[FleetDoor]:
+async def joined(realm: str) -> AsyncGenerator[Fleet]:
     """Join a realm and see its fleet; leave when the block ends.
 
     Raises:

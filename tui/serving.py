@@ -7,37 +7,45 @@ pipe closes, so that no agent outlives the program that started it, even one tha
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 from robotree.tui.terminal import put
 
-Running = AbstractAsyncContextManager[str]
-"""Inside its block an agent is up; its value is the agent's address."""
+Ready = Callable[[str], None]
+"""To be told the agent's address once it is up."""
+
+Run = Callable[[Ready], Coroutine[Any, Any, None]]
+"""Is an agent until it is cancelled."""
 
 LAST_WORDS = 3.0
 """[s] allowed for the polite end before the process is ended anyway."""
 
 
-async def serve(running: Running, *, tether: bool) -> None:
-    """Run an agent until SIGINT, SIGTERM, or the end of the tether.
+async def serve(run: Run, *, tether: bool) -> None:
+    """Be an agent until SIGINT, SIGTERM, or the end of the tether.
 
     Args:
-        running: brings the agent up and down.
+        run: brings the agent up, and down when it is cancelled. What it raises comes out of here.
         tether: also end when standard input ends.
     """
-    over = asyncio.Event()
     loop = asyncio.get_running_loop()
+    being = asyncio.ensure_future(run(lambda address: put(f"ready {address}")))
+
+    def end() -> None:
+        being.cancel()
+
     for one in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(one, over.set)
+        loop.add_signal_handler(one, end)
     if tether:
-        hold(loop, over.set)
-    async with running as address:
-        put(f"ready {address}")
-        await over.wait()
+        hold(loop, end)
+    with contextlib.suppress(asyncio.CancelledError):
+        await being
 
 
 def hold(loop: asyncio.AbstractEventLoop, let_go: Callable[[], None]) -> None:
@@ -50,13 +58,10 @@ def hold(loop: asyncio.AbstractEventLoop, let_go: Callable[[], None]) -> None:
     def wait() -> None:
         while sys.stdin.buffer.read(1):
             pass
-        loop.call_soon_threadsafe(let_go)
-        threading.Timer(LAST_WORDS, _abandon).start()
+        last = threading.Timer(LAST_WORDS, os._exit, args=(1,))
+        last.daemon = True
+        last.start()
+        with contextlib.suppress(RuntimeError):  # the loop has ended already
+            loop.call_soon_threadsafe(let_go)
 
     threading.Thread(target=wait, name="tether", daemon=True).start()
-
-
-def _abandon() -> None:
-    import os
-
-    os._exit(1)

@@ -30,6 +30,9 @@ from robotree.tui.grammar import Line
 PATIENCE = 5.0
 """[s] that an expectation may take to come true when the line does not say."""
 
+WORTH_TELLING = 0.5
+"""[s] from which on a transcript says how long a step took."""
+
 _WITHIN = re.compile(r"(.*?)(?:\s+within\s+(\S+(?:\s*(?:ms|s|min|h))?))?")
 
 
@@ -180,6 +183,8 @@ def transcript(told: Told) -> str:
     mark = "✓" if told.held else "✗"
     lines = told.seen.splitlines() or [""]
     lead = f"{told.began:7.2f} s  {mark}  {told.step.text}"
+    lasted = f"  ({told.took:.1f} s)" if told.took >= WORTH_TELLING else ""
     if len(lines) == 1:
-        return f"{lead}  → {lines[0]}" if lines[0] else lead
+        return f"{lead}  → {lines[0]}{lasted}" if lines[0] else f"{lead}{lasted}"
+    lead += lasted
     return "\n".join([lead, *(f"{'':14}{line}" for line in lines)])

@@ -18,7 +18,7 @@ from robotree.tui.terminal import complain, note, over, put
 from robotree.tui.verbs import Outcome
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.tui.fleet_contract import FleetDoor
+    from robotree.vr.fleet import Fleet
 
 BAR = 24
 """Width of the progress bar in characters."""
@@ -66,7 +66,7 @@ class Console:
             self._open = False
 
 
-async def carry_out(fleet: FleetDoor, line: Line, console: Console) -> int:
+async def carry_out(fleet: Fleet, line: Line, console: Console) -> int:
     """Do one verb and print what came of it.
 
     Returns:

@@ -17,8 +17,8 @@ from robotree.tui.grammar import Line
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Sequence
 
-    from robotree.tui.fleet_contract import FleetDoor
-    from robotree.vr.description import Listing, RobotDescription
+    from robotree.vr.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.fleet import Fleet
     from robotree.vr.requests import State
 
 CALL_LIMIT = 120.0
@@ -53,7 +53,7 @@ class Teller(Protocol):
 # -- looking ---------------------------------------------------------------------------------------
 
 
-async def ls(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """List robots, views, hosts or lookup services."""
     if line.flag("--lookups"):
         names = sorted(fleet.services)
@@ -77,18 +77,18 @@ def _listed(listings: Sequence[Listing], what: str) -> Outcome:
     return Outcome([plain(one) for one in found], text)
 
 
-async def tree(fleet: FleetDoor, _line: Line, _teller: Teller) -> Outcome:
+async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     """Show who commands whom."""
     roots = forest.forest(await fleet.tree())
     return Outcome([forest.structure(root) for root in roots], forest.drawing(roots) or "no robot is running")
 
 
-async def show(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Describe one robot."""
     return _described(await fleet.describe(line.text("NAME")))
 
 
-async def look(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Fetch one picture into a file."""
     view, camera = line.text("VIEW"), line.text("--camera")
     width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
@@ -99,7 +99,7 @@ async def look(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
     return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")
 
 
-async def watch(fleet: FleetDoor, line: Line, teller: Teller) -> Outcome:
+async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Tell each change of state, until it is interrupted or the time is over."""
 
     def tell(name: str, state: State) -> None:
@@ -125,27 +125,27 @@ async def watch(fleet: FleetDoor, line: Line, teller: Teller) -> Outcome:
 # -- shaping the tree ------------------------------------------------------------------------------
 
 
-async def create(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Make a virtual robot from a file."""
     path, wanted = values.source(line.text("FILE"))
     robot = await fleet.create(path, line.text("NAME"), host=line.text("HOST"), wanted=wanted)
     return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
 
 
-async def enslave(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def enslave(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Put a robot on top of another one."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
     robot = await fleet.enslave(parent, slot, line.text("CHILD"))
     return _did(robot, f"{parent}.{slot} commands {line.text('CHILD')}")
 
 
-async def release(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def release(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Let a child go."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
     return _did(await fleet.release(parent, slot), f"{parent}.{slot} is empty")
 
 
-async def delete(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """End a virtual robot."""
     await fleet.delete(line.text("NAME"))
     return Outcome({"deleted": line.text("NAME")}, f"{line.text('NAME')} is deleted")
@@ -154,30 +154,40 @@ async def delete(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
 # -- commanding ------------------------------------------------------------------------------------
 
 
-async def call(fleet: FleetDoor, line: Line, teller: Teller) -> Outcome:
+async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     given = dict(values.assignment(text) for text in line.many("PARAMETER=VALUE"))
     limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
     thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
-    rows = wording.result(None, thing)
+    rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
 
 
-async def cancel(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def _spec(fleet: Fleet, robot: str, command: str) -> CommandSpec | None:
+    """Return what a command says of its result, for the units; None: the robot has gone meanwhile."""
+    from robotree.vr.errors import VrError
+
+    try:
+        return (await fleet.describe(robot)).command(command)
+    except VrError:
+        return None
+
+
+async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """End the commands of a robot."""
     await fleet.cancel(line.text("NAME"))
     return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
 
 
-async def stop(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def stop(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
     told = await fleet.stop(line.text("NAME") or None)
     return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'nobody is there'}")
 
 
-async def resume(fleet: FleetDoor, line: Line, _teller: Teller) -> Outcome:
+async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Release the protective stop."""
     told = await fleet.resume(line.text("NAME") or None)
     return Outcome({"resumed": sorted(told)}, f"released: {', '.join(sorted(told)) or 'nobody is there'}")

@@ -67,7 +67,7 @@ class Reading(Fenced, ModalScreen[None]):
     def compose(self) -> ComposeResult:
         """Title and text."""
         with VerticalScroll(classes="dialog reading") as box:
-            box.border_title = Text(self._heading)  # type: ignore[assignment] # a Text goes in, markup comes out
+            box.border_title = Text(self._heading)
             yield Static(self._text, markup=False)
 
     def on_mount(self) -> None:

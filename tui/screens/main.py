@@ -69,7 +69,7 @@ class MainPage(Page):
             yield Static("", id="empty", markup=False)
             with VerticalScroll(id="details-box", can_focus=False):
                 yield Details("", id="details", markup=False)
-        yield Prompt(self.supervisor, id="prompt")
+        yield Prompt(self.app, id="prompt")
 
     def on_mount(self) -> None:
         """Begin with the robots."""
@@ -121,13 +121,13 @@ class MainPage(Page):
         elif verb == "prompt":
             self.query_one(Prompt).open("verb")
         elif verb == "panel" and place is not None and not place.name and place.slot:
-            self.supervisor.ask_for("enslave", place.parent, place.slot)
+            self.app.ask_for("enslave", place.parent, place.slot)
         elif verb == "release" and place is not None and place.slot and place.name:
-            self.supervisor.ask_for("release", place.parent, place.slot)
+            self.app.ask_for("release", place.parent, place.slot)
         elif verb == "enslave" and place is not None and place.slot and not place.name:
-            self.supervisor.ask_for("enslave", place.parent, place.slot)
+            self.app.ask_for("enslave", place.parent, place.slot)
         else:
-            self.supervisor.ask_for(verb, self.selected)
+            self.app.ask_for(verb, self.selected)
 
     @on(DataTable.RowSelected)
     @on(Tree.NodeSelected)
@@ -161,7 +161,7 @@ class MainPage(Page):
 
     @on(Prompt.Entered)
     def _typed(self, event: Prompt.Entered) -> None:
-        self.supervisor.obey(event.text)
+        self.app.obey(event.text)
 
     @on(Prompt.Filtered)
     def _filtered(self) -> None:
@@ -178,7 +178,7 @@ class MainPage(Page):
         if not self.is_mounted:
             return
         super().draw()
-        store, now, pane = self.supervisor.store, self.supervisor.now(), self.pane
+        store, now, pane = self.app.store, self.app.now(), self.pane
         letters = self.query_one(Prompt).letters
         self.query_one(TabLine).draw(pane)
         rows = store.rows(letters, now)
@@ -198,7 +198,7 @@ class MainPage(Page):
 
     def _draw_empty(self, *, rows: bool, letters: str) -> None:
         """Say what emptiness means, where nothing is listed."""
-        empty, store = self.query_one("#empty", Static), self.supervisor.store
+        empty, store = self.query_one("#empty", Static), self.app.store
         nothing = self.pane == "robots" and not rows
         empty.display = nothing
         self.query_one("#panes").display = not nothing

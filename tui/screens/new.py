@@ -11,13 +11,14 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.widgets import Button, DirectoryTree, Input, Label, Select, Static
+from textual.widgets import Button, DirectoryTree, Input, Label, Static
 
 from robotree.tui import wording
 from robotree.tui.fence import Fenced
 from robotree.tui.grammar import Line
 from robotree.tui.screens.page import Page
 from robotree.tui.source_outline import ClassOutline, outline, suggested_name
+from robotree.tui.widgets.choice import Choice
 from robotree.tui.widgets.marks import tint
 from robotree.vr.address import check_name
 from robotree.vr.errors import BadName
@@ -25,7 +26,7 @@ from robotree.vr.errors import BadName
 LARGEST = 200_000
 """Bytes of a source that are looked into."""
 
-ANY_HOST = ""
+ANY_HOST = "*"
 
 
 class SourceTree(Fenced, DirectoryTree):
@@ -81,22 +82,22 @@ class NewPage(Page):
         """Tree on the left, form on the right."""
         with Horizontal(classes="columns"):
             with VerticalScroll(classes="picker", can_focus=False):
-                options = [(Text(f"{word}  {_short(path)}"), str(path)) for word, path in self._places]
-                yield Select(options, value=options[0][1], allow_blank=False, compact=True, id="place")
+                places = [(f"{word}  {_short(path)}", str(path)) for word, path in self._places]
+                yield Choice(places, chosen=places[0][1], id="place")
                 yield SourceTree(self._places[0][1], id="sources")
             with VerticalScroll(classes="source", can_focus=False):
                 yield Static("Choose a Python file.", id="source-about", markup=False)
                 yield Label("class", classes="caption", markup=False)
-                yield Select[str]([], prompt="choose a file first", compact=True, id="class")
+                yield Choice([], prompt="choose a file first", id="class")
                 yield Label("name", classes="caption", markup=False)
                 yield Input(placeholder="letters, digits, - and _", compact=True, id="name", max_length=64)
                 yield Label("host", classes="caption", markup=False)
-                yield Select[str](self._hosts(), value=ANY_HOST, allow_blank=False, compact=True, id="host")
+                yield Choice(self._hosts(), chosen=ANY_HOST, id="host")
                 yield Label("", id="new-complaint", classes="field-complaint", markup=False)
                 yield Button("Create", id="create", variant="primary", disabled=True)
 
-    def _hosts(self) -> list[tuple[Text, str]]:
-        return [(Text("any"), ANY_HOST), *((Text(name), name) for name in self.supervisor.store.hosts)]
+    def _hosts(self) -> list[tuple[str, str]]:
+        return [("any", ANY_HOST), *((name, name) for name in self.app.store.hosts)]
 
     def on_mount(self) -> None:
         """Begin in the tree."""
@@ -104,8 +105,8 @@ class NewPage(Page):
         tree.show_root = False
         tree.focus()
 
-    @on(Select.Changed, "#place")
-    def _elsewhere(self, event: Select.Changed) -> None:
+    @on(Choice.Changed, "#place")
+    def _elsewhere(self, event: Choice.Changed) -> None:
         if isinstance(event.value, str):
             self.query_one(SourceTree).path = event.value
 
@@ -129,20 +130,20 @@ class NewPage(Page):
 
     def _offer(self, path: Path, found: list[ClassOutline], trouble: str) -> None:
         self.path, self._found = path, found
-        chooser = self.query_one("#class", Select)
-        chooser.set_options([(Text(one.name), one.name) for one in found])
+        chooser = self.query_one("#class", Choice)
+        chooser.offer((one.name, one.name) for one in found)
         if found:
             chooser.value = found[-1].name
         self._describe(trouble)
 
-    @on(Select.Changed, "#class")
+    @on(Choice.Changed, "#class")
     def _class_changed(self) -> None:
         self._describe("")
 
     @property
     def _chosen(self) -> ClassOutline | None:
-        value = self.query_one("#class", Select).value
-        return next((one for one in self._found if one.name == value), None)
+        name = self.query_one("#class", Choice).chosen
+        return next((one for one in self._found if one.name == name), None)
 
     def _describe(self, trouble: str) -> None:
         chosen = self._chosen
@@ -156,9 +157,7 @@ class NewPage(Page):
                 text.append(f"\nslot {name}: {kind}", muted)
             text.append(f"\ncommands {', '.join(chosen.commands) or 'none'}", muted)
             if not self._named_by_hand:
-                taken = frozenset(self.supervisor.store.descriptions) | frozenset(
-                    self.supervisor.store.robots
-                )
+                taken = frozenset(self.app.store.descriptions) | frozenset(self.app.store.robots)
                 with self.prevent(Input.Changed):
                     self.query_one("#name", Input).value = suggested_name(chosen.name, taken)
             self.query_one("#name", Input).focus()
@@ -173,7 +172,7 @@ class NewPage(Page):
     def _judge(self) -> bool:
         """Say what is wrong with the name; return whether the robot can be created."""
         name, wrong = self.query_one("#name", Input).value, ""
-        store = self.supervisor.store
+        store = self.app.store
         if name:
             try:
                 check_name(name)
@@ -194,9 +193,9 @@ class NewPage(Page):
         chosen = self._chosen
         if not (self._judge() and chosen and self.path):
             return
-        host = self.query_one("#host", Select).value
+        host = self.query_one("#host", Choice).chosen
         values = {"FILE": f"{self.path}:{chosen.name}", "NAME": self.query_one("#name", Input).value}
-        if isinstance(host, str) and host != ANY_HOST:
+        if host != ANY_HOST:
             values["HOST"] = host
         self.query_one("#create", Button).disabled = True
         self._ask_for(Line("create", values))
@@ -204,7 +203,7 @@ class NewPage(Page):
     @work(exclusive=True, exit_on_error=False)
     async def _ask_for(self, line: Line) -> None:
         """Create; go back to where the robot appears, or stay and say what was wrong."""
-        refusal = await self.supervisor.attempt(line)
+        refusal = await self.app.attempt(line)
         if not refusal:
             self.dismiss()
             return

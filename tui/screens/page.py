@@ -1,9 +1,9 @@
-"""What all full pages share: the line on top, the banner, the flash line, the keys; drawn a few times a second."""
+"""What all full pages share: top line, banner, flash line, keys; drawn a few times a second."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.screen import Screen
@@ -13,9 +13,6 @@ from robotree.tui.fence import Fenced
 from robotree.tui.widgets.flash import FlashLine
 from robotree.tui.widgets.topbar import Banner, TopBar
 
-if TYPE_CHECKING:
-    from robotree.tui.app import Supervisor
-
 TICK = 0.25
 """[s] between two drawings of a page: tables cost too much for more."""
 
@@ -24,13 +21,8 @@ class Page(Fenced, Screen[None]):
     """A full page."""
 
     PAGE: ClassVar[str] = ""
-    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-narrow"), (100, "-wide")]
-    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-low"), (32, "-high")]
-
-    @property
-    def supervisor(self) -> Supervisor:
-        """The app, with its own type."""
-        return cast("Supervisor", self.app)
+    HORIZONTAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-narrow"), (100, "-wide")]  # noqa: RUF012 # as Textual declares it
+    VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-low"), (32, "-high")]  # noqa: RUF012
 
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""
@@ -63,10 +55,10 @@ class Page(Fenced, Screen[None]):
 
     def draw(self) -> None:
         """Draw everything that may have changed; pages add their own."""
-        supervisor, now = self.supervisor, self.supervisor.now()
-        self.query_one(TopBar).draw(supervisor.store, supervisor.realm, self.title_of_page())
-        self.query_one(Banner).draw(supervisor.store)
-        self.query_one(FlashLine).draw(supervisor.store, now)
+        app = self.app
+        self.query_one(TopBar).draw(app.store, app.realm, self.title_of_page())
+        self.query_one(Banner).draw(app.store)
+        self.query_one(FlashLine).draw(app.store, app.now())
 
     @staticmethod
     def wall() -> float:

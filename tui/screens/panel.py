@@ -72,7 +72,7 @@ class PanelPage(Page):
 
     @property
     def _readings(self) -> dict[str, float]:
-        return self.supervisor.store.readings(self.robot.name)
+        return self.app.store.readings(self.robot.name)
 
     # -- forms -------------------------------------------------------------------------------------
 
@@ -86,7 +86,7 @@ class PanelPage(Page):
             form = CommandForm(spec, self._readings)
             form.id = wanted
             form.gone = self._gone
-            form.border_title = Text(wording.signature(spec))  # type: ignore[assignment] # Text in, markup out
+            form.border_title = Text(wording.signature(spec))
             await forms.mount(form)
         forms.current = wanted
 
@@ -107,21 +107,21 @@ class PanelPage(Page):
         form.began()
         began = time.monotonic()
         try:
-            value = await self.supervisor.fleet.call(
+            value = await self.app.fleet.call(
                 robot, command, wish.arguments, deadline=CALL_LIMIT, on_progress=form.went_on
             )
         except VrError as error:
             form.failed(str(error))
-            self.supervisor.tell(str(error), "error")
+            self.app.tell(str(error), "error")
         else:
             form.returned(value, time.monotonic() - began)
             shown = wording.value(value) if value is not None else "done"
-            self.supervisor.tell(f"{robot}.{command}: {shown}", "good")
+            self.app.tell(f"{robot}.{command}: {shown}", "good")
 
     @on(CommandForm.Cancel)
     def action_cancel(self) -> None:
         """Cancel everything that the robot does."""
-        self.supervisor.do("cancel", NAME=self.robot.name)
+        self.app.do("cancel", NAME=self.robot.name)
 
     # -- keys --------------------------------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class PanelPage(Page):
 
     def action_about(self) -> None:
         """Describe the robot in full."""
-        self.supervisor.do("show", NAME=self.robot.name)
+        self.app.do("show", NAME=self.robot.name)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer tele-operation only to robots that can be tele-operated."""
@@ -145,14 +145,14 @@ class PanelPage(Page):
 
     def action_teleoperate(self) -> None:
         """Open the tele-operation panel."""
-        self.supervisor.open_teleoperation(self.robot)
+        self.app.open_teleoperation(self.robot)
 
     # -- drawing -----------------------------------------------------------------------------------
 
     def draw(self) -> None:
         """Draw who it is, how it is, what it reads."""
         super().draw()
-        store, now, name = self.supervisor.store, self.supervisor.now(), self.robot.name
+        store, now, name = self.app.store, self.app.now(), self.robot.name
         newest = store.descriptions.get(name)
         self._notice(newest)
         muted = tint(self.app, "muted")
@@ -177,13 +177,11 @@ class PanelPage(Page):
     def _notice(self, newest: RobotDescription | None) -> None:
         """Follow the robot: it may go, come back as another incarnation, or have other commands now."""
         if newest is None:
-            if not self._gone and self.robot.name not in self.supervisor.store.robots:
+            if not self._gone and self.robot.name not in self.app.store.robots:
                 self._gone = True
                 for form in self.query(CommandForm):
                     form.vanish()
-                self.supervisor.tell(
-                    f"{self.robot.name} has gone; its panel stays open to be read", "warning"
-                )
+                self.app.tell(f"{self.robot.name} has gone; its panel stays open to be read", "warning")
             return
         if newest.address != self.robot.address or newest.commands != self.robot.commands:
             self._gone = False

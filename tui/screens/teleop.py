@@ -1,4 +1,4 @@
-"""Tele-operation: jog by key in bounded steps, watch the forces and the picture, close and open the gripper."""
+"""Tele-operation: jog by key in bounded steps, watch forces and picture, work the gripper."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ PAD = (
 """Where the buttons lie: x is forward, y to the left, z up, as the robot's frame has them."""
 
 JOGS = {
-    "↑ +x": ("x", 1), "↓ -x": ("x", -1), "← +y": ("y", 1), "→ -y": ("y", -1), "⇞ +z": ("z", 1), "⇟ -z": ("z", -1),
-    "↶ ,": ("twist", 1), "↷ .": ("twist", -1),
+    "↑ +x": ("x", 1), "↓ -x": ("x", -1), "← +y": ("y", 1), "→ -y": ("y", -1),
+    "⇞ +z": ("z", 1), "⇟ -z": ("z", -1), "↶ ,": ("twist", 1), "↷ .": ("twist", -1),
 }  # fmt: skip
 
 
@@ -129,7 +129,7 @@ class TeleopPage(Page):
         actual = await self._actual()
         if actual is None:
             return
-        state = self.supervisor.store.state(self.robot.name)
+        state = self.app.store.state(self.robot.name)
         if state and state.busy and not self.jog.moving:
             self.jog.drop()  # somebody else moves it: the next step starts where that ends
         self.jog.press(axis, direction, actual)
@@ -137,11 +137,11 @@ class TeleopPage(Page):
 
     async def _actual(self) -> Mapping[str, float] | None:
         """Return where the robot is: from its readings, or by asking it."""
-        readings = self.supervisor.store.readings(self.robot.name)
+        readings = self.app.store.readings(self.robot.name)
         if set(AXES) <= readings.keys():
             return readings
         try:
-            info = await self.supervisor.fleet.call(self.robot.name, GET_INFO, {}, deadline=5.0)
+            info = await self.app.fleet.call(self.robot.name, GET_INFO, {}, deadline=5.0)
         except VrError as error:
             self._tell(str(error))
             return None
@@ -164,7 +164,7 @@ class TeleopPage(Page):
     async def _ask(self, command: str, arguments: Mapping[str, Any]) -> str:
         """Have a command carried out; return why not, or nothing."""
         try:
-            await self.supervisor.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
+            await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
         except VrError as error:
             return str(error)
         return ""
@@ -172,15 +172,15 @@ class TeleopPage(Page):
     def _tell(self, refusal: str) -> None:
         self._refusal = refusal
         if refusal:
-            self.supervisor.tell(refusal, "error")
+            self.app.tell(refusal, "error")
         self.draw()
 
     # -- drawing -----------------------------------------------------------------------------------
 
     def _draw_gauges(self) -> None:
         if self.is_active:
-            state = self.supervisor.store.state(self.robot.name)
-            readings = self.supervisor.store.readings(self.robot.name)
+            state = self.app.store.state(self.robot.name)
+            readings = self.app.store.readings(self.robot.name)
             self.query_one(Gauges).draw(readings, stale=state is not None and not state.online)
 
     def draw(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, cast
 
 from rich.text import Text
 from textual import work
@@ -14,9 +13,6 @@ from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
-
-if TYPE_CHECKING:
-    from robotree.tui.app import Supervisor
 
 QUALITY = 80
 """JPEG quality: above, a terminal shows no difference."""
@@ -34,10 +30,6 @@ class Cameras(Fenced, Static):
         self._picture: PictureView | None = None
         self._known: tuple[str, ...] = ()
 
-    @property
-    def _supervisor(self) -> Supervisor:
-        return cast("Supervisor", self.app)
-
     def attach(self, picture: PictureView) -> None:
         """Point this picture from now on."""
         self._picture = picture
@@ -45,7 +37,7 @@ class Cameras(Fenced, Static):
 
     def draw(self) -> None:
         """Name the camera; ask the views for their cameras when other views are there."""
-        views = tuple(sorted(self._supervisor.store.views))
+        views = tuple(sorted(self.app.store.views))
         if self._picture is not None and (views != self._known or not self._known):
             self._known = views
             self._ask(views)
@@ -77,9 +69,9 @@ class Cameras(Fenced, Static):
         found: list[tuple[str, str]] = []
         for view in views:
             try:
-                described = await self._supervisor.fleet.describe_view(view)
+                described = await self.app.fleet.describe_view(view)
             except VrError as error:
-                self._supervisor.tell(str(error), "warning")
+                self.app.tell(str(error), "warning")
                 continue
             found += [(view, camera) for camera in described.cameras or ("",)]
         if found == self.all and found:
@@ -99,6 +91,4 @@ class Cameras(Fenced, Static):
         self._picture.show(partial(self._fetch, view, camera), f"looking through {camera or view} …")
 
     async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
-        return await self._supervisor.fleet.look(
-            view, camera=camera, width=width, height=height, quality=QUALITY
-        )
+        return await self.app.fleet.look(view, camera=camera, width=width, height=height, quality=QUALITY)

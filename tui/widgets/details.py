@@ -6,6 +6,7 @@ from rich.text import Text
 from textual.widgets import Static
 
 from robotree.tui import wording
+from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import mood_mark, tint
 
@@ -13,7 +14,7 @@ READINGS = 10
 """Readings that are shown."""
 
 
-class Details(Static):
+class Details(Fenced, Static):
     """Draws one robot from the store."""
 
     def draw(self, store: Store, name: str, now: float) -> None:

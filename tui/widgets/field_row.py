@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
-from textual.widgets import Input, Label, Select
+from textual.widgets import Input, Label
 
 from robotree.tui import entry, wording
 from robotree.tui.fence import Fenced
+from robotree.tui.widgets.choice import Choice
 from robotree.vr.description import FieldSpec
 
 YES_NO = ("yes", "no")
@@ -41,9 +41,8 @@ class FieldRow(Fenced, Vertical):
         with Horizontal():
             yield Label(self.spec.name, classes="field-name", markup=False)
             if self._options:
-                value = self._first if self._first in self._options else Select.NULL
-                options = [(Text(option), option) for option in self._options]
-                yield Select(options, value=value, prompt="choose", compact=True, classes="entry")
+                chosen = self._first if self._first in self._options else None
+                yield Choice([(option, option) for option in self._options], chosen=chosen, classes="entry")
             else:
                 yield Input(self._first, compact=True, classes="entry", select_on_focus=True)
             yield Label(self._hint, classes="field-hint", markup=False)
@@ -57,8 +56,7 @@ class FieldRow(Fenced, Vertical):
     def text(self) -> str:
         """What stands in the field."""
         if self._options:
-            chosen = self.query_one(Select).value
-            return chosen if isinstance(chosen, str) else ""
+            return self.query_one(Choice).chosen
         return self.query_one(Input).value
 
     def focus_entry(self) -> None:
@@ -87,7 +85,7 @@ class FieldRow(Fenced, Vertical):
         self._touched = True
         self.complain("")
 
-    @on(Select.Changed)
+    @on(Choice.Changed)
     def _chosen(self) -> None:
         self.complain("")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.text import Text
 from textual.widgets import Static
 
+from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import weigh
 
@@ -12,7 +13,7 @@ STAYS = 8.0
 """[s] that a happening stays in the line; errors stay twice as long."""
 
 
-class FlashLine(Static):
+class FlashLine(Fenced, Static):
     """Shows the newest happening while it is new."""
 
     def draw(self, store: Store, now: float) -> None:

@@ -9,6 +9,7 @@ from rich.text import Text
 from textual.widgets import Static
 
 from robotree.tui import wording
+from robotree.tui.fence import Fenced
 from robotree.tui.teleoperable import FORCES, TORQUES
 from robotree.tui.widgets.marks import tint
 
@@ -22,6 +23,18 @@ HALF = 12
 """Cells on each side of the middle of a bar, at most."""
 BESIDE = 19
 """Cells for name, middle, figure and unit."""
+
+FIGURES = {
+    "x": (1.0, "+8.4f", "m"),
+    "y": (1.0, "+8.4f", "m"),
+    "z": (1.0, "+8.4f", "m"),
+    "twist": (degrees(1.0), "+8.2f", "°"),
+    "width": (1000.0, "8.1f", "mm"),
+}
+"""Well known readings: factor from the SI unit, format, unit that is shown."""
+
+BARS = {**dict.fromkeys(FORCES, (FULL_FORCE, "N")), **dict.fromkeys(TORQUES, (FULL_TORQUE, "N m"))}
+"""Readings that are drawn as bars: value at the end, unit."""
 
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _WARN, _ALARM = 0.5, 0.8
@@ -50,7 +63,7 @@ def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
     return filled.rjust(half), " " * half
 
 
-class Gauges(Static):
+class Gauges(Fenced, Static):
     """Draws the readings of a robot; anything it has, the well known ones in their own way."""
 
     def draw(self, readings: Mapping[str, float], *, stale: bool) -> None:
@@ -63,17 +76,12 @@ class Gauges(Static):
         if stale:
             text.append("readings are old\n", tint(self.app, "warning"))
         rest = dict(readings)
-        for axis, unit in (("x", "m"), ("y", "m"), ("z", "m")):
-            if axis in rest:
-                self._figure(text, axis, f"{rest.pop(axis):+8.4f}", unit)
-        if "twist" in rest:
-            self._figure(text, "twist", f"{degrees(rest.pop('twist')):+8.2f}", "°")
-        if "width" in rest:
-            self._figure(text, "width", f"{1000 * rest.pop('width'):8.1f}", "mm")
-        for names, full, unit in ((FORCES, FULL_FORCE, "N"), (TORQUES, FULL_TORQUE, "N m")):
-            for name in names:
-                if name in rest:
-                    self._bar(text, name, rest.pop(name), full, unit)
+        for name, (scale, shown, unit) in FIGURES.items():
+            if name in rest:
+                self._figure(text, name, f"{scale * rest.pop(name):{shown}}", unit)
+        for name, (full, unit) in BARS.items():
+            if name in rest:
+                self._bar(text, name, rest.pop(name), full, unit)
         for name, value in rest.items():
             self._figure(text, name, f"{wording.number(value, 4):>8}", "")
         text.rstrip()

@@ -7,11 +7,12 @@ import time
 from rich.text import Text
 from textual.widgets import RichLog
 
+from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import tint, weigh
 
 
-class HappeningLog(RichLog):
+class HappeningLog(Fenced, RichLog):
     """Appends what is new since it was drawn last."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it

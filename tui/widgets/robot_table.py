@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 from rich.text import Text
+from textual.binding import Binding, BindingType
 from textual.widgets import DataTable
 
+from robotree.tui.fence import Fenced
 from robotree.tui.store import Row
 from robotree.tui.widgets.marks import mood_mark, tint
 
@@ -20,8 +23,10 @@ LEAST = 16
 """Cells below which the last column is left out."""
 
 
-class RobotTable(DataTable[Text]):
+class RobotTable(Fenced, DataTable[Text]):
     """Rows by name; the cursor stays on its robot while others come and go."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select_cursor", "Panel")]
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Make an empty table."""

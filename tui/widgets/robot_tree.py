@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from rich.text import Text
+from textual.binding import Binding, BindingType
 from textual.widgets import Tree
 from textual.widgets.tree import TreeNode
 
+from robotree.tui.fence import Fenced
 from robotree.tui.forest import Branch
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import mood_mark, tint
@@ -27,8 +30,10 @@ class Place:
     lost: str = ""
 
 
-class RobotTree(Tree[Place]):
+class RobotTree(Fenced, Tree[Place]):
     """Trees with the free robots as roots; everything is open, for there is nothing to hide."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select_cursor", "Panel")]
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Make an empty tree."""

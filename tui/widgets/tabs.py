@@ -42,7 +42,7 @@ class TabName(Fenced, Static):
         self.post_message(self.Chosen(self._pane))
 
 
-class TabLine(Horizontal):
+class TabLine(Fenced, Horizontal):
     """One line of names."""
 
     def __init__(self, panes: Mapping[str, str]) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from rich.text import Text
 from textual.widgets import Static
 
+from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import tint
 
 
-class TopBar(Static):
+class TopBar(Fenced, Static):
     """Name of the program, realm, page; on the right the counts."""
 
     def draw(self, store: Store, realm: str, page: str) -> None:
@@ -36,7 +37,7 @@ class TopBar(Static):
         self.update(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
 
 
-class Banner(Static):
+class Banner(Fenced, Static):
     """What one must not overlook; not there when there is nothing."""
 
     def draw(self, store: Store) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
-
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
@@ -17,9 +15,6 @@ from robotree.tui.widgets.cameras import Cameras
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
 from robotree.vr.errors import VrError
-
-if TYPE_CHECKING:
-    from robotree.tui.app import Supervisor
 
 INSTRUMENTS = 0.5
 """[s] between two looks at the instruments."""
@@ -48,10 +43,6 @@ class ViewsPane(Fenced, Horizontal):
         self.query_one("#instruments").border_title = "instruments"
         self.query_one(Cameras).attach(self.query_one(PictureView))
         self.set_interval(INSTRUMENTS, self.fenced(self._tick))
-
-    @property
-    def _supervisor(self) -> Supervisor:
-        return cast("Supervisor", self.app)
 
     def draw(self) -> None:
         """Draw the list of cameras."""
@@ -87,7 +78,7 @@ class ViewsPane(Fenced, Horizontal):
         cameras = self.query_one(Cameras)
         view, _ = cameras.all[cameras.at]
         try:
-            readings = (await self._supervisor.fleet.describe_view(view)).readings
+            readings = (await self.app.fleet.describe_view(view)).readings
         except VrError as error:
             self.query_one("#instruments", Static).update(Text(str(error), tint(self.app, "error")))
             return
