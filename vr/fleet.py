@@ -247,7 +247,7 @@ class Fleet:
 
 
 def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:
-    """Put robots in order: those that nobody commands, by name, then their children by slot, and so on down."""
+    """Put robots in order: those that nobody commands by name, their children by slot, and so on down."""
     left = {robot.address: robot for robot in sorted(robots, key=lambda robot: robot.address)}
     ordered = [robot for robot in left.values() if robot.bond is None or robot.bond.parent not in left]
     for robot in ordered:

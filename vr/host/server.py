@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from robotree.vr.address import Address, check_name
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.errors import DuplicateName, Unreachable, VrError
 from robotree.vr.host.agent import RobotAgent
 from robotree.vr.host.answering import answering, not_for
@@ -36,6 +38,7 @@ class Host:
         registrar: Listings | None = None,
         space: Space | None = None,
         term: float = DEFAULT_TERM,
+        limit: float = LIMIT,
     ) -> None:
         """Prepare a host.
 
@@ -45,6 +48,7 @@ class Host:
             registrar: where its robots are listed.
             space: where their calls are counted.
             term: [s] of the leases that its robots grant and ask for.
+            limit: [s] for a source to run, and again for the robot's constructor.
 
         Raises:
             BadName: the name cannot be one.
@@ -53,6 +57,7 @@ class Host:
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
         self._transport, self._registrar, self._space, self._term = transport, registrar, space, term
+        self._limit = limit
         self._coming: set[str] = set()
         self._declared: list[Registration] = []
         self._watchers: set[asyncio.Task[None]] = set()
@@ -108,7 +113,7 @@ class Host:
             # before anybody's source is run for nothing
             await expect_free(self._transport, new_address("robot", name))
             loop = asyncio.get_running_loop()
-            robot = await loop.run_in_executor(self._loaders, bundle.create, name)
+            robot = await loop.run_in_executor(self._loaders, partial(bundle.create, name, limit=self._limit))
             agent = RobotAgent(
                 robot,
                 self._transport,
