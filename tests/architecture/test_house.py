@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("protocol", "sim", "vr", "proxy", "tui")
+MAPPED = (*ROOMS, "examples")
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
 
@@ -35,8 +36,8 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     found = {
         "robotree." + relative(path.parent).replace("/", ".")
-        for path in SOURCES
-        if path.name == "__init__.py"
+        for folder in MAPPED
+        for path in (ROOT / folder).rglob("__init__.py")
     }
     assert set(project["tool"]["setuptools"]["packages"]) == found
 
