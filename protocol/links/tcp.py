@@ -105,7 +105,11 @@ class TcpLink(asyncio.Protocol):
                 return
             self._crowd.add(self)
         self._transport = transport
-        self._handler = self._accept(self)
+        try:
+            self._handler = self._accept(self)
+        except BaseException:
+            transport.abort()
+            raise
 
     def data_received(self, data: bytes) -> None:
         """Asyncio tells: bytes came."""

@@ -1,0 +1,329 @@
+"""The loopback bus does what python-can promises of a bus."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+import can
+import pytest
+
+from robotree.protocol.canbus import LoopbackBus, first_port
+from robotree.protocol.canbus.records import Greeting
+from robotree.protocol.canbus.seats import HOST, SEATS
+
+Buses = Callable[..., LoopbackBus]
+SOON = 5.0
+"""[s] A frame that has not come by then will not come."""
+
+
+def test_a_frame_reaches_everybody_but_its_sender(buses: Buses) -> None:
+    one, two, three = buses(), buses(), buses()
+    before = time.time()
+    one.send(can.Message(arbitration_id=0x18DA0180, data=bytes(60), is_fd=True, bitrate_switch=True))
+    for bus in (two, three):
+        message = bus.recv(SOON)
+        assert message is not None
+        assert (message.arbitration_id, message.dlc, message.is_fd) == (0x18DA0180, 60, True)
+        assert before <= message.timestamp <= time.time()
+        assert message.is_rx
+    assert one.recv(0) is None
+
+
+def test_own_frames_come_back_when_asked_for(buses: Buses) -> None:
+    one, two = buses(receive_own_messages=True), buses()
+    sent = can.Message(arbitration_id=7, data=b"mine")
+    one.send(sent)
+    echo = one.recv(SOON)
+    assert echo is not None
+    assert (echo.arbitration_id, echo.data, echo.is_rx) == (7, b"mine", False)
+    assert echo.timestamp > 0
+    assert sent.timestamp == 0, "the caller's message is the caller's"
+    assert two.recv(SOON)
+    assert one.recv(0.01) is None
+
+
+def test_frames_of_one_sender_stay_in_order(buses: Buses) -> None:
+    one, two = buses(), buses()
+    for index in range(500):
+        one.send(can.Message(arbitration_id=index))
+    arrived = [two.recv(SOON) for _ in range(500)]
+    assert [message.arbitration_id for message in arrived if message] == list(range(500))
+
+
+def test_nothing_is_lost_to_a_reader_that_is_slower_than_the_sender(buses: Buses) -> None:
+    one, two = buses(), buses()
+    message, total, got = can.Message(data=bytes(64), is_fd=True), 20_000, []
+
+    def read() -> None:
+        while len(got) < total and (came := two.recv(SOON)) is not None:
+            got.append(came)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    for index in range(total):
+        message.arbitration_id = index
+        one.send(message)
+    reader.join()
+    assert [came.arbitration_id for came in got] == list(range(total))
+    assert one.statistics.dropped == 0
+
+
+def test_a_member_that_reads_nothing_holds_nobody_up(buses: Buses) -> None:
+    one, _sleeper, reader = buses(), buses(), buses()
+    message, total = can.Message(data=bytes(64), is_fd=True), 40_000
+    heard = threading.Thread(target=lambda: [reader.recv(SOON) for _ in range(total)])
+    heard.start()
+    begun = time.monotonic()
+    for _ in range(total):
+        one.send(message)
+    heard.join()
+    assert time.monotonic() - begun < 20
+    assert reader.statistics.received == total
+    assert 0 < one.statistics.dropped < total
+
+
+def test_a_sender_that_will_not_wait_is_told_so(buses: Buses) -> None:
+    one, sleeper = buses(), buses()
+    message = can.Message(data=bytes(64), is_fd=True)
+
+    def send_for_ever() -> None:
+        while True:
+            one.send(message, timeout=0)
+
+    with pytest.raises(can.CanTimeoutError, match="no room"):
+        send_for_ever()
+    sent = one.statistics.sent
+    arrived = 0
+    while sleeper.recv(0.3):
+        arrived += 1
+    assert arrived == sent, "a frame that was refused went to nobody, all others arrived"
+
+
+def test_filters_choose_what_is_handed_out(buses: Buses) -> None:
+    one = buses()
+    two = buses(can_filters=[{"can_id": 0x100, "can_mask": 0x700, "extended": False}])
+    for identifier in (0x0FF, 0x123, 0x200, 0x1FF):
+        one.send(can.Message(arbitration_id=identifier, is_extended_id=False))
+    arrived = [two.recv(SOON), two.recv(SOON)]
+    assert [message.arbitration_id for message in arrived if message] == [0x123, 0x1FF]
+    assert two.recv(0.01) is None
+
+
+def test_classic_members_see_no_can_fd(buses: Buses) -> None:
+    modern, classic = buses(), buses(fd=False)
+    assert classic.protocol is can.CanProtocol.CAN_20
+    modern.send(can.Message(data=bytes(12), is_fd=True))
+    modern.send(can.Message(data=b"plain"))
+    message = classic.recv(SOON)
+    assert message is not None
+    assert message.data == b"plain"
+    assert classic.statistics.incompatible == 1
+    with pytest.raises(can.CanOperationError, match="fd=True"):
+        classic.send(can.Message(is_fd=True))
+
+
+def test_a_passive_member_listens_and_says_nothing(buses: Buses) -> None:
+    one, monitor = buses(), buses()
+    monitor.state = can.BusState.PASSIVE
+    with pytest.raises(can.CanOperationError, match="passive"):
+        monitor.send(can.Message())
+    one.send(can.Message(arbitration_id=3))
+    assert monitor.recv(SOON)
+    monitor.state = can.BusState.ACTIVE
+    monitor.send(can.Message())
+    with pytest.raises(ValueError, match="ERROR"):
+        monitor.state = can.BusState.ERROR
+
+
+def test_waiting_ends_in_time(buses: Buses) -> None:
+    bus = buses()
+    begun = time.monotonic()
+    assert bus.recv(0.05) is None
+    assert 0.04 <= time.monotonic() - begun < 2
+    assert bus.recv(0) is None
+
+
+def test_the_descriptor_is_readable_exactly_while_there_is_something(buses: Buses) -> None:
+    one, two = buses(), buses(receive_own_messages=True)
+    poll = select.poll()
+    poll.register(two.fileno(), select.POLLIN)
+    assert poll.poll(0) == []
+    for index in range(3):
+        one.send(can.Message(arbitration_id=index))
+    two.send(can.Message(arbitration_id=3))
+    for _ in range(4):
+        assert poll.poll(SOON * 1000)
+        assert two.recv(0)
+    assert poll.poll(0) == []
+
+
+async def test_python_cans_notifier_hears_everything_in_an_event_loop(buses: Buses) -> None:
+    one, two = buses(), buses()
+    reader = can.AsyncBufferedReader()
+    with can.Notifier(two, [reader], loop=asyncio.get_running_loop()):
+        for index in range(50):
+            one.send(can.Message(arbitration_id=index))
+        arrived = [await asyncio.wait_for(reader.get_message(), SOON) for _ in range(50)]
+    assert [message.arbitration_id for message in arrived] == list(range(50))
+
+
+def test_periodic_sending_is_python_cans_own(buses: Buses) -> None:
+    one, two = buses(), buses()
+    task = one.send_periodic(can.Message(arbitration_id=5), period=0.005)
+    assert all(two.recv(SOON) for _ in range(3))
+    task.stop()
+
+
+def test_a_bus_can_be_walked_through(buses: Buses) -> None:
+    one, two = buses(), buses()
+    for index in range(3):
+        one.send(can.Message(arbitration_id=index))
+    assert [message.arbitration_id for message, _ in zip(two, range(3), strict=False)] == [0, 1, 2]
+
+
+def test_leaving_twice_is_harmless_and_final(channel: str, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING), LoopbackBus(channel) as bus:
+        bus.shutdown()
+        bus.shutdown()
+        with pytest.raises(can.CanOperationError, match="shut down"):
+            bus.send(can.Message())
+        with pytest.raises(can.CanOperationError, match="shut down"):
+            bus.recv(0)
+    del bus
+    assert not caplog.records
+    assert not [thread for thread in threading.enumerate() if channel in thread.name]
+
+
+def test_leaving_wakes_whoever_waits_for_a_frame(channel: str) -> None:
+    bus, ended = LoopbackBus(channel), threading.Event()
+
+    def wait() -> None:
+        with pytest.raises(can.CanOperationError):
+            bus.recv(None)
+        ended.set()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    bus.shutdown()
+    assert ended.wait(SOON)
+    thread.join()
+
+
+def test_the_seat_of_one_who_left_is_free_again(channel: str) -> None:
+    with LoopbackBus(channel) as stays:
+        for _ in range(2 * SEATS):
+            LoopbackBus(channel).shutdown()
+        with LoopbackBus(channel) as newcomer:
+            newcomer.send(can.Message(arbitration_id=9))
+            assert stays.recv(SOON)
+
+
+def test_a_full_bus_says_so(channel: str) -> None:
+    members = [LoopbackBus(channel) for _ in range(SEATS)]
+    with pytest.raises(can.CanInitializationError, match="no free seat"):
+        LoopbackBus(channel)
+    members[0].send(can.Message(arbitration_id=1))
+    assert all(member.recv(SOON) for member in members[1:])
+    for member in members:
+        member.shutdown()
+
+
+def test_many_who_join_at_the_same_moment_all_hear_each_other(channel: str) -> None:
+    members: list[LoopbackBus] = []
+    joiners = [threading.Thread(target=lambda: members.append(LoopbackBus(channel))) for _ in range(8)]
+    for joiner in joiners:
+        joiner.start()
+    for joiner in joiners:
+        joiner.join()
+    for index, member in enumerate(members):
+        member.send(can.Message(arbitration_id=index))
+    for index, member in enumerate(members):
+        heard = [message.arbitration_id for _ in range(7) if (message := member.recv(SOON))]
+        assert sorted(heard) == [other for other in range(8) if other != index]
+        assert member.recv(0) is None, "nobody is heard twice"
+    for member in members:
+        member.shutdown()
+
+
+def test_channels_are_separate(channel: str) -> None:
+    with LoopbackBus(channel) as one, LoopbackBus(f"{channel}x") as other:
+        one.send(can.Message())
+        assert other.recv(0.02) is None
+        assert one.statistics.members == 0
+
+
+def test_rows_of_ports_that_overlap_are_separate_channels_too() -> None:
+    port = first_port("overlap")
+    with LoopbackBus(port) as one, LoopbackBus(port + 1) as other, LoopbackBus(port) as third:
+        one.send(can.Message())
+        assert third.recv(SOON)
+        assert other.recv(0.02) is None
+        assert other.statistics.members == 0
+
+
+def greeted(channel: str, *, token: int = 42) -> socket.socket:
+    """A connection that has introduced itself to the first member, as a member would."""
+    connection = socket.create_connection((HOST, first_port(channel)))
+    connection.sendall(Greeting(answer=False, channel=first_port(channel), token=token).encode())
+    assert connection.recv(100)
+    return connection
+
+
+def test_strangers_are_shown_the_door_and_counted(buses: Buses, channel: str) -> None:
+    bus, other = buses(), buses()
+    with socket.create_connection((HOST, first_port(channel))) as stranger:
+        stranger.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert stranger.recv(100) == b"", "it is cut without a word"
+    assert bus.statistics.malformed == 1
+    other.send(can.Message())
+    assert bus.recv(SOON)
+
+
+def test_a_member_that_speaks_nonsense_is_cut_off_and_counted(buses: Buses, channel: str) -> None:
+    bus, other = buses(), buses()
+    with greeted(channel) as mad:
+        assert bus.statistics.members == 2
+        mad.sendall(b"\x00" * 100)
+        assert bus.recv(0.2) is None
+        assert mad.recv(100) == b""
+    assert bus.statistics.malformed == 1
+    assert bus.statistics.members == 1
+    other.send(can.Message())
+    assert bus.recv(SOON)
+
+
+def test_a_crowd_of_silent_strangers_keeps_nobody_out(buses: Buses, channel: str) -> None:
+    bus = buses()
+    crowd = [socket.create_connection((HOST, first_port(channel))) for _ in range(200)]
+    other = buses()
+    other.send(can.Message())
+    assert bus.recv(SOON)
+    for stranger in crowd:
+        stranger.close()
+
+
+def test_a_foreign_server_on_a_seat_is_no_member(channel: str) -> None:
+    with socket.create_server((HOST, first_port(channel) + 1)) as foreign:
+        one = LoopbackBus(channel)
+        foreign.settimeout(SOON)
+        connection, _ = foreign.accept()
+        connection.sendall(b"220 smtp.example.org ready\r\n")
+        with LoopbackBus(channel) as two:
+            two.send(can.Message())
+            assert one.recv(SOON)
+        connection.close()
+        assert one.statistics.malformed == 1
+        one.shutdown()
+
+
+def test_python_can_finds_the_interface_by_its_name(channel: str) -> None:
+    with can.Bus(interface="robotree", channel=channel, bitrate=500_000, data_bitrate=2_000_000) as bus:
+        assert isinstance(bus, LoopbackBus)
+        assert channel in str(bus)
+    assert {"interface": "robotree", "channel": "robotree"} in can.detect_available_configs("robotree")

@@ -1,0 +1,223 @@
+"""TCP: whole frames, newest telemetry, and nobody waits for a reader who does not read."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.protocol import Endpoint, Parser
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
+from robotree.protocol.links import tcp
+from robotree.protocol.links.url import connect, listen
+from robotree.protocol.messages import GoalStatus, Gripper, Joints
+from robotree.protocol.testing import Recorder, check_link
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from robotree.protocol.frame import Frame
+    from robotree.protocol.links.link import Accept, Link
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Let the loop turn until something is the case."""
+    async with asyncio.timeout(10):
+        while not condition():
+            await asyncio.sleep(0.001)
+
+
+async def settle() -> None:
+    await asyncio.sleep(0.005)
+
+
+async def test_tcp_keeps_the_contract_of_links() -> None:
+    listeners = []
+
+    async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
+        listener = await listen("tcp:0", far)
+        listeners.append(listener)
+        link = await connect(listener.address, near)
+        await until(lambda: listener.links)
+        return link, next(iter(listener.links))
+
+    await check_link(make_pair, settle)
+    for listener in listeners:
+        await listener.close()
+
+
+class Silent:
+    """A client that connects and reads only when it is told to."""
+
+    def __init__(self, address: str) -> None:
+        self.socket = socket.socket()
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.socket.connect(("127.0.0.1", int(address.rpartition(":")[2])))
+        self.socket.setblocking(False)
+
+    def read(self) -> bytes:
+        data = b""
+        while True:
+            try:
+                piece = self.socket.recv(65536)
+            except BlockingIOError:
+                return data
+            if not piece:
+                return data
+            data += piece
+
+
+class Server:
+    """Speaks to everyone."""
+
+    def __init__(self) -> None:
+        self.endpoints: list[Endpoint] = []
+        self.reasons: list[LinkError] = []
+
+    def accept(self, link: Link) -> Endpoint:
+        endpoint = Endpoint(
+            link, system=1, component=1, on_frame=lambda _: None, on_closed=self.reasons.append
+        )
+        self.endpoints.append(endpoint)
+        return endpoint
+
+
+async def test_a_slow_reader_costs_nothing_but_its_own_telemetry() -> None:
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    slow = Silent(listener.address)
+    heard: list[Frame] = []
+    await connect(
+        listener.address,
+        lambda link: Endpoint(link, system=255, component=190, on_frame=heard.append),
+    )
+    await until(lambda: len(server.endpoints) == 2)
+    rounds = 4000
+    for i in range(rounds):
+        for endpoint in server.endpoints:
+            endpoint.send(Joints(i, (0.5,) * 8, 6), telemetry=True)
+            endpoint.send(Gripper(i, 0.1, 0.1, 0.0, 1), telemetry=True)
+            if i % 100 == 0:
+                endpoint.send(GoalStatus(i, 1, 0.0, 0, 0, 1, 1, 2, "x" * 80))
+        await asyncio.sleep(0)
+    await until(lambda: _newest(heard) == [rounds - 1, rounds - 1])
+    assert len(heard) == 2 * rounds + rounds // 100
+    lagging = next(each for each in server.endpoints if each.link.congested)
+    assert lagging.link.statistics.superseded > 100
+
+    parser, read = Parser(), list["Frame"]()
+    while _newest(read) != [rounds - 1, rounds - 1] or lagging.link.statistics.waiting:
+        read += parser.feed(slow.read())
+        await asyncio.sleep(0.001)
+    told = [each.message.key for each in read if isinstance(each.message, GoalStatus)]
+    assert told == [*range(0, rounds, 100)]
+    assert parser.statistics.skipped == 0
+    assert len(read) < 2 * rounds
+    slow.socket.close()
+    await listener.close()
+
+
+def _newest(frames: list[Frame]) -> list[int]:
+    newest = {type(frame.message): frame.message for frame in frames}
+    return [message.time_boot_ms for message in newest.values() if isinstance(message, Joints | Gripper)]
+
+
+async def test_a_client_that_never_reads_is_cut() -> None:
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    mute = Silent(listener.address)
+    await until(lambda: server.endpoints)
+    status = GoalStatus(1, 1, 0.0, 0, 0, 1, 1, 2, "x" * 80)
+    sent = 0
+    while not server.reasons and sent < 40 * tcp.HARD_BOUND:
+        for _ in range(1000):
+            server.endpoints[0].send(status)
+        sent += 1000 * 115
+        await asyncio.sleep(0)
+    (reason,) = server.reasons
+    assert isinstance(reason, LinkOverrun)
+    assert reason.waiting > tcp.HARD_BOUND
+    assert "does not read" in str(reason)
+    assert listener.links == frozenset()
+    mute.socket.close()
+    await listener.close()
+
+
+async def test_a_port_where_nobody_listens_is_refused_in_one_sentence() -> None:
+    listener = await listen("tcp:0", Recorder)
+    await listener.close()
+    with pytest.raises(LinkRefused, match="cannot be opened: Connection refused") as refused:
+        await connect(listener.address, Recorder)
+    assert refused.value.address == listener.address
+
+
+async def test_a_port_that_is_taken_is_refused_in_one_sentence() -> None:
+    listener = await listen("tcp:0", Recorder)
+    with pytest.raises(LinkRefused, match="Address already in use"):
+        await listen(listener.address, Recorder)
+    await listener.close()
+
+
+async def test_an_ending_listener_ends_its_links_and_says_so() -> None:
+    ends: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        ends.append(Recorder(link))
+        return ends[-1]
+
+    listener = await listen("tcp:0", accept)
+    await connect(listener.address, accept)
+    await until(lambda: len(ends) == 2)
+    await listener.close()
+    await until(lambda: all(each.reasons for each in ends))
+    reasons = [reason for each in ends for reason in each.reasons]
+    assert sorted(reason.by_us for reason in reasons if isinstance(reason, LinkClosed)) == [False, True]
+
+
+async def test_a_reset_is_told_as_a_break() -> None:
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    rude = Silent(listener.address)
+    await until(lambda: server.endpoints)
+    rude.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+    rude.socket.close()
+    await until(lambda: server.reasons)
+    assert isinstance(server.reasons[0], LinkBroken)
+    assert "reset" in str(server.reasons[0])
+    await listener.close()
+
+
+async def test_a_crowd_is_turned_away_at_the_door(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp, "LARGEST_CROWD", 5)
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    crowd = [Silent(listener.address) for _ in range(8)]
+    await until(lambda: len(server.endpoints) == 5)
+    await settle()
+    assert len(listener.links) == 5
+    crowd[0].socket.close()
+    for each in crowd:
+        each.socket.close()
+    await until(lambda: not listener.links)
+    late = Silent(listener.address)
+    await until(lambda: len(server.endpoints) == 6)
+    late.socket.close()
+    await listener.close()
+
+
+async def test_a_handler_that_cannot_be_made_ends_the_link() -> None:
+    def accept(_: Link) -> Recorder:
+        raise RuntimeError("out of order")
+
+    told: list[str] = []
+    asyncio.get_running_loop().set_exception_handler(
+        lambda _, context: told.append(str(context["exception"]))
+    )
+    listener = await listen("tcp:0", accept)
+    client = Silent(listener.address)
+    await until(lambda: told and not listener.links)
+    assert told == ["out of order"]
+    client.socket.close()
+    await listener.close()

@@ -1,0 +1,68 @@
+"""An address either means one thing or is refused with a sentence that says what to write."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotree.protocol.errors import BadUrl
+from robotree.protocol.links.url import listen, parse, require_loopback
+from robotree.protocol.testing import Recorder
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("tcp:127.0.0.1:5760", "127.0.0.1", 5760),
+        ("tcp:5760", "127.0.0.1", 5760),
+        ("tcp::5760", "127.0.0.1", 5760),
+        ("tcp:cell.example:0", "cell.example", 0),
+        ("tcp:[::1]:5760", "::1", 5760),
+    ],
+)
+def test_a_host_and_a_port(text: str, host: str, port: int) -> None:
+    assert parse(text).host_and_port() == (host, port)
+
+
+def test_options_are_taken_apart_and_unknown_ones_refused() -> None:
+    url = parse("tcp:5760?a=1&b=x%20y")
+    assert url.options == {"a": "1", "b": "x y"}
+    assert url.only("a", "b", "c") == url.options
+    with pytest.raises(BadUrl, match="option 'b' is unknown; there is a"):
+        url.only("a")
+
+
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ("", "begin it with"),
+        ("5760", "begin it with"),
+        ("http://x", "begin it with"),
+        ("tcp:", "is no port"),
+        ("tcp:host", "is no port"),
+        ("tcp:host:", "is no port"),
+        ("tcp:host:65536", "is no port"),
+        ("tcp:host:-1", "is no port"),
+        ("tcp:host:٣", "is no port"),
+        ("tcp:::1:5760", "in brackets"),
+        ("tcp:5760?fd", "as ?name=value"),
+    ],
+)
+def test_an_address_that_means_nothing_is_refused(text: str, advice: str) -> None:
+    with pytest.raises(BadUrl, match=advice.replace("?", r"\?")) as refused:
+        parse(text).host_and_port()
+    assert refused.value.address == text
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "example.org", ""])  # noqa: S104  refused below
+async def test_nobody_listens_to_the_world_by_accident(host: str) -> None:
+    with pytest.raises(BadUrl, match="can be reached from outside"):
+        require_loopback("tcp:…", host, exposed=False)
+    require_loopback("tcp:…", host, exposed=True)
+    if host:
+        with pytest.raises(BadUrl):
+            await listen(f"tcp:[{host}]:0", Recorder)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
+def test_loopback_is_always_allowed(host: str) -> None:
+    require_loopback("tcp:…", host, exposed=False)
