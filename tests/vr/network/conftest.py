@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -20,7 +21,7 @@ async def join_zenoh(tmp_path: Path) -> AsyncIterator[Callable[[], Awaitable[Zen
     members: list[ZenohTransport] = []
 
     async def enter() -> ZenohTransport:
-        members.append(await join("test", root=tmp_path / "realms"))
+        members.append(await join("test", root=tmp_path / "robotree"))
         return members[-1]
 
     yield enter
@@ -55,6 +56,8 @@ class Process:
 
     async def end(self, within: float = 10) -> tuple[int, str]:
         """Let it end, and return its exit code and what it complained of."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
         async with asyncio.timeout(within):
             _, complaints = await self.process.communicate()
         assert self.process.returncode is not None
@@ -69,12 +72,13 @@ async def start(tmp_path: Path) -> AsyncIterator[Start]:
     """Start members of the test's realm; all are killed at the end."""
     started: list[Process] = []
 
-    async def begin(word: str, name: str, *, script: str = "member.py") -> Process:
+    async def begin(word: str, name: str) -> Process:
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, str(Path(__file__).with_name(script)), str(tmp_path / "realms"), word, name),
+            *(sys.executable, str(Path(__file__).with_name("member.py")), word, name),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
+            env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "ROBOTREE_REALM": "test"},
         )
         started.append(Process(process))
         return started[-1]

@@ -1,16 +1,19 @@
 """One process of a realm, for tests that kill, stop and interrupt real ones.
 
-Run as `member.py ROOT WORD…`; says `ready` when it is up, and ends when its standard input closes.
+Run as `member.py WORD NAME`; says `ready` when it is up, and ends when its standard input closes.
 """
 
 from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Awaitable, Callable
-from pathlib import Path
+from collections.abc import Awaitable, Callable, Coroutine
 
+from robotree.vr import Robot, command
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.run import run_host, run_lookup
 from robotree.vr.host.zenoh import ZenohTransport, join
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.transport import Respond
 
 
@@ -63,15 +66,49 @@ async def wait_for_interrupt(transport: ZenohTransport, name: str) -> None:
         await transport.close()
 
 
-WORDS: dict[str, Callable[[ZenohTransport, str], Awaitable[None]]] = {
+class Rover(Robot):
+    """A rover without wheels."""
+
+    @command
+    def move(self, x: float) -> float:
+        return x
+
+
+async def robot(transport: ZenohTransport, name: str) -> None:
+    """Be a robot with an agent."""
+    registrar = Registrar(transport)
+    agent = RobotAgent(Rover(name), transport, registrar=registrar)
+    await agent.start()
+    say("ready")
+    await until_the_end()
+    await agent.close()
+    await registrar.close()
+    await transport.close()
+
+
+async def while_tethered(work: Coroutine[None, None, None]) -> None:
+    """Do something until the standard input closes."""
+    task = asyncio.ensure_future(work)
+    end = asyncio.ensure_future(until_the_end())
+    await asyncio.wait((task, end), return_when=asyncio.FIRST_COMPLETED)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+MEMBERS: dict[str, Callable[[ZenohTransport, str], Awaitable[None]]] = {
     "serve": serve,
     "leave-open": leave_open,
     "wait-for-interrupt": wait_for_interrupt,
+    "robot": robot,
 }
+SERVICES = {"lookup": run_lookup, "host": run_host}
 
 
-async def main(root: str, word: str, name: str) -> None:
-    await WORDS[word](await join("test", root=Path(root)), name)
+async def main(word: str, name: str) -> None:
+    if word in SERVICES:
+        await while_tethered(SERVICES[word](name, ready=lambda _: say("ready")))
+    else:
+        await MEMBERS[word](await join(), name)
 
 
 if __name__ == "__main__":
