@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import threading
 from collections import deque
 from copy import copy
@@ -80,22 +81,23 @@ class LoopbackBus(BusABC):
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rung = False
         self._reading = threading.Lock()
-        self._membership.inlet.register(self._bell)
+        self._membership.inlet.register(self._bell, select.EPOLLIN)
         self.channel_info = f"robotree bus {self.channel!r} (port {self._membership.port})"
         super().__init__(self.channel, can_filters, **kwargs)
 
     @property
     def statistics(self) -> BusStatistics:
         """The gauges now."""
-        outlets = self._membership.outlets
-        return BusStatistics(
-            members=len(outlets),
-            sent=self._sent,
-            received=self._received,
-            dropped=self._membership.dropped + sum(wire.dropped for wire in outlets),
-            malformed=self._membership.malformed,
-            incompatible=self._incompatible,
-        )
+        membership = self._membership
+        with membership.lock:
+            return BusStatistics(
+                members=len(membership.outlets),
+                sent=self._sent,
+                received=self._received,
+                dropped=membership.dropped + sum(wire.dropped for wire in membership.outlets),
+                malformed=membership.malformed,
+                incompatible=self._incompatible,
+            )
 
     @property
     def state(self) -> BusState:

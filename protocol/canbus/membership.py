@@ -34,7 +34,8 @@ ANSWER = 1.0
 MANNERS = 30.0
 """[s] after which a connection that has not introduced itself is cut."""
 MOST_STRANGERS = 64
-"""Connections that have not introduced themselves; more are cut at once."""
+"""Connections that have not introduced themselves; when more come, the oldest are cut. A member introduces
+itself at once."""
 _ROUND_MS = 50
 """[ms] after which to look whether somebody makes no room, or does not introduce himself."""
 
@@ -194,10 +195,8 @@ class Membership:
             os.eventfd_read(self._bell)
         elif descriptor == self._seat.fileno():
             for connection in self._newcomers():
-                if len(self._strangers) < MOST_STRANGERS:
-                    self._meet(connection, dialled=False)
-                else:
-                    connection.close()
+                self._meet(connection, dialled=False)
+                self._thin_out()
         elif (stranger := self._strangers.get(descriptor)) is not None:
             self._hear(stranger)
 
@@ -205,6 +204,11 @@ class Membership:
         with contextlib.suppress(OSError):
             while True:
                 yield self._seat.accept()[0]
+
+    def _thin_out(self) -> None:
+        silent = [fd for fd, stranger in self._strangers.items() if not stranger.dialled]
+        for descriptor in silent[: len(silent) - MOST_STRANGERS]:
+            self._strangers.pop(descriptor).connection.close()
 
     def _hear(self, stranger: Stranger) -> None:
         """Take the next bytes of an introduction; with the last one the stranger becomes a member."""

@@ -108,7 +108,8 @@ class Channel:
                 _NOTHING if payload is None and reply is None else Heard(payload, (reply,) if reply else ())
             )
         if isinstance(frame, FirstFrame):
-            return Heard(None, (self._receiver.first(frame, now),))
+            reply = self._receiver.first(frame, now)
+            return Heard(None, (reply,) if reply else ())
         if frame is None:
             self._malformed += 1
             return _NOTHING

@@ -4,6 +4,10 @@ One receiver hears one sender. It holds at most one payload, of at most `largest
 announces more is answered with OVERFLOW. A missing frame ends the reassembly; so does silence for `N_CR`
 seconds, or the beginning of another payload. A frame that comes twice in a row, as CAN allows when the last
 bit of a frame is disturbed, is taken once.
+
+What CAN does to frames on their way (loss, repetition at once, never another order) then yields no wrong
+payload as long as flow controls do not come twice. ISO-TP itself has no checksum and its frames do not say
+to which payload they belong; whoever must be certain needs a checksum inside the payload, as MAVLink has.
 """
 
 from __future__ import annotations
@@ -63,6 +67,7 @@ class Receiver:
         self._block_size = block_size
         self._pieces: list[bytes] = []
         self._missing = self._step = self._number = self._block = 0
+        self._since = 0.0
         self._received = self._out_of_sequence = self._interrupted = self._silent = 0
         self._repeated = self._unexpected = self._refused = 0
 
@@ -85,8 +90,11 @@ class Receiver:
         self._received += 1
         return frame.data
 
-    def first(self, frame: FirstFrame, now: float) -> bytes:
-        """Take a first frame; hand back the data field of the flow control to send."""
+    def first(self, frame: FirstFrame, now: float) -> bytes | None:
+        """Take a first frame; hand back the data field of the flow control to send, if one is due."""
+        if self._pieces == [frame.data] and now < self._since + self.n_cr / 4:
+            self._repeated += 1  # too early for a sender that lost patience and begins again
+            return None
         self._interrupt()
         if frame.length > self.largest:
             self._refused += 1
@@ -95,7 +103,7 @@ class Receiver:
         self._missing = frame.length - len(frame.data)
         self._step = len(frame.data) + 1  # a consecutive frame has one byte of header less
         self._number, self._block = 0, self._block_size
-        self.due = now + self.n_cr
+        self._since, self.due = now, now + self.n_cr
         return self._go_on
 
     def consecutive(self, frame: ConsecutiveFrame, now: float) -> tuple[bytes | None, bytes | None]:

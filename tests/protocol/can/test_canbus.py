@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 
 import can
 import pytest
@@ -184,7 +185,7 @@ def test_a_bus_can_be_walked_through(buses: Buses) -> None:
     one, two = buses(), buses()
     for index in range(3):
         one.send(can.Message(arbitration_id=index))
-    assert [message.arbitration_id for message, _ in zip(two, range(3), strict=False)] == [0, 1, 2]
+    assert [message.arbitration_id for _, message in zip(range(3), two, strict=False)] == [0, 1, 2]
 
 
 def test_leaving_twice_is_harmless_and_final(channel: str, caplog: pytest.LogCaptureFixture) -> None:
@@ -279,7 +280,8 @@ def test_strangers_are_shown_the_door_and_counted(buses: Buses, channel: str) ->
     bus, other = buses(), buses()
     with socket.create_connection((HOST, first_port(channel))) as stranger:
         stranger.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        assert stranger.recv(100) == b"", "it is cut without a word"
+        with suppress(ConnectionResetError):
+            assert stranger.recv(100) == b"", "it is cut without a word"
     assert bus.statistics.malformed == 1
     other.send(can.Message())
     assert bus.recv(SOON)
@@ -291,7 +293,8 @@ def test_a_member_that_speaks_nonsense_is_cut_off_and_counted(buses: Buses, chan
         assert bus.statistics.members == 2
         mad.sendall(b"\x00" * 100)
         assert bus.recv(0.2) is None
-        assert mad.recv(100) == b""
+        with suppress(ConnectionResetError):
+            assert mad.recv(100) == b""
     assert bus.statistics.malformed == 1
     assert bus.statistics.members == 1
     other.send(can.Message())
@@ -300,12 +303,12 @@ def test_a_member_that_speaks_nonsense_is_cut_off_and_counted(buses: Buses, chan
 
 def test_a_crowd_of_silent_strangers_keeps_nobody_out(buses: Buses, channel: str) -> None:
     bus = buses()
-    crowd = [socket.create_connection((HOST, first_port(channel))) for _ in range(200)]
-    other = buses()
-    other.send(can.Message())
-    assert bus.recv(SOON)
-    for stranger in crowd:
-        stranger.close()
+    with ExitStack() as crowd:
+        for _ in range(200):
+            crowd.enter_context(socket.create_connection((HOST, first_port(channel))))
+        other = buses()
+        other.send(can.Message())
+        assert bus.recv(SOON)
 
 
 def test_a_foreign_server_on_a_seat_is_no_member(channel: str) -> None:
