@@ -5,7 +5,8 @@ Call them from the tests of a new implementation; a broken promise is an `Assert
 
 from __future__ import annotations
 
-from robotree.vr.host.examine import TRANSPORT_CHECKS, Join, check_transport, promise, until
+from robotree.vr.host.examine import TRANSPORT_CHECKS, check_transport
+from robotree.vr.host.promises import Join, promise, until
 from robotree.vr.host.virtual_time import in_virtual_time, run_in_virtual_time
 from robotree.vr.lookup.examine import LOOKUP_CHECKS, Open, check_lookup
 

@@ -12,7 +12,7 @@ from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import VrError
 from robotree.vr.host.asking import ask
-from robotree.vr.host.examine import Join, promise, until
+from robotree.vr.host.promises import Join, promise, until
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.requests import (
     DescribeHost,

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.host.examine import replies_of, until
+from robotree.vr.host.promises import replies_of, until
 from robotree.vr.host.zenoh import ZenohTransport
 
 Start = Callable[..., Awaitable[Any]]

@@ -1,0 +1,184 @@
+"""What a transport promises about samples, presence and its own end, as checks."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from robotree.vr.errors import TransportClosed, VrError
+from robotree.vr.host.promises import (
+    PATIENCE,
+    Join,
+    close_all,
+    promise,
+    replies_of,
+    served,
+    settled_subscription,
+    until,
+    until_present,
+)
+from robotree.vr.transport import Respond
+
+
+async def samples_reach_whoever_subscribed(join: Join) -> None:
+    """In order, under the pattern, own ones too, and none after the end."""
+    teller, listener = await join(), await join()
+    heard: list[tuple[str, bytes]] = []
+    at_home: list[tuple[str, bytes]] = []
+    subscription = await listener.subscribe("robot/*/*/state", lambda key, body: heard.append((key, body)))
+    await teller.subscribe("robot/**", lambda key, body: at_home.append((key, body)))
+    await settled_subscription(teller, listener)
+    told = [("robot/a/1/state", b"%d" % number) for number in range(100)]
+    for key, body in told:
+        teller.publish(key, body)
+    teller.publish("robot/a/1/other", b"not asked for")
+    await until(lambda: len(heard) >= 100 and len(at_home) >= 101, "samples arrive, own ones too")
+    promise(heard == told, "samples arrive in their order, only those under the pattern")
+    await subscription.close()
+    teller.publish("robot/a/1/state", b"too late")
+    await until(lambda: len(at_home) >= 102, "others go on hearing")
+    await asyncio.sleep(0.02)
+    promise(len(heard) == 100, "a closed subscription hears nothing")
+    await close_all(teller, listener)
+
+
+async def a_subscriber_that_raises_still_hears(join: Join) -> None:
+    """One bad sample does not end a subscription."""
+    member = await join()
+    heard: list[bytes] = []
+
+    def handler(_: str, body: bytes) -> None:
+        heard.append(body)
+        if body == b"bad":
+            raise RuntimeError("on purpose")
+
+    await member.subscribe("robot/*", handler)
+    for body in (b"bad", b"good"):
+        member.publish("robot/a", body)
+    await until(lambda: heard == [b"bad", b"good"], "a handler that raises is called again")
+    await close_all(member)
+
+
+async def presence_is_seen_by_early_and_late(join: Join) -> None:
+    """First what is there, then each change, for those who watch before and after."""
+    member, early, late = await join(), await join(), await join()
+    seen: list[tuple[str, bool]] = []
+    await early.watch("robot/*/*", lambda key, there: seen.append((key, there)))
+    one = await member.announce("robot/a/1")
+    await member.announce("view/a/1")
+    await until(lambda: seen == [("robot/a/1", True)], "an arrival is told once, if the pattern matches")
+    await until_present(late, "*/a/*", ["robot/a/1", "view/a/1"])
+    first: list[tuple[str, bool]] = []
+    watching = await late.watch("robot/*/*", lambda key, there: first.append((key, there)))
+    promise(first == [("robot/a/1", True)], "what is there already is told before `watch` returns")
+    await watching.close()
+    await one.close()
+    await one.close()
+    await until(lambda: seen[1:] == [("robot/a/1", False)], "a departure is told once")
+    await until_present(late, "robot/*/*", [])
+    promise(len(first) == 1, "a closed watch tells nothing")
+    await close_all(member, early, late)
+
+
+async def presence_ends_with_the_last_holder(join: Join) -> None:
+    """A key is present as long as anybody holds it; closing a transport lets go of all."""
+    one, other, watcher = await join(), await join(), await join()
+    seen: list[tuple[str, bool]] = []
+    await watcher.watch("robot/**", lambda key, there: seen.append((key, there)))
+    await one.announce("robot/a/1")
+    await other.announce("robot/a/1")
+    await until(lambda: seen == [("robot/a/1", True)], "two holders are one presence")
+    await one.close()
+    await asyncio.sleep(0.1)
+    promise(seen == [("robot/a/1", True)], "a key stays present while somebody holds it")
+    await other.close()
+    await until(lambda: seen[1:] == [("robot/a/1", False)], "a closed transport holds nothing")
+    await close_all(watcher)
+
+
+async def who_is_seen_can_be_asked(join: Join) -> None:
+    """A request from within the news of an arrival finds the server, if it served before it announced."""
+    server, caller = await join(), await join()
+    answers: list[asyncio.Task[tuple[list[bytes], VrError | None]]] = []
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"here")
+
+    def greet(key: str, there: bool) -> None:  # noqa: FBT001 # as the contract has it
+        if there:
+            asking = caller.request(key, b"", timeout=PATIENCE)
+            answers.append(asyncio.ensure_future(replies_of(asking)))
+
+    await caller.watch("robot/*/*", greet)
+    for number in range(20):
+        await server.serve(f"robot/a/{number}", handler)
+        await server.announce(f"robot/a/{number}")
+    await until(lambda: len(answers) == 20, "all arrivals are seen")
+    results = await asyncio.gather(*answers)
+    promise(all(result == ([b"here"], None) for result in results), "who is seen can be asked at once")
+    await close_all(server, caller)
+
+
+async def many_are_present(join: Join) -> None:
+    """Hundreds of tokens are as visible as one."""
+    member, watcher = await join(), await join()
+    keys = {f"robot/r{number}/1" for number in range(400)}
+    for key in keys:
+        await member.announce(key)
+    seen: set[str] = set()
+    watching = await watcher.watch("robot/*/*", lambda key, _: seen.add(key))
+    await until(lambda: seen == keys, "all are seen")
+    await watching.close()
+    await until_present(watcher, "robot/*/*", sorted(keys))
+    await close_all(member, watcher)
+
+
+async def a_closed_transport_says_so(join: Join) -> None:
+    """Everything asked of it afterwards raises, what waits ends, and closing again does nothing."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"wait")
+        await asyncio.Event().wait()
+
+    registration = await served(server, caller, handler)
+    token = await server.announce("robot/a/1")
+    waiting = caller.request("robot/a/1", b"", timeout=PATIENCE)
+    await anext(waiting)
+    asked = server.request("robot/a/1", b"", timeout=PATIENCE)
+    await anext(asked)
+    await server.close()
+    await server.close()
+    promise(isinstance((await replies_of(asked))[1], TransportClosed), "what waits here ends TransportClosed")
+    promise((await replies_of(waiting)) == ([], None), "what waits there just ends")
+    await registration.close()
+    await token.close()
+    attempts: tuple[Callable[[], Awaitable[object]], ...] = (
+        lambda: server.serve("robot/a/1", handler),
+        lambda: replies_of(server.request("robot/a/1", b"", timeout=1)),
+        lambda: server.subscribe("robot/a", lambda _key, _body: None),
+        lambda: server.announce("robot/a/1"),
+        lambda: server.watch("robot/a", lambda _key, _there: None),
+        lambda: server.present("robot/a"),
+    )
+    for attempt in attempts:
+        try:
+            await attempt()
+        except TransportClosed:
+            continue
+        promise(False, "a closed transport refuses everything")
+    await close_all(caller)
+
+
+async def a_handler_may_close_its_transport(join: Join) -> None:
+    """The request that ends a process is no dead end."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"bye")
+        await server.close()
+
+    await served(server, caller, handler)
+    got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+    promise(got == ([b"bye"], None), "a handler may close its transport")
+    await close_all(caller, server)

@@ -1,0 +1,122 @@
+"""What a transport promises about requests and replies, as checks."""
+
+from __future__ import annotations
+
+import asyncio
+
+from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.host.promises import PATIENCE, Join, close_all, promise, replies_of, served
+from robotree.vr.transport import Respond
+
+
+async def replies_keep_their_order(join: Join) -> None:
+    """Any number of replies, whole, in order, and then an end; for far and near callers."""
+    server, caller = await join(), await join()
+    large = bytes(range(256)) * 4096
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        for reply in (body, b"", large, b"last"):
+            respond(reply)
+
+    await served(server, caller, handler)
+    for who in (caller, server):
+        got = await replies_of(who.request("robot/a/1", large[1:], timeout=PATIENCE))
+        promise(got == ([large[1:], b"", large, b"last"], None), "replies arrive whole and in their order")
+    got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE, urgent=True))
+    promise(got == ([b"", b"", large, b"last"], None), "an urgent request is answered like any other")
+    await close_all(server, caller)
+
+
+async def replies_stream(join: Join) -> None:
+    """A reply arrives when it is sent, not when the last one is."""
+    server, caller = await join(), await join()
+    go_on = asyncio.Event()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"first")
+        await go_on.wait()
+        respond(b"second")
+
+    await served(server, caller, handler)
+    replies = caller.request("robot/a/1", b"", timeout=PATIENCE)
+    promise(await anext(replies) == b"first", "a reply arrives while the handler goes on")
+    go_on.set()
+    promise(await anext(replies) == b"second", "so does the next one")
+    promise(await anext(replies, None) is None, "after the handler returns there are no more")
+    await close_all(server, caller)
+
+
+async def nobody_is_unreachable_at_once(join: Join) -> None:
+    """Who asks nobody, or one that has just stopped serving, need not wait."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"here")
+
+    for _ in range(2):  # a key can be served again
+        got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(not got[0] and isinstance(got[1], Unreachable), "nobody there is Unreachable")
+        registration = await served(server, caller, handler)
+        got = await replies_of(caller.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(got == ([b"here"], None), "what is served can be asked as soon as it is seen")
+        await registration.close()
+        await registration.close()
+    await close_all(server, caller)
+
+
+async def a_handler_that_raises_ends_the_reply(join: Join) -> None:
+    """Nothing said is Unreachable; something said stands."""
+    server, caller = await join(), await join()
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        if body:
+            respond(body)
+        raise RuntimeError("on purpose")
+
+    await served(server, caller, handler)
+    for who in (caller, server):
+        got = await replies_of(who.request("robot/a/1", b"", timeout=PATIENCE))
+        promise(isinstance(got[1], Unreachable), "a handler that raises before it replies is Unreachable")
+        got = await replies_of(who.request("robot/a/1", b"said", timeout=PATIENCE))
+        promise(got == ([b"said"], None), "what was replied before a handler raised is delivered")
+    await close_all(server, caller)
+
+
+async def silence_is_no_answer_in_time(join: Join) -> None:
+    """The time given is for the whole exchange, and what came in it is delivered."""
+    server, caller = await join(), await join()
+
+    async def handler(_: bytes, respond: Respond) -> None:
+        respond(b"wait")
+        await asyncio.Event().wait()
+
+    await served(server, caller, handler)
+    loop = asyncio.get_running_loop()
+    for who in (caller, server):
+        begin = loop.time()
+        got = await replies_of(who.request("robot/a/1", b"", timeout=0.2))
+        promise(got[0] == [b"wait"] and isinstance(got[1], NoAnswer), "silence is NoAnswer")
+        promise(0.15 < loop.time() - begin < 1.0, "NoAnswer comes when the time is over")
+    await close_all(server, caller)
+
+
+async def requests_run_beside_each_other(join: Join) -> None:
+    """One that takes long does not keep others waiting."""
+    server, caller = await join(), await join()
+    together = asyncio.Event()
+    inside: list[bytes] = []
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        inside.append(body)
+        if len(inside) == 64:
+            together.set()
+        await together.wait()
+        respond(body)
+
+    await served(server, caller, handler)
+    bodies = [b"%d" % number for number in range(64)]
+    results = await asyncio.gather(
+        *(replies_of(caller.request("robot/a/1", body, timeout=PATIENCE)) for body in bodies)
+    )
+    promise(results == [([body], None) for body in bodies], "64 requests are answered beside each other")
+    await close_all(server, caller)
