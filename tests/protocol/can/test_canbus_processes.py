@@ -99,6 +99,7 @@ def test_a_stopped_process_joins_in_again_when_it_goes_on(
     with bus:
         far = echo(spawn, channel)
         far.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, far.pid, os.WSTOPPED | os.WNOWAIT)
         with can.Bus(interface="robotree", channel=channel) as newcomer:  # finds a member that cannot answer
             newcomer.send(can.Message(arbitration_id=1))
             assert bus.recv(SOON)

@@ -1,0 +1,333 @@
+"""Stories of goals: both sides, with a wire between them that the test plays."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from robotree.protocol import Frame
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
+from robotree.protocol.services.goal_client import (
+    PATIENCE,
+    POLL,
+    RESEND,
+    GoalClient,
+    GoalEnded,
+    GoalProgress,
+    GoalSilent,
+)
+from robotree.protocol.services.goal_server import (
+    CAPACITY,
+    FORGOTTEN,
+    PROGRESS_PERIOD,
+    Abandon,
+    Begin,
+    GoalId,
+    GoalServer,
+    Refusal,
+)
+from robotree.protocol.services.peer import Peer, Send
+
+PROXY = Peer("link 1", 255, 190)
+OTHER = Peer("link 2", 254, 190)
+ID = GoalId(255, 190, 7)
+
+
+def _refuse_far_points(goal: Goal) -> Refusal | None:
+    return (Reason.OUT_OF_REACH, "x is 9 m away; the arm reaches 0.9 m.") if goal.args[0] > 1 else None
+
+
+@pytest.fixture
+def server() -> GoalServer:
+    return GoalServer([Verb.GO_TO, Verb.HOLD], _refuse_far_points)
+
+
+def _goal(key: int = 7, *, epoch: int = 1, ttl_ms: int = 0, x: float = 0.5, verb: int = Verb.GO_TO) -> Goal:
+    return Goal(key, epoch, ttl_ms, (x, math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), verb, 1, 1)
+
+
+def _statuses(effects: list[object]) -> list[GoalStatus]:
+    messages = [each.message for each in effects if isinstance(each, Send)]
+    return [message for message in messages if isinstance(message, GoalStatus)]
+
+
+def _one(effects: list[object]) -> GoalStatus:
+    (status,) = _statuses(effects)
+    return status
+
+
+def test_a_new_goal_is_accepted_and_begun_once(server: GoalServer) -> None:
+    effects = server.receive(_goal(), PROXY, 0.0)
+    assert [each for each in effects if isinstance(each, Begin)] == [Begin(ID, Verb.GO_TO, effects[1].args)]  # type: ignore[union-attr]  # Begin
+    status = _one([*effects])
+    assert (status.state, status.target_system, status.target_component) == (GoalState.ACCEPTED, 255, 190)
+    assert effects[0] == Send(status, "link 1")
+
+
+def test_the_same_goal_again_replays_its_status_and_does_not_move(server: GoalServer) -> None:
+    first = _one([*server.receive(_goal(), PROXY, 0.0)])
+    assert server.receive(_goal(), PROXY, 1.0) == [Send(first, "link 1")]
+    server.activate(ID, 1.0)
+    server.finish(ID, GoalState.SUCCEEDED, 2.0)
+    (replay,) = server.receive(_goal(), PROXY, 3.0)
+    assert _one([replay]).state == GoalState.SUCCEEDED
+    assert _one([replay]).progress == 1.0
+
+
+def test_nan_arguments_are_the_same_content(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    assert _one([*server.receive(_goal(), PROXY, 1.0)]).reason == Reason.NONE
+
+
+def test_other_content_under_a_used_key_is_refused_and_the_goal_goes_on(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    status = _one([*server.receive(_goal(x=0.6), PROXY, 1.0)])
+    assert (status.state, status.reason) == (GoalState.REFUSED, Reason.KEY_REUSED)
+    assert server.unfinished == [ID]
+
+
+def test_a_goal_may_be_asked_for_again_under_a_newer_lease_and_on_another_link(server: GoalServer) -> None:
+    server.receive(_goal(epoch=1), PROXY, 0.0)
+    back = Peer("link 3", 255, 190)
+    effects = server.receive(_goal(epoch=5), back, 1.0)
+    assert effects == [Send(_one([*effects]), "link 3")]
+    assert server.epoch == 5
+    assert server.finish(ID, GoalState.SUCCEEDED, 2.0)[0] == Send(
+        _one([*server.receive(_goal(epoch=5), back, 2.0)]), "link 3"
+    )
+
+
+def test_a_smaller_epoch_is_refused_and_nothing_is_remembered(server: GoalServer) -> None:
+    server.receive(_goal(1, epoch=4), PROXY, 0.0)
+    status = _one([*server.receive(_goal(2, epoch=3), OTHER, 1.0)])
+    assert (status.state, status.reason, status.epoch) == (GoalState.REFUSED, Reason.STALE_EPOCH, 4)
+    assert any(isinstance(each, Begin) for each in server.receive(_goal(2, epoch=4), OTHER, 2.0))
+
+
+def test_two_senders_may_use_the_same_key(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    assert any(isinstance(each, Begin) for each in server.receive(_goal(x=0.1), OTHER, 0.0))
+    assert len(server.unfinished) == 2
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        (_goal(x=9.0), Reason.OUT_OF_REACH),
+        (_goal(x=math.inf), Reason.BAD_ARGUMENT),
+        (_goal(0), Reason.BAD_ARGUMENT),
+        (_goal(verb=Verb.GRIP), Reason.UNKNOWN_VERB),
+        (_goal(verb=999), Reason.UNKNOWN_VERB),
+    ],
+)
+def test_a_goal_that_cannot_be_begun_is_refused_with_its_reason(
+    server: GoalServer, goal: Goal, reason: Reason
+) -> None:
+    effects = server.receive(goal, PROXY, 0.0)
+    status = _one([*effects])
+    assert (status.state, status.reason) == (GoalState.REFUSED, reason)
+    assert status.text.endswith(".")
+    assert len(effects) == 1
+    assert server.receive(goal, PROXY, 1.0) == effects
+
+
+def test_a_long_reason_is_cut_between_letters() -> None:
+    server = GoalServer([Verb.GO_TO], lambda _: (Reason.FAULT, "ä" * 50))
+    assert _one([*server.receive(_goal(), PROXY, 0.0)]).text == "ä" * 40
+    Frame.of(_one([*server.receive(_goal(), PROXY, 0.0)]))
+
+
+def test_the_end_of_the_time_to_live_is_announced_without_being_asked(server: GoalServer) -> None:
+    server.receive(_goal(ttl_ms=1500), PROXY, 10.0)
+    assert server.tick(11.4) == []
+    abandon, send = server.tick(11.5)
+    assert abandon == Abandon(ID, Reason.NONE)
+    assert _one([send]).state == GoalState.EXPIRED
+    assert server.tick(12.0) == []
+
+
+def test_progress_is_told_now_and_then_and_every_change_at_once(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    assert _one([*server.activate(ID, 0.0)]).state == GoalState.ACTIVE
+    assert server.activate(ID, 0.0) == []
+    told = [_statuses([*server.progress(ID, i / 100, i / 100)]) for i in range(101)]
+    assert len([each for each in told if each]) == pytest.approx(1.0 / PROGRESS_PERIOD, abs=1)
+    assert _one([*server.finish(ID, GoalState.SUCCEEDED, 1.0)]).progress == 1.0
+    numbers = [status.sequence for each in told for status in each]
+    assert numbers == sorted(set(numbers))
+
+
+def test_nothing_follows_the_end(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    server.finish(ID, GoalState.FAILED, 1.0, Reason.BLOCKED, "The lever is in the way.")
+    assert server.progress(ID, 0.5, 2.0) == server.activate(ID, 2.0) == []
+    assert server.finish(ID, GoalState.SUCCEEDED, 2.0) == []
+    assert server.finish(GoalId(1, 1, 1), GoalState.SUCCEEDED, 2.0) == []
+    with pytest.raises(ValueError, match="does not end a goal"):
+        server.finish(ID, GoalState.ACTIVE, 2.0)
+
+
+def test_a_cancelled_goal_is_abandoned_and_the_cancel_may_be_repeated(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    abandon, send = server.receive(GoalCancel(7, 1, 1, 1), PROXY, 1.0)
+    assert abandon == Abandon(ID, Reason.OPERATOR)
+    assert _one([send]).state == GoalState.CANCELLED
+    assert server.receive(GoalCancel(7, 1, 1, 1), PROXY, 2.0) == [send]
+
+
+def test_a_cancel_that_overtakes_its_goal_keeps_it_from_beginning(server: GoalServer) -> None:
+    assert _one([*server.receive(GoalCancel(7, 1, 1, 1), PROXY, 0.0)]).state == GoalState.UNKNOWN
+    assert _one([*server.receive(_goal(), PROXY, 0.1)]).state == GoalState.UNKNOWN
+    assert server.unfinished == []
+
+
+def test_key_zero_cancels_whatever_is_active_unless_the_epoch_is_over(server: GoalServer) -> None:
+    server.receive(_goal(epoch=3), PROXY, 0.0)
+    stale = server.receive(GoalCancel(0, 2, 1, 1), OTHER, 1.0)
+    assert _one([*stale]).reason == Reason.STALE_EPOCH
+    assert server.unfinished == [ID]
+    effects = server.receive(GoalCancel(0, 3, 1, 1), OTHER, 1.0)
+    assert Abandon(ID, Reason.OPERATOR) in effects
+    assert _one([*effects]).target_system == PROXY.system
+
+
+def test_a_stop_abandons_everything(server: GoalServer) -> None:
+    for key in (1, 2, 3):
+        server.receive(_goal(key), PROXY, 0.0)
+    effects = server.abandon_all(Reason.STOPPED, 1.0, "A safe stop is in force.")
+    assert [each.id.key for each in effects if isinstance(each, Abandon)] == [1, 2, 3]
+    assert {status.state for status in _statuses([*effects])} == {GoalState.CANCELLED}
+
+
+def test_asking_for_a_status_begins_nothing(server: GoalServer) -> None:
+    assert _one([*server.receive(_goal(verb=Verb.STATUS), PROXY, 0.0)]).state == GoalState.UNKNOWN
+    server.receive(_goal(), PROXY, 1.0)
+    assert _one([*server.receive(_goal(verb=Verb.STATUS), PROXY, 2.0)]).state == GoalState.ACCEPTED
+
+
+def test_the_table_is_bounded_and_a_forgotten_key_still_begins_nothing(server: GoalServer) -> None:
+    for key in range(1, CAPACITY + FORGOTTEN):
+        server.receive(_goal(key), PROXY, 0.0)
+        server.finish(GoalId(255, 190, key), GoalState.SUCCEEDED, 0.0)
+    assert len(server._records) <= CAPACITY
+    assert len(server._forgotten) <= FORGOTTEN
+    assert _one([*server.receive(_goal(1), PROXY, 1.0)]).state == GoalState.UNKNOWN
+    assert server.unfinished == []
+
+
+def test_a_table_full_of_unfinished_goals_refuses_the_next(server: GoalServer) -> None:
+    for key in range(1, CAPACITY + 1):
+        server.receive(_goal(key), PROXY, 0.0)
+    status = _one([*server.receive(_goal(CAPACITY + 1), PROXY, 0.0)])
+    assert (status.state, status.reason) == (GoalState.REFUSED, Reason.FAULT)
+    server.finish(GoalId(255, 190, 5), GoalState.SUCCEEDED, 1.0)
+    assert any(isinstance(each, Begin) for each in server.receive(_goal(CAPACITY + 1), PROXY, 1.0))
+
+
+# The sender's side.
+
+
+def _status(state: GoalState, *, key: int = 7, sequence: int = 1, reason: Reason = Reason.NONE) -> GoalStatus:
+    return GoalStatus(key, 1, 0.5, sequence, reason, 255, 190, state, "")
+
+
+@pytest.fixture
+def client() -> GoalClient:
+    client = GoalClient(1, 1, via="link 1")
+    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=2.0)
+    return client
+
+
+def _sent(effects: list[object]) -> list[object]:
+    return [each.message for each in effects if isinstance(each, Send)]
+
+
+def test_a_goal_is_padded_with_as_it_is_now() -> None:
+    (send,) = GoalClient(1, 2).start(7, Verb.GO_TO, (0.5,), epoch=3, now=0.0, ttl=2.0)
+    assert isinstance(send, Send)
+    goal = send.message
+    assert isinstance(goal, Goal)
+    assert (goal.key, goal.epoch, goal.ttl_ms) == (7, 3, 2000)
+    assert (goal.target_system, goal.target_component) == (1, 2)
+    assert goal.args[0] == 0.5
+    assert all(map(math.isnan, goal.args[1:]))
+
+
+def test_an_unanswered_goal_is_repeated_with_its_key(client: GoalClient) -> None:
+    assert client.tick(RESEND * 0.9) == []
+    (again,) = _sent([*client.tick(RESEND)])
+    assert isinstance(again, Goal)
+    assert (again.key, again.verb) == (7, Verb.GO_TO)
+    assert client.tick(RESEND) == []
+
+
+def test_an_acknowledged_goal_is_only_asked_for(client: GoalClient) -> None:
+    assert client.receive(_status(GoalState.ACCEPTED), 0.1) == [GoalProgress(7, GoalState.ACCEPTED, 0.5)]
+    assert client.tick(0.1 + POLL * 0.9) == []
+    (question,) = _sent([*client.tick(0.1 + POLL)])
+    assert isinstance(question, Goal)
+    assert question.verb == Verb.STATUS
+
+
+def test_old_news_is_no_news_but_the_end_is(client: GoalClient) -> None:
+    assert client.receive(_status(GoalState.ACTIVE, sequence=65535), 0.1)
+    assert client.receive(_status(GoalState.ACTIVE, sequence=65535), 0.2) == []
+    assert client.receive(_status(GoalState.ACTIVE, sequence=65530), 0.3) == []
+    newer = client.receive(_status(GoalState.ACTIVE, sequence=2), 0.4)
+    assert newer == [GoalProgress(7, GoalState.ACTIVE, 0.5)]
+    end = client.receive(_status(GoalState.FAILED, sequence=1, reason=Reason.BLOCKED), 0.5)
+    assert end == [GoalEnded(7, GoalState.FAILED, Reason.BLOCKED, "")]
+    assert client.pursued == []
+    assert client.receive(_status(GoalState.FAILED, sequence=3), 0.6) == []
+
+
+def test_silence_is_told_once_and_ends_with_the_next_word(client: GoalClient) -> None:
+    client.receive(_status(GoalState.ACTIVE), 0.1)
+    heard = [each for i in range(80) for each in client.tick(i / 10) if isinstance(each, GoalSilent)]
+    assert heard == [GoalSilent(7, acknowledged=True)]
+    assert client.receive(_status(GoalState.ACTIVE, sequence=2), 8.0)
+    assert not any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE * 0.9))
+    assert any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE))
+
+
+def test_a_link_that_comes_back_late_does_not_start_a_movement(client: GoalClient) -> None:
+    effects = [each for i in range(200) for each in client.tick(i / 10)]
+    assert GoalSilent(7, acknowledged=False) in effects
+    late = [each for i in range(31, 200) for each in _sent([*client.tick(20 + i / 10)])]
+    assert {each.verb for each in late if isinstance(each, Goal)} == {Verb.STATUS}
+    assert client.receive(_status(GoalState.UNKNOWN, sequence=0), 60.0) == [
+        GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")
+    ]
+
+
+def test_a_controller_that_restarted_is_not_asked_to_begin_again(client: GoalClient) -> None:
+    client.receive(_status(GoalState.ACTIVE), 0.1)
+    restarted = GoalServer([Verb.GO_TO], lambda _: None)
+    effects = [
+        effect
+        for message in _sent([*client.tick(2.0)])
+        if isinstance(message, Goal)
+        for effect in restarted.receive(message, PROXY, 0.0)
+    ]
+    (status,) = _statuses([*effects])
+    assert client.receive(status, 2.1) == [GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")]
+    assert restarted.unfinished == []
+
+
+def test_a_cancel_is_repeated_until_the_end_is_heard(client: GoalClient) -> None:
+    client.receive(_status(GoalState.ACTIVE), 0.1)
+    (cancel,) = _sent([*client.cancel(7, epoch=4, now=0.2)])
+    assert cancel == GoalCancel(7, 4, 1, 1)
+    assert _sent([*client.tick(0.2 + RESEND)]) == [cancel]
+    client.receive(_status(GoalState.CANCELLED, sequence=2), 0.5)
+    assert client.tick(5.0) == []
+
+
+def test_what_is_not_ours_or_makes_no_sense_is_passed_over(client: GoalClient) -> None:
+    assert client.receive(_status(GoalState.ACTIVE, key=8), 0.1) == []
+    assert client.receive(GoalStatus(7, 1, 0.5, 1, 0, 255, 190, 99, ""), 0.1) == []
+    assert client.receive(_status(GoalState.UNKNOWN), 0.1) == []
+    assert client.pursued == [7]
+    client.forget(7)
+    assert client.tick(100.0) == []
