@@ -1,1 +1,1 @@
-"""Pages of Python to begin with. Nothing imports them: hosts load these files as source, as they do a user's."""
+"""Pages of Python to begin with. Nothing imports them: a host loads them as source, as it does a user's."""
