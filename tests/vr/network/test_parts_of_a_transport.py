@@ -1,0 +1,154 @@
+"""The parts that transports are made of: presence without flutter, replies, patterns, and the inbox."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
+from robotree.vr.host.inbox import Inbox
+from robotree.vr.host.pattern import matches
+from robotree.vr.host.presence import Presence
+from robotree.vr.host.promises import replies_of
+from robotree.vr.host.replies import Replies
+from robotree.vr.testing import in_virtual_time
+
+
+@in_virtual_time
+async def test_a_token_that_returns_within_a_moment_has_not_gone() -> None:
+    told: list[tuple[str, bool]] = []
+    presence = Presence(lambda key, there: told.append((key, there)), settle=0.05)
+    for there in (True, True, False, False, True, False, True):
+        presence.change("robot/a/1", there)
+        await asyncio.sleep(0.04)
+    await asyncio.sleep(1)
+    assert told == [("robot/a/1", True)]
+    presence.change("robot/a/1", False)
+    await asyncio.sleep(0.04)
+    assert len(told) == 1
+    await asyncio.sleep(0.02)
+    assert told == [("robot/a/1", True), ("robot/a/1", False)]
+    presence.change("robot/b/1", False)
+    await asyncio.sleep(1)
+    assert len(told) == 2, "who never came cannot go"
+
+
+@in_virtual_time
+async def test_a_closed_watch_is_not_told_of_a_departure_that_was_held_back() -> None:
+    told: list[bool] = []
+    presence = Presence(lambda _, there: told.append(there))
+    presence.change("robot/a/1", True)
+    presence.change("robot/a/1", False)
+    presence.close()
+    await asyncio.sleep(1)
+    assert told == [True]
+
+
+@in_virtual_time
+async def test_a_watch_waits_for_news_of_all_who_are_there_but_not_for_ever() -> None:
+    loop = asyncio.get_running_loop()
+    presence = Presence(lambda _key, _there: None)
+    presence.change("a", True)
+    loop.call_later(0.1, presence.change, "b", True)
+    loop.call_later(0.2, presence.change, "c", False)
+    await presence.hear_of(["a", "b", "c"], limit=5)
+    assert loop.time() == pytest.approx(0.2)
+    await presence.hear_of(["a"], limit=5)
+    assert loop.time() == pytest.approx(0.2)
+    await presence.hear_of(["never"], limit=0.5)
+    assert loop.time() == pytest.approx(0.7)
+
+
+@in_virtual_time
+async def test_replies_end_as_they_were_ended() -> None:
+    for end, error in (
+        (Replies.end, Unreachable),
+        (Replies.time_out, NoAnswer),
+        (Replies.shut, TransportClosed),
+    ):
+        nothing, something = Replies("key", 5), Replies("key", 5)
+        something.feed(b"1")
+        for replies in (nothing, something):
+            end(replies)
+            replies.feed(b"too late")
+            replies.end()
+        assert isinstance((await replies_of(nothing))[1], error)
+        bodies, ended = await replies_of(something)
+        assert bodies == [b"1"]
+        assert ended is None if error is Unreachable else isinstance(ended, error)
+        assert await replies_of(something) == ([], None), "an end is told once"
+
+
+@in_virtual_time
+async def test_the_time_for_replies_runs_from_the_question_on() -> None:
+    loop = asyncio.get_running_loop()
+    replies = Replies("key", 1.0)
+    for at in (0.4, 0.8, 1.2):
+        loop.call_later(at, replies.feed, b"%.1f" % at)
+    bodies, error = await replies_of(replies)
+    assert (bodies, loop.time()) == ([b"0.4", b"0.8"], pytest.approx(1.0))
+    assert str(error) == "key did not answer within 1 s; it hangs or the network is cut"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "key", "expected"),
+    [
+        ("robot/*/*", "robot/a/1", True),
+        ("robot/*/*", "robot/a/1/state", False),
+        ("robot/*/*", "robot/a", False),
+        ("robot/**", "robot", True),
+        ("robot/**", "robots/a", False),
+        ("robot/**/state", "robot/a/1/state", True),
+        ("**", "a", True),
+        ("*", "a/b", False),
+        ("**/*", "a/b/c", True),
+    ],
+)
+def test_a_star_is_one_chunk_and_two_are_any_number(pattern: str, key: str, *, expected: bool) -> None:
+    assert matches(pattern, key) == expected
+
+
+chunks = st.lists(st.text("ab.+(", min_size=1, max_size=3), min_size=1, max_size=4)
+
+
+@given(key=chunks, other=chunks)
+def test_a_pattern_without_stars_is_a_key(key: list[str], other: list[str]) -> None:
+    assert matches("/".join(key), "/".join(other)) == (key == other)
+    assert matches("/".join("*" * len(key)), "/".join(key))
+    assert matches("**", "/".join(key))
+
+
+@in_virtual_time
+async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    taken: list[int] = []
+
+    def take(item: int) -> None:
+        taken.append(item)
+        if item == 7:
+            raise RuntimeError("on purpose")
+
+    inbox = Inbox(take, limit=4)
+    thread = threading.Thread(target=lambda: [inbox.put(number) for number in range(10)])
+    thread.start()
+    thread.join()
+    await asyncio.sleep(0.1)
+    assert taken == [6, 7, 8, 9]
+    assert "on purpose" in caplog.text
+    inbox.close()
+    inbox.put(11)
+    await asyncio.sleep(0.1)
+    assert len(taken) == 4
+
+
+def test_an_inbox_may_outlive_its_loop() -> None:
+    async def make() -> Inbox[int]:
+        return Inbox(lambda _: None)
+
+    inbox = asyncio.run(make())
+    inbox.put(1)
