@@ -34,7 +34,8 @@ class HeartbeatSender:
         """The heartbeat to send now, if it is time."""
         if now < self.due:
             return []
-        self.due = max(self.due + self.period, now + self.period / 2)
+        late = now - self.due
+        self.due = now + self.period - (late if late < self.period / 2 else 0.0)
         return [heartbeat]
 
     def hurry(self) -> None:

@@ -1,0 +1,47 @@
+"""What the room promises to those who come in."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from robotree import protocol
+from robotree.protocol import messages
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRIES = 8
+BUDGET = 0.060
+"""[s] of processor time, the best of a few tries; most of it is msgspec's own."""
+
+
+def test_the_front_door_lists_what_it_offers() -> None:
+    assert protocol.__all__ == sorted(protocol.__all__)
+    assert len(messages.__all__) == len({*messages.__all__})
+    for name in protocol.__all__:
+        assert getattr(protocol, name).__doc__
+
+
+def _run(code: str, **environment: str) -> str:
+    command = [sys.executable, "-c", code]
+    everything = os.environ | environment
+    return subprocess.run(command, env=everything, check=True, capture_output=True, text=True).stdout
+
+
+def test_the_room_opens_fast(tmp_path: Path) -> None:
+    """With bytecode at hand, as in any second run."""
+    code = "import time; a = time.process_time(); import robotree.protocol; print(time.process_time() - a)"
+    kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    assert min(float(_run(code, **kept)) for _ in range(TRIES)) < BUDGET
+
+
+def test_opening_the_room_brings_in_no_generator_no_loop_and_no_other_room() -> None:
+    code = "import sys, robotree.protocol, robotree.protocol.services.goal_server; print(*sys.modules)"
+    modules = _run(code).split()
+    unwanted = ("pymavlink", "numpy", "asyncio", "can", "mujoco", "lxml", "cryptography")
+    assert not [name for name in modules if name.split(".")[0] in unwanted]
+    rooms = {name.split(".")[1] for name in modules if name.startswith("robotree.")}
+    assert rooms == {"protocol"}
