@@ -13,9 +13,10 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 
 from robotree.tui.fence import Fenced
+from robotree.tui.leaving import Leaving
 
 
-class Confirm(Fenced, ModalScreen[bool]):
+class Confirm(Fenced, Leaving[bool], ModalScreen[bool]):
     """Asks before something is taken away. The harmless answer comes first and has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -54,10 +55,10 @@ class Confirm(Fenced, ModalScreen[bool]):
         self.dismiss(event.button.id == "yes")
 
 
-class Reading(Fenced, ModalScreen[None]):
+class Reading(Fenced, Leaving[None], ModalScreen[None]):
     """Shows a longer text, as the command line would print it."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter", "app.pop_screen", "Close")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter", "dismiss", "Close")]
 
     def __init__(self, title: str, text: str | Text) -> None:
         """Show `text` under `title`; neither is markup."""

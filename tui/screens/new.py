@@ -68,7 +68,7 @@ class NewPage(Page):
     """The file picker, and what is in the file."""
 
     PAGE: ClassVar[str] = "new virtual robot"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "Back")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "Back")]
 
     def __init__(self) -> None:
         """Nothing is chosen yet."""

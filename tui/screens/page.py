@@ -6,10 +6,10 @@ import time
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.screen import Screen
 from textual.widgets import Footer
 
 from robotree.tui.fence import Fenced
+from robotree.tui.leaving import Leaving
 from robotree.tui.widgets.flash import FlashLine
 from robotree.tui.widgets.topbar import Banner, TopBar
 
@@ -17,7 +17,7 @@ TICK = 0.25
 """[s] between two drawings of a page: tables cost too much for more."""
 
 
-class Page(Fenced, Screen[None]):
+class Page(Fenced, Leaving[None]):
     """A full page."""
 
     PAGE: ClassVar[str] = ""

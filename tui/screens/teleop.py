@@ -61,7 +61,7 @@ class TeleopPage(Page):
         Binding("o", "grip('open')", "Open"),
         Binding("c", "grip('close')", "Close"),
         Binding("v", "camera", "Camera"),
-        Binding("escape", "app.pop_screen", "Back"),
+        Binding("escape", "dismiss", "Back"),
     ]
 
     def __init__(self, robot: RobotDescription, bounds: Bounds) -> None:
