@@ -43,7 +43,7 @@ class Synchroniser:
         self.period = period
         self.due = float("-inf")
         """When to call `tick` again, [s]."""
-        self._asked: deque[int] = deque(maxlen=KEPT)
+        self._asked: dict[int, float] = {}
         self._exchanges: deque[Estimate] = deque(maxlen=KEPT)
 
     @property
@@ -56,17 +56,16 @@ class Synchroniser:
         if now < self.due:
             return []
         self.due = now + self.period
-        self._asked.append(round(now * _NANO))
-        return [Timesync(tc1=0, ts1=self._asked[-1])]
+        self._asked = {ts1: asked for ts1, asked in self._asked.items() if now - asked <= OLDEST_ANSWER}
+        ts1 = round(now * _NANO)
+        self._asked[ts1] = now
+        return [Timesync(tc1=0, ts1=ts1)]
 
     def receive(self, reply: Timesync, now: float) -> Estimate | None:
         """Take an answer; None: it is not an answer to a question of ours."""
-        if not reply.tc1 or reply.ts1 not in self._asked:
+        asked = self._asked.pop(reply.ts1, None) if reply.tc1 else None
+        if asked is None or now - asked > OLDEST_ANSWER:
             return None
-        self._asked.remove(reply.ts1)
-        sent, far = reply.ts1 / _NANO, reply.tc1 / _NANO
-        if not 0 <= now - sent <= OLDEST_ANSWER:
-            return None
-        delay = (now - sent) / 2
-        self._exchanges.append(Estimate(offset=far - sent - delay, delay=delay))
+        delay = (now - asked) / 2
+        self._exchanges.append(Estimate(offset=reply.tc1 / _NANO - asked - delay, delay=delay))
         return self.estimate
