@@ -45,22 +45,27 @@ def forest(robots: Iterable[RobotDescription]) -> tuple[Branch, ...]:
         The roots by name: robots that are nobody's child. A robot whose parent is unknown is a root too,
         so that none is lost from sight.
     """
-    known = {robot.address.key: robot for robot in robots}
+    known = {robot.address.key: robot for robot in sorted(robots, key=lambda one: one.name)}
     children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
-    roots = [robot for key, robot in known.items() if key not in children]
-    return tuple(_grow(None, robot, known, frozenset()) for robot in sorted(roots, key=lambda one: one.name))
+    planted: set[str] = set()
+    roots = [_grow(None, robot, known, planted) for key, robot in known.items() if key not in children]
+    # What is left goes round in a circle: that should not be, all the more must it be seen.
+    roots += [_grow(None, robot, known, planted) for key, robot in known.items() if key not in planted]
+    return tuple(roots)
 
 
 def _grow(
     slot: SlotSpec | None,
     robot: RobotDescription | None,
     known: Mapping[str, RobotDescription],
-    above: frozenset[str],
+    planted: set[str],
 ) -> Branch:
-    if robot is None or robot.address.key in above:
+    if robot is None or robot.address.key in planted:
         return Branch(slot, robot)
-    line = above | {robot.address.key}
-    inner = (_grow(one, known.get(one.child.key) if one.child else None, known, line) for one in robot.slots)
+    planted.add(robot.address.key)
+    inner = [
+        _grow(one, known.get(one.child.key) if one.child else None, known, planted) for one in robot.slots
+    ]
     return Branch(slot, robot, tuple(inner))
 
 

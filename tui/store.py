@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Literal
 
 from robotree.tui import wording
@@ -23,6 +24,9 @@ FLASH = 2.5
 
 MEMORY = 500
 """Events that are kept."""
+
+PROGRESS = "progress"
+"""The reading that tells how far the running command is."""
 
 Mood = Literal["free", "busy", "enslaved", "stopped", "offline", "silent"]
 Weight = Literal["good", "plain", "warning", "error"]
@@ -191,7 +195,9 @@ class Store:
         """Return how a robot is, in words."""
         mood, state = self.mood(name, now), self.state(name)
         if mood == "busy" and state:
-            return f"{state.busy} +{state.waiting}" if state.waiting else state.busy
+            share = self.progress(name)
+            done = f" {share:.0%}" if share is not None and isfinite(share) else ""
+            return f"{state.busy}{done}" + (f" +{state.waiting}" if state.waiting else "")
         if mood == "silent":
             return f"silent {self.age(name, now) or 0:.0f} s"
         if mood == "enslaved" and state and state.bond:
@@ -199,15 +205,21 @@ class Store:
         return mood
 
     def readings(self, name: str) -> dict[str, float]:
-        """Return the readings of a robot, or of the child that its exposed commands lead to."""
+        """Return the readings of a robot, over those of the child that its exposed commands lead to."""
+        found: dict[str, float] = {}
         seen: set[str] = set()
         while name and name not in seen:
             seen.add(name)
             state = self.state(name)
-            if state and state.readings:
-                return state.readings
+            found = {**(state.readings if state else {}), **found}
             name = self._beneath(name)
-        return {}
+        found.pop(PROGRESS, None)
+        return found
+
+    def progress(self, name: str) -> float | None:
+        """Return how far the running command of a robot is, 0 to 1; None: it does not say."""
+        state = self.state(name)
+        return state.readings.get(PROGRESS) if state else None
 
     def _beneath(self, name: str) -> str:
         """Return the child that a robot's exposed commands lead to, or its only child."""

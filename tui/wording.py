@@ -23,8 +23,14 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
     )
 
 
+NOISE = 1e-9
+"""Size below which a number is written as zero: no robot measures that."""
+
+
 def number(value: float, digits: int = 4) -> str:
     """Write a number as short as its digits allow."""
+    if abs(value) < NOISE:
+        return "0"
     text = f"{value:.{digits}g}"
     return "0" if text == "-0" else text
 

@@ -8,6 +8,7 @@ from textual.widgets import Static
 from robotree.tui import wording
 from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
+from robotree.tui.widgets.gauges import rank
 from robotree.tui.widgets.marks import mood_mark, tint
 
 READINGS = 10
@@ -72,7 +73,7 @@ class Details(Fenced, Static):
         muted = tint(self.app, "muted")
         self._heading(text, "readings")
         width = max(len(key) for key in readings)
-        for key in list(readings)[:READINGS]:
+        for key in sorted(readings, key=rank)[:READINGS]:
             text.append(f"\n{key.ljust(width)} ", muted)
             text.append(f"{wording.number(readings[key], 3):>9}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from math import degrees
 
@@ -21,8 +22,14 @@ FULL_TORQUE = 3.5
 
 HALF = 12
 """Cells on each side of the middle of a bar, at most."""
-BESIDE = 19
-"""Cells for name, middle, figure and unit."""
+NAMES, SHORT_NAMES = 12, 7
+"""Cells for a name and a gap: `peak_force`, or `twist` where there is little room."""
+
+ROOMY = 40
+"""Cells from which on there is room for long names."""
+
+BESIDE = 11
+"""Cells for middle, figure and unit."""
 
 FIGURES = {
     "x": (1.0, "+8.4f", "m"),
@@ -33,8 +40,24 @@ FIGURES = {
 }
 """Well known readings: factor from the SI unit, format, unit that is shown."""
 
-BARS = {**dict.fromkeys(FORCES, (FULL_FORCE, "N")), **dict.fromkeys(TORQUES, (FULL_TORQUE, "N m"))}
+BARS = {**dict.fromkeys(FORCES, (FULL_FORCE, "N")), **dict.fromkeys(TORQUES, (FULL_TORQUE, "Nm"))}
 """Readings that are drawn as bars: value at the end, unit."""
+
+_RANK = {name: position for position, name in enumerate([*FIGURES, *BARS])}
+
+
+def rank(name: str) -> tuple[int, str]:
+    """Return where a reading stands: the well known ones first, the others by name."""
+    return _RANK.get(name, len(_RANK)), name
+
+
+_JOINT = re.compile(r"j\d+")
+
+
+def is_of_robot(name: str) -> bool:
+    """Whether a reading is one that robots tell of themselves."""
+    return name in _RANK or _JOINT.fullmatch(name) is not None
+
 
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _WARN, _ALARM = 0.5, 0.8
@@ -82,7 +105,7 @@ class Gauges(Fenced, Static):
         for name, (full, unit) in BARS.items():
             if name in rest:
                 self._bar(text, name, rest.pop(name), full, unit)
-        for name, value in rest.items():
+        for name, value in sorted(rest.items()):
             self._figure(text, name, f"{wording.number(value, 4):>8}", "")
         text.rstrip()
         self.update(text)
@@ -90,11 +113,16 @@ class Gauges(Fenced, Static):
     @property
     def _half(self) -> int:
         """Cells on each side of the middle: as many as there is room for."""
-        return min(max((self.size.width - BESIDE) // 2, 2), HALF)
+        return min(max((self.size.width - self._names - BESIDE) // 2, 2), HALF)
+
+    @property
+    def _names(self) -> int:
+        """Cells for a name."""
+        return NAMES if self.size.width >= ROOMY else SHORT_NAMES
 
     def _figure(self, text: Text, name: str, figure: str, unit: str) -> None:
         muted = tint(self.app, "muted")
-        text.append(f"{name:<7}", muted)
+        text.append(f"{name:<{self._names}}", muted)
         text.append(figure, "bold")
         text.append(f" {unit}\n", muted)
 
@@ -104,7 +132,7 @@ class Gauges(Fenced, Static):
         colour = "error" if share >= _ALARM else "warning" if share >= _WARN else "primary"
         left, right = bar(value, full, self._half)
         style = tint(self.app, colour)
-        text.append(f"{name:<5}", muted)
+        text.append(f"{name:<{self._names}}", muted)
         text.append(left, style)
         text.append("│", muted)
         text.append(right, style)

@@ -12,6 +12,7 @@ from textual.widgets.option_list import Option
 from robotree.tui import wording
 from robotree.tui.fence import Fenced
 from robotree.tui.widgets.cameras import Cameras
+from robotree.tui.widgets.gauges import is_of_robot, rank
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
 from robotree.vr.errors import VrError
@@ -84,8 +85,14 @@ class ViewsPane(Fenced, Horizontal):
             return
         text = Text()
         width = max((len(name) for name in readings), default=0)
-        for name, value in readings.items():
+        for name, value in sorted(readings.items(), key=_of_the_workspace_first):
             text.append(f"{name.ljust(width)} ", tint(self.app, "muted"))
             text.append(f"{wording.number(value, 4):>9}\n", "bold")
         text.rstrip()
         self.query_one("#instruments", Static).update(text)
+
+
+def _of_the_workspace_first(reading: tuple[str, float]) -> tuple[bool, tuple[int, str]]:
+    """Order instruments: what only the workspace has (a lever's angle) before what its robot tells too."""
+    name = reading[0]
+    return is_of_robot(name), rank(name)

@@ -1,0 +1,48 @@
+"""The prompt completes what it knows, and never changes what was typed."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui.completion import Words, complete
+
+WORDS = Words(
+    {
+        "NAME": ["arm-1", "mover"],
+        "CHILD": ["arm-1"],
+        "PARENT.SLOT": ["mover.arm"],
+        "ROBOT.COMMAND": ["arm-1.go_to", "arm-1.grip"],
+        "HOST": ["host-1"],
+    }
+)
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("ens", "enslave"),
+        ("enslave mo", "enslave mover.arm"),
+        ("enslave mover.arm a", "enslave mover.arm arm-1"),
+        ("call arm-1.gr", "call arm-1.grip"),
+        ("delete mo", "delete mover"),
+        ("create a.py a", "create a.py as"),
+        ("create a.py as b on h", "create a.py as b on host-1"),
+        ("ls --vi", "ls --views"),
+        ("look cell --cam", "look cell --camera"),
+    ],
+)
+def test_the_next_word_is_suggested(typed: str, completed: str) -> None:
+    assert complete(typed, WORDS) == completed
+
+
+@pytest.mark.parametrize("typed", ["", "enslave ", "fly a", "delete arm-1 m", "delete zz", "ls"])
+def test_nothing_is_suggested_where_nothing_fits(typed: str) -> None:
+    assert complete(typed, WORDS) is None
+
+
+@given(typed=st.text(max_size=30))
+def test_a_suggestion_begins_with_what_was_typed(typed: str) -> None:
+    found = complete(typed, WORDS)
+    assert found is None or (found.startswith(typed) and len(found) > len(typed))

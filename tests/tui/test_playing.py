@@ -1,0 +1,99 @@
+"""Sessions played on a real fleet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui.errors import SessionError
+from robotree.tui.playing import Player, read_file
+from robotree.tui.session import Report, Told, read
+
+if TYPE_CHECKING:
+    from conftest import Realm
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+BESIDE = str(EXAMPLES / "a.session")
+
+
+async def play(realm: Realm, text: str) -> tuple[Report, list[Told]]:
+    told: list[Told] = []
+    report = await Player(realm.fleet, read(text, BESIDE), told.append).play()
+    return report, told
+
+
+async def test_a_session_builds_a_tree_commands_it_and_expects_what_comes_of_it(realm: Realm) -> None:
+    report, told = await play(
+        realm,
+        """
+        expect arm-1 listed
+        create move_to.py as mover            # found beside the script
+        expect mover.arm empty
+        enslave mover.arm arm-1
+        expect arm-1 enslaved by mover.arm within 1s
+        expect mover.arm holds arm-1
+        call mover.move x=0.45 y=0 z=0.3 twist=0
+        expect mover idle
+        call mover.get_info
+        expect result.x = 0.45
+        expect reading arm-1.x = 0.45
+        expect reading cell.lever < 0
+        try call arm-1.hold
+        expect refused NotInControl
+        delete mover
+        expect mover gone
+        expect arm-1 listed within 2s
+        call arm-1.hold
+        expect done
+        """,
+    )
+    assert report.ok, told[-1].seen
+    assert len(told) == 19
+    assert report.structure()["ok"] is True
+    assert [one.began for one in told] == sorted(one.began for one in told)
+
+
+async def test_a_session_ends_at_the_first_step_that_does_not_hold_and_says_what_was_seen(
+    realm: Realm,
+) -> None:
+    report, told = await play(realm, "expect reading cell.lever > 0.75 within 200ms\nstop\nresume\n")
+    assert not report.ok
+    assert told[-1].seen == "not within 0.2 s: -0.785"
+    assert report.left == ("stop", "resume")
+
+
+async def test_a_refused_verb_ends_a_session_unless_it_was_tried(realm: Realm) -> None:
+    report, told = await play(realm, "call arm-1.stumble\n")
+    assert not report.ok
+    assert told[-1].seen == "CommandFailed: arm-1.stumble failed: a stone [/x] lay there"
+    report, _ = await play(realm, "try call arm-1.stumble\nexpect refused CommandFailed\n")
+    assert report.ok
+
+
+async def test_an_expectation_waits_until_it_comes_true(realm: Realm) -> None:
+    realm.arm.pace = 0.03
+    report, told = await play(realm, "expect reading arm-1.z < 0.35 within 100ms\n")
+    assert not report.ok
+    report, told = await play(
+        realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0\nexpect reading arm-1.z = 0.3\n"
+    )
+    assert report.ok, told[-1].seen
+
+
+async def test_readings_of_nobody_are_nothing(realm: Realm) -> None:
+    _, told = await play(realm, "expect reading nobody.x > 0 within 10ms\n")
+    assert "nobody" in told[-1].seen
+
+
+def test_a_script_that_cannot_be_read_says_so(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match="cannot read the session"):
+        read_file(str(tmp_path / "none.session"))
+    (tmp_path / "bytes.session").write_bytes(b"\xff\xfe")
+    with pytest.raises(SessionError, match="not UTF-8"):
+        read_file(str(tmp_path / "bytes.session"))
+
+
+def test_the_session_of_the_demo_is_understood() -> None:
+    assert read_file(str(EXAMPLES / "close_lever.session")).steps

@@ -1,0 +1,168 @@
+"""The supervisor's memory: arrivals and departures tell themselves, silence is told from calm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robotree.tui.store import FLASH, SILENCE, Store
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
+from robotree.vr.requests import State
+
+
+def address(name: str, incarnation: str = "1") -> Address:
+    return Address("robot", name, incarnation)
+
+
+def listing(name: str, kinds: tuple[str, ...] = ("Arm", "Robot"), incarnation: str = "1") -> Listing:
+    return Listing(address=address(name, incarnation), kinds=kinds, doc="An arm.\n\nLong.")
+
+
+def robot(name: str, **changes: Any) -> RobotDescription:
+    return RobotDescription(address=address(name), kinds=changes.pop("kinds", ("Arm", "Robot")), **changes)
+
+
+@pytest.fixture
+def store() -> Store:
+    found = Store()
+    found.take_lists([listing("arm-1")], [], 0.0)
+    return found
+
+
+def texts(store: Store) -> list[str]:
+    return [happening.text for happening in store.happenings]
+
+
+def test_what_is_there_at_the_beginning_is_no_news(store: Store) -> None:
+    assert texts(store) == []
+    assert store.joined
+
+
+def test_arrivals_and_departures_tell_themselves_once(store: Store) -> None:
+    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
+    store.take_lists([listing("arm-2")], [], 2.0)
+    store.take_lists([listing("arm-2")], [], 3.0)
+    assert texts(store) == ["arm-2 (Arm) is listed", "arm-1 (Arm) left the list"]
+
+
+def test_a_newcomer_stands_out_for_a_moment(store: Store) -> None:
+    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
+    assert [row.fresh for row in store.rows("", 1.5)] == [False, True]
+    assert [row.fresh for row in store.rows("", 1.0 + FLASH)] == [False, False]
+
+
+def test_another_incarnation_is_a_newcomer(store: Store) -> None:
+    store.take_lists([listing("arm-1", incarnation="2")], [], 1.0)
+    assert texts(store) == ["arm-1 (Arm) is listed"]
+
+
+@pytest.mark.parametrize(
+    ("state", "mood", "doing"),
+    [
+        (State(), "free", "free"),
+        (State(busy="go_to"), "busy", "go_to"),
+        (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40% +2"),
+        (State(busy="go_to", readings={"progress": float("nan")}), "busy", "go_to"),
+        (State(stopped=True, busy="go_to"), "stopped", "stopped"),
+        (State(online=False, stopped=True), "offline", "offline"),
+        (State(bond=address("mover")), "enslaved", "under mover"),
+    ],
+)
+def test_a_state_is_a_mood(store: Store, state: State, mood: str, doing: str) -> None:
+    store.take_state("arm-1", state, 1.0)
+    assert store.mood("arm-1", 1.0) == mood
+    assert store.doing("arm-1", 1.0) == doing
+
+
+def test_silence_is_not_calm(store: Store) -> None:
+    store.take_state("arm-1", State(), 1.0)
+    assert store.mood("arm-1", 1.0 + SILENCE) == "free"
+    assert store.doing("arm-1", 10.0) == "silent 9 s"
+
+
+def test_what_an_operator_must_know_is_told_when_it_begins_and_when_it_ends(store: Store) -> None:
+    for state in (State(), State(stopped=True), State(stopped=True), State(), State(online=False), State()):
+        store.take_state("arm-1", state, 1.0)
+    assert texts(store) == [
+        "arm-1 is in protective stop",
+        "arm-1 is released from the stop",
+        "arm-1 lost its controller: its readings are stale",
+        "arm-1 has its controller back",
+    ]
+
+
+def test_without_a_lookup_service_the_lists_are_stale(store: Store) -> None:
+    store.take_services(["lookup-1"], 1.0, stale=False)
+    store.take_services([], 2.0, stale=True)
+    assert store.stale
+    store.take_services(["lookup-1"], 3.0, stale=False)
+    assert [happening.weight for happening in store.happenings] == ["error", "good"]
+
+
+def family() -> list[RobotDescription]:
+    """Lever over mover over arm-1."""
+    top, middle = address("lever"), address("mover")
+    return [
+        robot(
+            "lever",
+            kinds=("Lever", "VirtualRobot", "Robot"),
+            slots=(SlotSpec(name="mover", kind="MoveTo", child=middle),),
+        ),
+        robot(
+            "mover",
+            kinds=("MoveTo", "VirtualRobot", "Robot"),
+            slots=(
+                SlotSpec(name="arm", kind="Arm", child=address("arm-1")),
+                SlotSpec(name="spare", kind="Robot"),
+            ),
+            commands=(CommandSpec(name="go_to", through="arm.go_to"),),
+            bond=BondSpec(parent=top, slot="mover", epoch=1, remaining=5),
+        ),
+        robot("arm-1", bond=BondSpec(parent=middle, slot="arm", epoch=1, remaining=5)),
+    ]
+
+
+def test_a_robot_without_readings_shows_those_of_the_child_it_passes_commands_on_to(store: Store) -> None:
+    store.take_descriptions(family())
+    store.take_state("arm-1", State(readings={"x": 0.4, "progress": 0.2}), 1.0)
+    store.take_state("lever", State(readings={"felt": 3.0}), 1.0)
+    assert store.readings("lever") == {"felt": 3.0, "x": 0.4}
+    assert store.progress("lever") is None
+    assert store.progress("arm-1") == 0.2
+
+
+def test_candidates_are_of_the_right_kind_and_never_above_the_parent(store: Store) -> None:
+    store.take_descriptions(family())
+    store.take_lists(
+        [listing("arm-2"), listing("lever", ("Lever", "Robot")), listing("rover-1", ("Rover", "Robot"))],
+        [],
+        1.0,
+    )
+    assert [one.name for one in store.candidates("mover", "Arm")] == ["arm-2"]
+    assert [one.name for one in store.candidates("mover", "Robot")] == ["arm-2", "rover-1"]
+    assert store.lineage("arm-1") == ("arm-1", "mover", "lever")
+
+
+def test_a_filter_looks_at_the_whole_row_and_not_at_case(store: Store) -> None:
+    store.take_lists([listing("arm-1"), listing("rover-1", ("Rover", "Robot"))], [], 1.0)
+    assert [row.name for row in store.rows("ROVER", 1.0)] == ["rover-1"]
+    assert [row.name for row in store.rows("an arm", 1.0)] == ["arm-1", "rover-1"]
+    assert store.rows("[/x]", 1.0) == []
+
+
+def test_a_robot_that_has_gone_is_forgotten(store: Store) -> None:
+    store.take_state("arm-9", State(stopped=True), 1.0)
+    assert store.stopped == ("arm-9",)
+    store.take_descriptions([robot("arm-1")])
+    assert store.stopped == ()
+
+
+def test_the_tree_is_looked_at_again_only_when_something_hints_at_a_change(store: Store) -> None:
+    store.take_state("arm-1", State(), 1.0)
+    shape = store.shape
+    store.take_state("arm-1", State(busy="go_to", readings={"x": 1.0}), 1.1)
+    assert store.shape == shape
+    store.take_state("arm-1", State(bond=address("mover"), epoch=7), 1.2)
+    assert store.shape == shape + 1

@@ -1,0 +1,217 @@
+"""Every verb against a real fleet: what it tells people, what it tells programs, what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from PIL import Image
+
+from robotree.tui import grammar
+from robotree.tui.actions import ACTIONS, BY_VERB, Where, shapes
+from robotree.tui.verbs import Outcome
+from robotree.vr.errors import (
+    BadArgument,
+    BrokenSource,
+    CommandFailed,
+    DuplicateName,
+    NoSuchHost,
+    NoSuchRobot,
+    NoSuchView,
+    NotInControl,
+    NoVirtualRobot,
+    SlotOccupied,
+    StillBonded,
+    VrError,
+    WrongKind,
+)
+from robotree.vr.testing import until
+
+if TYPE_CHECKING:
+    from conftest import Realm
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Listener:
+    """Hears verbs while they go on."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[float, str]] = []
+        self.outcomes: list[Outcome] = []
+
+    def progress(self, fraction: float, text: str) -> None:
+        self.heard.append((fraction, text))
+
+    def outcome(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+
+async def do(realm: Realm, text: str, listener: Listener | None = None) -> Outcome:
+    line = grammar.parse(grammar.split(text), shapes(Where.SHELL), {"json": ""})
+    run = BY_VERB[line.verb].run
+    assert run is not None
+    outcome = await run(realm.fleet, line, listener or Listener())
+    json.dumps(outcome.data)
+    return outcome
+
+
+async def made(realm: Realm) -> None:
+    """The tree of the thesis: lever over mover over arm."""
+    for text in (
+        f"create '{EXAMPLES / 'move_to.py'}' as mover",
+        f"create '{EXAMPLES / 'open_close_lever.py'}:OpenCloseLever' as lever on host-1",
+        "enslave mover.arm arm-1",
+        "enslave lever.mover mover",
+    ):
+        await do(realm, text)
+
+
+async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
+    robots = await do(realm, "ls")
+    assert [one["address"]["name"] for one in robots.data] == ["arm-1", "rover-1"]
+    assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "HOST", "ABOUT"]
+    assert "An arm of paper" in robots.text
+    assert [one["address"]["name"] for one in (await do(realm, "ls --views")).data] == ["cell"]
+    assert (await do(realm, "ls --hosts")).data == [{"name": "host-1", "robots": []}]
+    assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
+
+
+async def test_tree_draws_who_commands_whom(realm: Realm) -> None:
+    await made(realm)
+    outcome = await do(realm, "tree")
+    assert outcome.text.splitlines() == [
+        "lever (OpenCloseLever)",
+        "└─ mover: mover (MoveTo)",
+        "   └─ arm: arm-1 (Arm)",
+        "rover-1 (Rover)",
+    ]
+    assert outcome.data[0]["children"][0]["children"][0]["name"] == "arm-1"
+
+
+async def test_show_describes_commands_with_units_and_ranges(realm: Realm) -> None:
+    outcome = await do(realm, "show arm-1")
+    assert "go_to(x: m, y: m, z: m, twist: rad, speed: m/s = 0.1)" in outcome.text
+    assert "@place  table" in outcome.text
+    assert outcome.data["commands"][0]["name"]
+
+
+async def test_show_finds_an_enslaved_robot_and_names_its_parent(realm: Realm) -> None:
+    await made(realm)
+    assert "mover.arm" in (await do(realm, "show arm-1")).text
+    assert "[" not in (await do(realm, "ls")).text
+    assert "arm-1" not in (await do(realm, "ls")).text
+
+
+async def test_call_carries_out_a_command_tells_progress_and_returns_the_result(realm: Realm) -> None:
+    listener = Listener()
+    outcome = await do(realm, "call arm-1.go_to x='45 cm' y=0 z=0.3 twist='90 deg'", listener)
+    assert outcome.text == "arm-1.go_to is done"
+    assert listener.heard[0] == (0.1, "9 to go")
+    assert realm.arm.pose["x"] == pytest.approx(0.45)
+    info = await do(realm, "call arm-1.get_info")
+    assert info.data["x"] == pytest.approx(0.45)
+    assert ["x", "0.45"] in [line.split() for line in info.text.splitlines()]
+
+
+async def test_a_text_that_looks_like_a_number_stays_a_text_where_a_text_is_wanted(realm: Realm) -> None:
+    assert (await do(realm, "call arm-1.shout text=12 times=2 loud=true")).data == "1212"
+
+
+async def test_release_and_delete_give_the_children_back(realm: Realm) -> None:
+    await made(realm)
+    assert "lever.mover is empty" in (await do(realm, "release lever.mover")).text
+    assert "mover is deleted" in (await do(realm, "delete mover")).text
+    await until(lambda: "arm-1" in {one.name for one in realm.fleet.robots()}, "the arm is listed")
+
+
+async def test_look_writes_a_picture(realm: Realm, tmp_path: Path) -> None:
+    outcome = await do(realm, f"look cell '{tmp_path / 'a.jpg'}' --camera wrist --size 320x180")
+    assert outcome.data["camera"] == "wrist"
+    with Image.open(tmp_path / "a.jpg") as picture:
+        assert picture.size == (320, 180)
+
+
+async def test_stop_and_resume_tell_whom_they_reached(realm: Realm) -> None:
+    assert (await do(realm, "stop")).data == {"stopped": ["arm-1", "rover-1"]}
+    with pytest.raises(VrError):
+        await do(realm, "call arm-1.hold")
+    assert (await do(realm, "resume arm-1")).data == {"resumed": ["arm-1"]}
+    await do(realm, "call arm-1.hold")
+
+
+async def test_cancel_ends_what_runs(realm: Realm) -> None:
+    realm.arm.pace = 1.0
+    running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))
+    await until(lambda: bool(realm.arm.calls), "the arm moves")
+    await do(realm, "cancel arm-1")
+    with pytest.raises(VrError, match="cancelled"):
+        await running
+
+
+async def test_watch_tells_states_until_its_time_is_over(realm: Realm) -> None:
+    listener = Listener()
+    realm.arm.pace = 0.02
+    watching = asyncio.create_task(do(realm, "watch arm-1 --within 500ms", listener))
+    await do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0")
+    await watching
+    assert any("busy: go_to" in outcome.text for outcome in listener.outcomes)
+    assert all(outcome.data["name"] == "arm-1" for outcome in listener.outcomes)
+
+
+REFUSED: list[tuple[str, type[VrError], str]] = [
+    ("show nobody", NoSuchRobot, "no robot named 'nobody'"),
+    ("call arm-1.fly", VrError, "no command 'fly'"),
+    ("call arm-1.go_to x=9 y=0 z=0 twist=0", BadArgument, "from -0.8 to 0.8"),
+    ("call arm-1.go_to x=nan y=0 z=0 twist=0", BadArgument, "not a number"),
+    ("call arm-1.go_to x='3 kg' y=0 z=0 twist=0", BadArgument, "give it in m"),
+    ("call arm-1.go_to y=0 z=0 twist=0", BadArgument, "is missing"),
+    ("call arm-1.stumble", CommandFailed, "a stone [/x] lay there"),
+    ("create nowhere.py as a", VrError, "cannot read"),
+    ("create {readme} as a", BrokenSource, "cannot be loaded"),
+    ("create {conftest} as a", NoVirtualRobot, "defines no virtual robot"),
+    ("create {move_to} as arm-1", DuplicateName, "already running"),
+    ("create {move_to} as 'a.b'", VrError, "cannot be a name"),
+    ("create {move_to} as a on nowhere", NoSuchHost, "no host named"),
+    ("enslave mover.arm rover-1", WrongKind, "takes a robot of kind Arm"),
+    ("enslave mover.leg rover-1", VrError, "no child slot 'leg'"),
+    ("enslave mover.arm mover", VrError, "mover"),
+    ("release mover.arm", VrError, "empty"),
+    ("delete arm-1", VrError, "arm-1"),
+    ("look hall", NoSuchView, "no view named"),
+    ("look cell a.jpg --camera ceiling", VrError, "ceiling"),
+]
+
+
+async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(realm: Realm) -> None:
+    await do(realm, f"create '{EXAMPLES / 'move_to.py'}' as mover")
+    paths = {
+        "readme": EXAMPLES.parent / "README.md",
+        "conftest": Path(__file__).with_name("test_values.py"),
+        "move_to": EXAMPLES / "move_to.py",
+    }
+    for text, error, says in REFUSED:
+        with pytest.raises(error) as refusal:
+            await do(realm, text.format(**paths))
+        assert says in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+        assert {"arm-1", "rover-1", "mover"} == {one.name for one in realm.fleet.robots()}
+
+
+async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: Realm) -> None:
+    await made(realm)
+    for text, error in (
+        ("call arm-1.hold", NotInControl),
+        ("delete mover", StillBonded),
+        ("enslave mover.arm rover-1", SlotOccupied),
+    ):
+        with pytest.raises(error, match=r"mover|lever"):
+            await do(realm, text)
+
+
+def test_every_verb_of_a_script_has_a_function() -> None:
+    for action in ACTIONS:
+        assert (action.run is not None) or not (action.where & Where.SCRIPT)
