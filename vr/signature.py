@@ -73,14 +73,14 @@ def _parameter(
     return field
 
 
-def _field(name: str, annotation: Any, where: str) -> FieldSpec:
+def _field(name: str, annotation: Any, where: str, other: str = "") -> FieldSpec:
     extras: tuple[Any, ...] = ()
     if get_origin(annotation) is Annotated:
         annotation, *rest = get_args(annotation)
         extras = tuple(rest)
     annotation, inner = _without_none(annotation)
     extras = inner + extras
-    kind, choices = _type(annotation, where)
+    kind, choices = _type(annotation, where, other)
     limits = _last(Range, extras, Range())
     if kind not in {"float", "int"} and any(isinstance(extra, Range | Unit) for extra in extras):
         raise TypeError(f"{where}: only numbers have a unit or a range")
@@ -111,14 +111,14 @@ def _without_none(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
     return annotation, ()
 
 
-def _type(annotation: Any, where: str) -> tuple[ParameterType, tuple[str, ...]]:
+def _type(annotation: Any, where: str, other: str) -> tuple[ParameterType, tuple[str, ...]]:
     if get_origin(annotation) is Literal:
         choices = get_args(annotation)
         if all(isinstance(choice, str) for choice in choices):
             return "choice", choices
     elif annotation in _SIMPLE:
         return _SIMPLE[annotation], ()
-    raise TypeError(f"{where} cannot be {annotation!r}: use float, int, bool, str or Literal of texts")
+    raise TypeError(f"{where} cannot be {annotation!r}: use float, int, bool, str or Literal of texts{other}")
 
 
 def _result(annotation: Any, where: str) -> Iterator[FieldSpec]:
@@ -130,7 +130,7 @@ def _result(annotation: Any, where: str) -> Iterator[FieldSpec]:
                 yield _field(name, part, f"{where}: its result's {name!r}")
         return
     if annotation is not Any:
-        yield _field("", annotation, f"{where}: its result")
+        yield _field("", annotation, f"{where}: its result", ", or a dataclass of such")
 
 
 def _has_parts(cls: type[Any]) -> bool:

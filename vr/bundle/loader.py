@@ -14,7 +14,7 @@ from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
-from robotree.vr.errors import BrokenSource, VrError
+from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.host.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.virtual_robot import VirtualRobot
 
@@ -83,7 +83,7 @@ def within(work: Callable[[], _T], path: str, limit: float) -> _T:
         limit: [s] for it to end.
 
     Raises:
-        VrError: what it raised, if it is one of ours.
+        BadName: it refused the name it was given.
         BrokenSource: it raised anything else, or did not end.
     """
     outcome: list[tuple[Any, BaseException | None]] = []
@@ -101,7 +101,7 @@ def within(work: Callable[[], _T], path: str, limit: float) -> _T:
     value, error = outcome[0] if outcome else (None, Interrupted())
     if error is None:
         return cast("_T", value)
-    if isinstance(error, VrError):
+    if isinstance(error, BadName):
         raise error
     raise BrokenSource(path=path, reason=_reason(error, path, limit))
 
@@ -110,7 +110,8 @@ def _compile(source: str, path: str) -> CodeType:
     try:
         return compile(source, path, "exec", dont_inherit=True)
     except SyntaxError as error:
-        raise BrokenSource(path=path, reason=f"line {error.lineno}: {error.msg}") from None
+        where = f"line {error.lineno}: " if error.lineno else ""
+        raise BrokenSource(path=path, reason=f"{where}{error.msg}") from None
     except (ValueError, RecursionError, MemoryError, OverflowError) as error:
         raise BrokenSource(path=path, reason=str(error) or type(error).__name__) from None
 

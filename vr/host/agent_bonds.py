@@ -33,6 +33,9 @@ from robotree.vr.transport import Registration, Transport
 FAREWELL = 2.0
 """[s] for a child to confirm its release or a stop; after that its lease runs out by itself."""
 
+TICK = 0.001
+"""[s] Shorter waits are none."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -198,12 +201,13 @@ class BondKeeper:
             SlotEmpty: there is no child.
             TransportError: the child does not answer.
         """
-        bond = self._slots.require(slot)
-        spec = bond.description.command(having)
-        if spec is None or not spec.available:
-            bond.description = await self._links[slot].client.describe()
-            self._on_change()
-        return bond.description
+        known = self._slots.require(slot).description
+        spec = known.command(having)
+        if spec is not None and spec.available:
+            return known
+        link = self._links[slot]
+        link.hurry.set()  # the renewal's answer tells what is new, for good
+        return await link.client.describe()
 
     async def safe_stop(self, reason: str) -> None:
         """Stop all children, at the same time.
@@ -211,7 +215,7 @@ class BondKeeper:
         Raises:
             VrError: one could not be told; the others were.
         """
-        await _all(link.client.safe_stop(reason) for link in self._links.values())
+        await _all(link.client.safe_stop(reason, timeout=FAREWELL) for link in self._links.values())
 
     async def resume(self) -> None:
         """Release the stop of all children, at the same time.
@@ -219,18 +223,18 @@ class BondKeeper:
         Raises:
             VrError: one could not be told, or refused; the others were told.
         """
-        await _all(link.client.resume(epoch=link.bond.lease.epoch) for link in self._links.values())
+        await _all(
+            link.client.resume(epoch=link.bond.lease.epoch, timeout=FAREWELL) for link in self._links.values()
+        )
 
     # -- keeping ----------------------------------------------------------------------------------
 
     async def _keep(self, link: Link) -> None:
         lease = link.bond.lease
-        while (now := _now()) < lease.expires:
-            wait = min(lease.due, lease.expires) - now
-            if wait > 0:
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(link.hurry.wait(), wait)
-            if link.hurry.is_set() or _now() >= lease.due:
+        while (left := lease.expires - _now()) > TICK:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(link.hurry.wait(), min(max(lease.due - _now(), TICK), left))
+            if link.hurry.is_set() or lease.due - _now() < TICK:
                 link.hurry.clear()
                 lease.asked(_now())
                 link.spawn(self._renew(link))
@@ -241,7 +245,7 @@ class BondKeeper:
         sent = _now()
         try:
             granted = await link.client.renew(
-                self._parent, lease.epoch, lineage=self._lineage(), timeout=max(lease.expires - sent, 0.01)
+                self._parent, lease.epoch, lineage=self._lineage(), timeout=lease.term
             )
         except LeaseError as error:
             self._lose(link, str(error))
@@ -288,9 +292,7 @@ class BondKeeper:
 
 async def _all(questions: Iterable[Awaitable[None]]) -> None:
     """Ask all at the same time; raise the first error when all have answered or failed."""
-    results = await asyncio.gather(
-        *(asyncio.wait_for(question, FAREWELL) for question in questions), return_exceptions=True
-    )
+    results = await asyncio.gather(*questions, return_exceptions=True)
     for result in results:
         if isinstance(result, BaseException):
             raise result

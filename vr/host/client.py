@@ -183,13 +183,18 @@ class RobotClient:
         """End the command of a key, or all of them."""
         await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
 
-    async def safe_stop(self, reason: str = "") -> None:
-        """Protective stop, ahead of everything, down to the hardware. Anyone may."""
-        await self._ask(SafeStop(reason=reason), Done, urgent=True)
+    async def safe_stop(self, reason: str = "", *, timeout: float | None = None) -> None:
+        """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
-    async def resume(self, *, epoch: int | None = None) -> None:
-        """Release the protective stop of the robot and of all robots below it."""
-        await self._ask(Resume(epoch=epoch), Done, urgent=True)
+        Args:
+            reason: for those whose commands it ends.
+            timeout: [s] to wait until all below have been told; None: the client's patience.
+        """
+        await self._ask(SafeStop(reason=reason), Done, urgent=True, timeout=timeout)
+
+    async def resume(self, *, epoch: int | None = None, timeout: float | None = None) -> None:
+        """Release the protective stop of the robot and of all robots below it; see `safe_stop`."""
+        await self._ask(Resume(epoch=epoch), Done, urgent=True, timeout=timeout)
 
     # -- what operators ask -----------------------------------------------------------------------
 
@@ -230,7 +235,7 @@ class RobotClient:
     async def renew(
         self, parent: Address, epoch: int, *, lineage: tuple[str, ...], timeout: float = PATIENCE
     ) -> Granted:
-        """Prolong the lease; `timeout` [s] is what is left of it."""
+        """Prolong the lease; `timeout` [s] is how long an answer is of use."""
         renewal = Renew(parent=parent, epoch=epoch, lineage=lineage)
         return await self._ask(renewal, Granted, urgent=True, timeout=timeout)
 

@@ -33,7 +33,7 @@ def to_plain(value: Any) -> Any:
 def _scalar(value: Any) -> Any:
     item = getattr(value, "item", None)  # numpy's numbers
     if item is None:
-        raise TypeError(f"a {type(value).__name__} is neither number, text, dataclass nor Struct")
+        raise TypeError(f"{type(value).__name__} is neither number, text, dataclass nor Struct")
     return item()
 
 

@@ -25,6 +25,7 @@ from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.units import read_quantity
 
 HUNG = 0.3
 """[s] of real time that one thread may compute before the clock goes on without it."""
@@ -149,6 +150,12 @@ class Realm:
 def member(agent: RobotAgent) -> MemoryTransport:
     assert isinstance(agent.transport, MemoryTransport)
     return agent.transport
+
+
+@pytest.fixture(scope="session", autouse=True)
+def units() -> None:
+    """Load the units before the clock can jump over it."""
+    assert read_quantity("1 m", "cm") == 100
 
 
 @pytest.fixture

@@ -156,7 +156,7 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901
         ranged: "Odd.ranged: parameter 'x': only numbers have a unit or a range",
         defaulted: "default of Odd.defaulted: x: 2 is out of range; give a number from 0 to 1",
         complicated: "Odd.complicated: its result cannot be dict[str, float]: "
-        "use float, int, bool, str or Literal of texts",
+        "use float, int, bool, str or Literal of texts, or a dataclass of such",
         unknown: "Odd.unknown: name 'Metre' is not defined; define it in the file, outside of functions",
         later: "Odd.later: a command is a plain function; it may block as it likes",
         readings: "Odd.readings: a command cannot have this name; every robot uses it itself",

@@ -1,0 +1,362 @@
+"""Parents and children: chapter 3 of the thesis, and what it left out."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import threading
+from typing import Annotated, Any
+
+import pytest
+
+from robotree.vr import Child, Robot, Unit, VirtualRobot, VrError, command
+from robotree.vr.address import Address
+from robotree.vr.errors import (
+    CommandCancelled,
+    CycleOfBonds,
+    LeaseDenied,
+    NoSuchSlot,
+    NotInControl,
+    SlotEmpty,
+    SlotOccupied,
+    StaleEpoch,
+    StillBonded,
+    Unreachable,
+    WrongKind,
+)
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.client import RobotClient
+from robotree.vr.host.memory import MemoryNetwork
+
+TERM = 5.0
+
+
+class Rover(Robot):
+    """A rover."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.x = 0.0
+
+    @command
+    def move(self, x: Annotated[float, Unit("m")]) -> float:
+        self.sleep(abs(x))
+        self.x += x
+        return self.x
+
+
+class Pair(VirtualRobot):
+    """Two rovers as one."""
+
+    left = Child("Rover")
+    right = Child("Rover")
+
+    @command
+    def move(self, x: float) -> None:
+        self.left.move(x=x)
+        self.right.move(x=x)
+
+    @command
+    def spin(self) -> None:
+        while True:
+            pass
+
+    @command
+    def hang(self) -> None:
+        threading.Event().wait()
+
+
+class Box(VirtualRobot):
+    """Takes anything, also another box."""
+
+    inner = Child("Robot")
+
+    @command
+    def touch(self) -> str:
+        return str(self.inner)
+
+
+async def bound(realm: Any) -> tuple[Any, Any]:
+    rover, pair = await realm.start(Rover("rover")), await realm.start(Pair("pair"))
+    await realm.until(lambda: realm.listed() == ["pair", "rover"])
+    await realm.client(pair).enslave("left", rover.address)
+    return rover, pair
+
+
+# -- enslaving and releasing -----------------------------------------------------------------------
+
+
+async def test_an_enslaved_robot_leaves_the_lookup_and_comes_back_when_released(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    assert await realm.until(lambda: realm.listed() == ["pair"]) < 1.0
+    description = await realm.client(rover).describe()
+    assert description.bond is not None
+    assert (description.bond.parent, description.bond.slot) == (pair.address, "left")
+    assert 0 < description.bond.remaining <= TERM
+    after = await realm.client(pair).free("left")
+    assert after.slot("left").child is None
+    assert after.slot("left").lost == ""
+    assert await realm.until(lambda: realm.listed() == ["pair", "rover"]) < 1.0
+
+
+async def test_only_the_parent_commands_but_anybody_may_ask_and_stop(realm: Any) -> None:
+    rover, _ = await bound(realm)
+    client = realm.client(rover)
+    for question in (client.call("move", {"x": 1}), client.cancel(), client.resume()):
+        with pytest.raises(NotInControl, match=r"rover is commanded by pair; .*`robotree release pair.left`"):
+            await question
+    with pytest.raises(StaleEpoch):
+        await client.call("move", {"x": 1}, epoch=7)
+    assert (await client.describe()).name == "rover"
+    await client.safe_stop("look out")
+
+
+async def test_epochs_of_former_bonds_are_refused(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    epoch = (await realm.client(rover).describe()).epoch
+    await realm.client(pair).free("left")
+    with pytest.raises(StaleEpoch):
+        await realm.client(rover).call("move", {"x": 1}, epoch=epoch)
+    assert (await realm.client(rover).describe()).epoch > epoch
+
+
+async def test_the_commands_of_a_bond_end_with_it(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    moving = asyncio.create_task(realm.client(pair).call("move", {"x": 30}))
+    await realm.until(lambda: rover.description().busy == "move")
+    await realm.client(pair).free("left")
+    with pytest.raises(SlotEmpty):
+        await moving
+    assert rover.description().busy == ""
+    assert rover.robot.x == 0
+
+
+async def test_the_commands_of_an_operator_end_when_a_parent_takes_over(realm: Any) -> None:
+    rover, pair = await realm.start(Rover("rover")), await realm.start(Pair("pair"))
+    moving = asyncio.create_task(realm.client(rover).call("move", {"x": 30}))
+    await realm.until(lambda: rover.description().busy == "move")
+    await realm.client(pair).enslave("left", rover.address)
+    with pytest.raises(CommandCancelled, match="pair has enslaved rover"):
+        await moving
+
+
+@pytest.mark.parametrize(
+    ("slot", "child", "error", "sentence"),
+    [
+        ("middle", "rover", NoSuchSlot, "pair has no child slot 'middle'; it has: left, right"),
+        ("left", "other", SlotOccupied, "pair.left already holds rover; release it first"),
+        ("right", "rover", LeaseDenied, "rover is already enslaved by pair; release it there first: `robotree r"),
+        ("right", "box", WrongKind, "pair.right takes a robot of kind Rover; box is of kind Box"),
+        ("right", "pair", CycleOfBonds, "pair cannot enslave pair"),
+        ("right", "dead", Unreachable, "nobody answers at robot/dead/1"),
+    ],
+)  # fmt: skip
+async def test_a_bond_that_cannot_be_is_refused_in_one_sentence(
+    realm: Any, slot: str, child: str, error: type[VrError], sentence: str
+) -> None:
+    rover, pair = await bound(realm)
+    others = [await realm.start(Rover("other")), await realm.start(Box("box"))]
+    addresses = {agent.robot.name: agent.address for agent in (rover, pair, *others)}
+    with pytest.raises(error) as refused:
+        await realm.client(pair).enslave(slot, addresses.get(child, Address("robot", "dead", "1")))
+    assert str(refused.value).startswith(sentence)
+    await realm.client(pair).enslave("right", addresses["other"])  # nothing is lost
+
+
+async def test_a_robot_cannot_command_its_own_ancestor(realm: Any) -> None:
+    boxes = [await realm.start(Box(name)) for name in ("top", "middle", "bottom")]
+    for parent, child in itertools.pairwise(boxes):
+        await realm.client(parent).enslave("inner", child.address)
+    with pytest.raises(CycleOfBonds, match=r"bottom cannot enslave top: .*\(top > middle > bottom\)"):
+        await realm.client(boxes[2]).enslave("inner", boxes[0].address)
+
+
+async def test_two_that_enslave_each_other_at_once_do_not_both_succeed(realm: Any) -> None:
+    one, two = await realm.start(Box("one")), await realm.start(Box("two"))
+    results = await asyncio.gather(
+        realm.client(one).enslave("inner", two.address),
+        realm.client(two).enslave("inner", one.address),
+        return_exceptions=True,
+    )
+    assert any(isinstance(result, CycleOfBonds) for result in results)
+    await asyncio.sleep(TERM)
+    assert realm.listed() != []
+
+
+async def test_a_cycle_of_three_that_closes_at_once_opens_again(realm: Any) -> None:
+    boxes = [await realm.start(Box(name)) for name in ("a", "b", "c")]
+    ring = zip(boxes, [*boxes[1:], boxes[0]], strict=True)
+    questions = [realm.client(parent).enslave("inner", child.address) for parent, child in ring]
+    await asyncio.gather(*questions, return_exceptions=True)
+    await realm.until(lambda: realm.listed() != [], within=2 * TERM)
+    await asyncio.sleep(TERM)
+    bonds = [agent.description().bond for agent in boxes]
+    assert bonds.count(None) >= 1
+
+
+async def test_two_parents_that_want_the_same_child_at_once(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    pairs = [await realm.start(Pair(name)) for name in ("pair-1", "pair-2")]
+    results = await asyncio.gather(
+        *(realm.client(pair).enslave("left", rover.address) for pair in pairs), return_exceptions=True
+    )
+    assert [type(result) for result in results].count(LeaseDenied) == 1
+
+
+# -- loss ------------------------------------------------------------------------------------------
+
+
+async def test_a_killed_parent_loses_its_child_within_a_second(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    await realm.until(lambda: realm.listed() == ["pair"])
+    realm.kill(pair)
+    assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
+    await realm.client(rover).call("move", {"x": 1})
+
+
+async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> None:
+    """Its process is stopped: it is still seen by those who look, but it does not renew."""
+    realm.network.lease = 1000.0
+    rover, pair = await bound(realm)
+    realm.network.freeze(pair.transport)
+    assert await realm.until(lambda: rover.description().bond is None) <= TERM
+    assert "rover" in realm.listed()
+    realm.network.thaw(pair.transport)
+    await realm.until(lambda: pair.description().slot("left").lost != "", within=TERM)
+    rebound = await realm.client(pair).enslave("left", rover.address)
+    assert rebound.slot("left").lost == ""
+
+
+async def test_the_parent_believes_the_bond_over_before_the_child_does(realm: Any) -> None:
+    realm.network.lease, realm.network.delay = 1000.0, 0.1
+    rover, pair = await bound(realm)
+    realm.network.cut(rover.transport, pair.transport)
+    await realm.until(lambda: pair.description().slot("left").child is None, within=TERM)
+    assert rover.description().bond is not None
+    assert "did not answer for 5 s" in pair.description().slot("left").lost
+    await realm.until(lambda: rover.description().bond is None, within=1.0)
+
+
+async def test_a_lost_child_leaves_an_empty_slot_with_the_reason(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    realm.kill(rover)
+    await realm.until(lambda: pair.description().slot("left").child is None, within=1.0)
+    slot = pair.description().slot("left")
+    assert slot.lost == "rover has ended or cannot be reached"
+    with pytest.raises(SlotEmpty, match=r"pair.left is empty \(rover has ended or cannot be reached\)"):
+        await realm.client(pair).call("move", {"x": 1})
+    again = await realm.start(Rover("rover"))
+    description = await realm.client(pair).enslave("left", again.address)
+    assert description.slot("left").lost == ""
+
+
+async def test_a_running_command_through_a_lost_bond_fails_at_once(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    moving = asyncio.create_task(realm.client(pair).call("move", {"x": 50}))
+    await realm.until(lambda: rover.description().busy == "move")
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    realm.kill(rover)
+    with pytest.raises(VrError):
+        await moving
+    assert loop.time() - began < 0.5
+
+
+async def test_a_robot_made_again_under_the_old_name_is_not_commanded_by_mistake(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    realm.kill(rover)
+    again = await realm.start(Rover("rover"))
+    with pytest.raises(SlotEmpty):
+        await realm.client(pair).call("move", {"x": 1})
+    assert again.description().bond is None
+    assert again.robot.x == 0
+
+
+@pytest.mark.parametrize("trouble", ["spin", "hang"])
+async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: Any, trouble: str) -> None:
+    rover, pair = await bound(realm)
+    epoch = rover.description().epoch
+    stuck = asyncio.create_task(realm.client(pair).call(trouble, {}, deadline=20.0))
+    await asyncio.sleep(15.0)
+    assert not stuck.done()
+    assert rover.description().epoch == epoch
+    assert rover.description().bond is not None
+    with pytest.raises(VrError):
+        await stuck
+    assert rover.description().epoch == epoch
+
+
+async def test_a_way_of_one_second_each_way_does_not_break_a_bond(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    realm.network.delay = 1.0
+    epoch = rover.description().epoch
+    await asyncio.sleep(60.0)
+    assert rover.description().epoch == epoch
+    await realm.client(pair).free("left")
+
+
+# -- ends ------------------------------------------------------------------------------------------
+
+
+async def test_an_enslaved_robot_cannot_be_deleted(realm: Any) -> None:
+    top, box = await realm.start(Box("top")), await realm.start(Box("box"))
+    await realm.client(top).enslave("inner", box.address)
+    with pytest.raises(StillBonded, match=r"box is enslaved by top; delete top or release top.inner first"):
+        await realm.client(box).delete()
+    await realm.client(top).free("inner")
+    await realm.client(box).delete()
+
+
+async def test_a_deleted_robot_tells_its_children_first(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    await realm.client(pair).delete()
+    assert rover.description().bond is None
+    await asyncio.wait_for(pair.closed.wait(), 1.0)
+    assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
+    with pytest.raises(Unreachable):
+        await realm.client(pair).describe()
+
+
+@pytest.mark.parametrize("trouble", ["spin", "hang"])
+async def test_a_robot_whose_command_hangs_can_be_deleted(realm: Any, trouble: str) -> None:
+    rover, pair = await bound(realm)
+    stuck = asyncio.create_task(realm.client(pair).call(trouble, {}))
+    await realm.until(lambda: pair.description().busy == trouble)
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    await realm.client(pair).delete()
+    assert loop.time() - began < 2.0
+    await asyncio.gather(stuck, return_exceptions=True)
+    assert isinstance(stuck.exception(), VrError)
+    assert rover.description().bond is None
+
+
+async def test_a_process_that_ends_in_order_leaves_nothing_behind(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    await pair.close()
+    await pair.close()
+    assert rover.description().bond is None
+    assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
+    assert await realm.operator.present("robot/*/*") == [rover.address.key]
+
+
+async def test_a_bonded_robot_whose_process_ends_in_order_is_noticed_by_its_parent(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    await rover.close()
+    await realm.until(lambda: pair.description().slot("left").child is None, within=1.0)
+
+
+async def test_all_links_may_be_slow_and_bonds_still_work() -> None:
+    """Without a lookup service at all: robots stay commandable by those who know them."""
+    network = MemoryNetwork(delay=0.5)
+    rover = RobotAgent(Rover("rover"), network.join())
+    pair = RobotAgent(Pair("pair"), network.join())
+    await rover.start()
+    await pair.start()
+    operator = RobotClient(network.join(), pair.address)
+    await operator.enslave("left", rover.address)
+    assert rover.description().bond is not None
+    await operator.delete()
+    assert rover.description().bond is None
+    await pair.closed.wait()
+    await rover.close()

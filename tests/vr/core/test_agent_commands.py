@@ -1,0 +1,372 @@
+"""One robot, its commands, and callers of all kinds."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+from typing import Annotated, Any
+
+import msgspec
+import pytest
+
+from robotree.vr import Range, Robot, Unit, VrError, command
+from robotree.vr.errors import (
+    BadArgument,
+    Busy,
+    CommandCancelled,
+    CommandFailed,
+    DeadlineExceeded,
+    DuplicateName,
+    Garbled,
+    KeyReused,
+    NoSuchCommand,
+    NotVirtual,
+)
+from robotree.vr.host.client import RobotClient, fresh_key
+from robotree.vr.host.execution import ATTEMPTS, GRACE
+from robotree.vr.mailbox import LONGEST_QUEUE
+from robotree.vr.requests import DescribeHost, Failed, decode_reply, encode
+
+
+class Where(msgspec.Struct):
+    x: Annotated[float, Unit("m")]
+    moves: int
+
+
+class Rover(Robot):
+    """A rover that remembers what it did."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.x = 0.0
+        self.done: list[str] = []
+        self.release = threading.Event()
+
+    @command
+    def move(self, x: Annotated[float, Unit("m"), Range(-10, 10)]) -> None:
+        """Move ahead, one metre per second."""
+        for step in range(10):
+            self.sleep(abs(x) / 10)
+            self.progress((step + 1) / 10, "rolling")
+        self.x += x
+        self.done.append(f"move {x:g}")
+
+    @command(effect="read")
+    def get_info(self) -> Where:
+        return Where(self.x, len(self.done))
+
+    @command
+    def papers(self) -> Any:
+        return {
+            "key": self.context.key,
+            "caller": self.context.caller,
+            "deadline_at": self.context.deadline_at,
+        }
+
+    @command
+    def stumble(self) -> None:
+        raise ZeroDivisionError("a stone")
+
+    @command
+    def babble(self) -> Any:
+        return object()
+
+    @command
+    def insist(self) -> None:
+        """Ignore that it was cancelled."""
+        while True:
+            try:
+                self.sleep(1.0)
+            except VrError:
+                self.done.append("ignored")
+
+    @command
+    def spin(self) -> None:
+        """Compute for ever without asking."""
+        n = 0
+        while True:
+            n += 1
+
+    @command
+    def hang(self) -> None:
+        """Block where nobody can interrupt, until the test lets go."""
+        self.release.wait()
+        self.done.append("hung")
+        self.sleep(1.0)
+        self.done.append("went on")
+
+    @command
+    def long_sum(self) -> int:
+        total = 0
+        while not self.cancelled:
+            total += 1
+        self.check()
+        return total
+
+
+async def test_a_command_is_carried_out_and_its_result_returned(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    assert await client.call("move", {"x": 2}) is None
+    assert await client.call("move", {"x": "-50 cm"}) is None
+    assert await client.call("get_info", {}) == {"x": 1.5, "moves": 2}
+
+
+async def test_progress_is_heard_on_the_way(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    heard: list[tuple[float, str]] = []
+    await realm.client(rover).call("move", {"x": 10}, on_progress=lambda *word: heard.append(word))
+    assert [fraction for fraction, _ in heard][:9] == pytest.approx([n / 10 for n in range(1, 10)])
+    assert heard[0][1] == "rolling"
+
+
+async def test_one_command_at_a_time_in_their_order(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    calls = [asyncio.create_task(realm.client(rover).call("move", {"x": x})) for x in (3, 1, 2)]
+    await asyncio.gather(*calls)
+    assert rover.robot.done == ["move 3", "move 1", "move 2"]
+    assert loop.time() - began >= 6.0
+
+
+async def test_a_reading_command_passes_the_moving_one(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    moving = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
+    await realm.until(lambda: rover.description().busy == "move")
+    assert (await realm.client(rover).call("get_info", {}))["moves"] == 0
+    assert not moving.done()
+    await moving
+
+
+async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    calls = [
+        asyncio.create_task(realm.client(rover).call("move", {"x": 1})) for _ in range(LONGEST_QUEUE + 2)
+    ]
+    results = await asyncio.gather(*calls, return_exceptions=True)
+    assert [type(result) for result in results if result is not None] == [Busy]
+    assert len(rover.robot.done) == LONGEST_QUEUE + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "error", "sentence"),
+    [
+        ("fly", {}, NoSuchCommand, "rover has no command 'fly'; it has: move, get_info"),
+        ("name", {}, NoSuchCommand, "rover has no command 'name'"),
+        ("move", {"x": "10 kg"}, BadArgument, "rover.move: x: kg cannot be turned into m"),
+        (
+            "move",
+            {"x": 11},
+            BadArgument,
+            "rover.move: x: 11 m is out of range; give a number in m from -10 to 10",
+        ),
+        ("move", {"x": math.nan}, BadArgument, "rover.move: x: nan is not a finite number"),
+        ("move", {}, BadArgument, "rover.move: x: is missing"),
+        (
+            "stumble",
+            {},
+            CommandFailed,
+            "rover.stumble failed: ZeroDivisionError: a stone (test_agent_commands.py, line ",
+        ),
+        (
+            "babble",
+            {},
+            CommandFailed,
+            "rover.babble failed: TypeError: the result cannot travel: object is neither",
+        ),
+    ],
+)
+async def test_what_cannot_be_done_is_said_in_one_sentence(
+    realm: Any, name: str, arguments: dict[str, Any], error: type[VrError], sentence: str
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    with pytest.raises(error) as refused:
+        await realm.client(rover).call(name, arguments)
+    assert str(refused.value).startswith(sentence)
+    assert rover.robot.done == []
+    await realm.client(rover).call("move", {"x": 1})  # nothing is lost
+
+
+async def test_what_is_not_done_in_time_is_cancelled(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    waiting = asyncio.create_task(realm.client(rover).call("move", {"x": 1}, deadline=4.0))
+    with pytest.raises(DeadlineExceeded):
+        await realm.client(rover).call("move", {"x": 10}, deadline=3.5)
+    assert loop.time() - began == pytest.approx(3.5, abs=0.1)
+    with pytest.raises(DeadlineExceeded):  # it waited too long
+        await realm.client(rover).call("move", {"x": 9}, deadline=1.0)
+    await asyncio.gather(waiting, return_exceptions=True)
+
+
+@pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan, math.inf])
+async def test_a_deadline_is_a_positive_time(realm: Any, deadline: float) -> None:
+    rover = await realm.start(Rover("rover"))
+    call = realm.client(rover).call("move", {"x": 1}, deadline=deadline)
+    with pytest.raises(DeadlineExceeded):
+        await call
+
+
+async def test_the_same_call_twice_is_carried_out_once_and_answered_twice(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    key = fresh_key()
+    calls = [realm.client(rover).call("move", {"x": 1}, key=key) for _ in range(3)]
+    assert await asyncio.gather(*calls) == [None, None, None]
+    assert await realm.client(rover).call("move", {"x": 1}, key=key) is None  # replayed
+    assert rover.robot.done == ["move 1"]
+    with pytest.raises(KeyReused):
+        await realm.client(rover).call("move", {"x": 2}, key=key)
+
+
+async def test_a_failure_is_replayed_too(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    for _ in range(2):
+        with pytest.raises(CommandFailed):
+            await realm.client(rover).call("stumble", {}, key="k")
+    assert rover.description().calls == {"stumble": 1}
+
+
+async def test_one_way_is_over_when_the_command_is_accepted(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    await realm.client(rover).tell("move", {"x": 5})
+    assert rover.robot.done == []
+    await realm.until(lambda: rover.robot.done == ["move 5"])
+
+
+async def test_a_command_is_cancelled_by_its_key_or_with_all_others(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    calls = [asyncio.create_task(client.call("move", {"x": 10}, key=key)) for key in "abc"]
+    await realm.until(lambda: rover.description().waiting == 2)
+    await client.cancel("b", reason="changed my mind")
+    with pytest.raises(CommandCancelled, match=r"rover.move was cancelled: changed my mind"):
+        await calls[1]
+    await client.cancel()
+    for call in (calls[0], calls[2]):
+        with pytest.raises(CommandCancelled):
+            await call
+    assert rover.robot.done == []
+
+
+async def test_a_caller_that_goes_away_ends_its_command(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    call = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
+    await realm.until(lambda: rover.description().busy == "move")
+    call.cancel()
+    await realm.until(lambda: rover.description().busy == "", within=3.0)
+    assert rover.robot.done == []
+
+
+async def test_a_call_that_comes_after_its_caller_gave_up_is_not_carried_out(realm: Any) -> None:
+    """The robot's process was stopped; when it goes on, it finds the call and the cancel."""
+    rover = await realm.start(Rover("rover"))
+    realm.network.lease = 100.0
+    realm.network.freeze(rover.transport)
+    client = realm.client(rover, patience=1.0)
+    refused = await asyncio.gather(client.call("move", {"x": 1}), return_exceptions=True)
+    assert "did not answer within 1 s" in str(refused[0])
+    realm.network.thaw(rover.transport)
+    await asyncio.sleep(5.0)
+    assert rover.robot.done == []
+
+
+async def test_a_key_that_was_cancelled_before_it_came_stays_so(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    await realm.client(rover).cancel("k", reason="the caller gave up")
+    with pytest.raises(CommandCancelled, match="the caller gave up"):
+        await realm.client(rover).call("move", {"x": 1}, key="k")
+
+
+async def test_a_command_that_asks_whether_it_is_cancelled_ends_by_itself(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    with pytest.raises(DeadlineExceeded):
+        await realm.client(rover).call("long_sum", {}, deadline=0.5)
+
+
+@pytest.mark.parametrize("stubborn", ["insist", "spin"])
+async def test_code_that_does_not_listen_is_interrupted(realm: Any, stubborn: str) -> None:
+    rover = await realm.start(Rover("rover"))
+    with pytest.raises(DeadlineExceeded):
+        await realm.client(rover).call(stubborn, {}, deadline=1.0)
+    await realm.client(rover).call("move", {"x": 1})
+    names = {thread.name for thread in threading.enumerate()}
+    assert f"rover.{stubborn}" not in names
+
+
+async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_more(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    with pytest.raises(DeadlineExceeded):
+        await realm.client(rover).call("hang", {}, deadline=1.0)
+    assert loop.time() - began == pytest.approx(1.0 + GRACE * (ATTEMPTS + 1), abs=0.2)
+    await realm.client(rover).call("move", {"x": 1})
+    rover.robot.release.set()
+    thread = next(thread for thread in threading.enumerate() if thread.name == "rover.hang")
+    thread.join()
+    assert rover.robot.done == ["move 1"]
+
+
+async def test_a_command_knows_its_papers(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    papers = await realm.client(rover).call("papers", {}, deadline=30.0, caller="ahmad", key="k")
+    assert (papers["key"], papers["caller"]) == ("k", "ahmad")
+    assert papers["deadline_at"] == pytest.approx(asyncio.get_running_loop().time() + 30.0, abs=0.5)
+
+
+async def test_calls_are_counted_by_command(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    for _ in range(3):
+        await realm.client(rover).call("get_info", {})
+    await realm.client(rover).call("move", {"x": 1})
+    with pytest.raises(BadArgument):
+        await realm.client(rover).call("move", {"x": 99})
+    assert (await realm.client(rover).describe()).calls == {"get_info": 3, "move": 1}
+
+
+async def test_a_second_robot_of_the_same_name_is_refused(realm: Any) -> None:
+    await realm.start(Rover("rover"))
+    with pytest.raises(DuplicateName, match="a robot named 'rover' is already running"):
+        await realm.start(Rover("rover"))
+    await realm.start(Rover("rover-2"))
+
+
+async def test_a_robot_that_has_children_by_nature_alone_can_be_deleted_or_bound(realm: Any) -> None:
+    rover, other = await realm.start(Rover("rover")), await realm.start(Rover("other"))
+    for question in (
+        realm.client(rover).delete(),
+        realm.client(rover).free("arm"),
+        realm.client(rover).enslave("arm", other.address),
+    ):
+        with pytest.raises(NotVirtual):
+            await question
+
+
+async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    for body in (b"\xff\x00garbage", b"", encode(DescribeHost())):
+        replies = [reply async for reply in realm.operator.request(rover.address.key, body, timeout=5.0)]
+        failed = decode_reply(replies[0], key="rover")
+        assert isinstance(failed, Failed)
+        assert isinstance(failed.revive(), Garbled)
+
+
+async def test_a_robot_that_ends_in_the_middle_says_so_to_its_caller(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    call = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
+    await realm.until(lambda: rover.description().busy == "move")
+    realm.kill(rover)
+    with pytest.raises(CommandFailed, match="it ended in the middle; look where the robot stands"):
+        await call
+
+
+async def test_a_dead_robot_is_unreachable(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client: RobotClient = realm.client(rover)
+    realm.kill(rover)
+    for question in (client.call("move", {"x": 1}), client.describe(), client.safe_stop()):
+        with pytest.raises(VrError, match="nobody answers at robot/rover/"):
+            await question
