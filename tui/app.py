@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Iterable
+from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
@@ -24,6 +25,7 @@ from robotree.tui.screens.dialogs import Reading
 from robotree.tui.screens.help import help_text
 from robotree.tui.screens.main import PANES, MainPage
 from robotree.tui.screens.teleop import TeleopPage
+from robotree.tui.state_files import state_file
 from robotree.tui.store import Store, Weight
 from robotree.tui.teleoperable import bounds
 from robotree.tui.terminal import complain
@@ -47,6 +49,7 @@ class Supervisor(Fenced, App[int]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "stop_unless_typing", "STOP", priority=True, show=False),
         Binding("ctrl+s", "protective_stop", "STOP", priority=True, show=False),
+        Binding("R", "resume", "Resume", show=False),
         Binding("question_mark", "show_help", "Help"),
     ]
 
@@ -218,6 +221,10 @@ class Supervisor(Fenced, App[int]):
         self.tell("protective stop is on its way to every robot", "warning")
         self.do("stop")
 
+    def action_resume(self) -> None:
+        """Release the protective stop, after asking back."""
+        self.ask_for("resume")
+
     def action_show_help(self) -> None:
         """Show all keys and verbs."""
         self.push_screen(Reading("help", help_text(self)))
@@ -239,7 +246,7 @@ class Supervisor(Fenced, App[int]):
             for action in actions:
                 title = f"{group}: {action.verb}" + (f"  ({manual.spell(action.key)})" if action.key else "")
                 yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
-        yield from super().get_system_commands(screen)
+        yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
 
     def _from_palette(self, verb: str) -> None:
         if verb == "stop":
@@ -248,10 +255,26 @@ class Supervisor(Fenced, App[int]):
             self.main.action_verb(verb)
 
 
+LOG_FILE = "supervisor.log"
+"""In `$XDG_STATE_HOME/robotree/REALM`."""
+LOG_SIZE = 1_000_000
+"""Bytes, after which the log begins anew; the one before is kept."""
+
 CRASHES = 3
 """Screens that may end by an error within `CRASH_WINDOW`, before the supervisor gives up."""
 CRASH_WINDOW = 30.0
 """[s]"""
+
+
+def _log_to_a_file(realm: str) -> None:
+    """Write warnings to a file: the terminal belongs to the screen."""
+    path = state_file(realm, LOG_FILE)
+    if path is None:
+        handler: logging.Handler = logging.NullHandler()
+    else:
+        handler = RotatingFileHandler(path, maxBytes=LOG_SIZE, backupCount=1, delay=True, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    logging.getLogger().addHandler(handler)
 
 
 async def supervise(fleet: Fleet, realm: str) -> int:
@@ -260,6 +283,7 @@ async def supervise(fleet: Fleet, realm: str) -> int:
     Returns:
         The exit code.
     """
+    _log_to_a_file(realm)
     store, ends = Store(), list[float]()
     while True:
         app = Supervisor(fleet, realm=realm, store=store)

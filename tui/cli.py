@@ -116,6 +116,9 @@ def _run(work: Coroutine[Any, Any, int]) -> int:
 
 async def _supervise(realm: str) -> int:
     """Join the realm and show the full screen."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        complain("the full screen needs a terminal; here use verbs, for example `robotree ls`")
+        return exit_codes.USAGE
     from robotree.tui.app import supervise
     from robotree.tui.realm import joined
 

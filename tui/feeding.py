@@ -94,4 +94,4 @@ class Feed:
             self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())
         except Exception:  # the last fence of this task: the supervisor goes on with what it knows
             log.exception("a look at the tree failed")
-            self.store.tell("cannot see the tree: see the log file", "error", self.clock())
+            self.store.tell("cannot see the tree: the log file says why", "error", self.clock())

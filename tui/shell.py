@@ -92,12 +92,16 @@ async def once(line: Line, realm: str) -> int:
         The exit code.
     """
     from robotree.tui.realm import joined
+    from robotree.vr.address import ROLES
     from robotree.vr.errors import VrError
 
     console = Console(as_json=line.flag("--json"))
     try:
         async with joined(realm) as fleet:
-            return await carry_out(fleet, line, console)
-    except (VrError, NothingToAsk) as error:
+            if any(fleet.directory.present(role) for role in ROLES):
+                return await carry_out(fleet, line, console)
+        console.error(NothingToAsk(realm))
+    except VrError as error:
         console.error(error)
         return exit_codes.code_of(error)
+    return exit_codes.NOBODY

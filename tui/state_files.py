@@ -20,17 +20,26 @@ def space_file(given: str, realm: str, name: str) -> Path | None:
         name: of the agent.
 
     Returns:
-        The file, in a folder that is there; None: nothing can or shall be kept.
+        The file; None: nothing can or shall be kept.
     """
     if given == NOWHERE:
         return None
-    path = Path(given) if given else _home() / "robotree" / realm / f"{name}.sqlite"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        note(f"calls are not counted over restarts: cannot make {path.parent}: {error.strerror}")
-        return None
+    if given:
+        return Path(given)
+    path = state_file(realm, f"{name}.sqlite")
+    if path is None:
+        note("calls are not counted over restarts: the folder for them cannot be made; give --space FILE")
     return path
+
+
+def state_file(realm: str, name: str) -> Path | None:
+    """Return a file of this name in the realm's folder, which is there then; None: it cannot be made."""
+    folder = _home() / "robotree" / realm
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder / name
 
 
 def _home() -> Path:

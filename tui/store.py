@@ -119,9 +119,9 @@ class Store:
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
         """Take which lookup services live."""
-        if stale and not self.stale:
+        if stale and self.services:
             self.tell("no lookup service is left: the lists may be old", "error", now)
-        if self.stale and not stale:
+        if self.orphaned and not stale:
             self.tell("a lookup service is back", "good", now)
         self.services, self.stale = tuple(sorted(services)), stale
         self.revision += 1
@@ -159,6 +159,11 @@ class Store:
         self.revision += 1
 
     # -- what is asked -----------------------------------------------------------------------------
+
+    @property
+    def orphaned(self) -> bool:
+        """Whether there is somebody, but no lookup service that would say so."""
+        return self.stale and bool(self.robots or self.views or self.descriptions)
 
     @property
     def stopped(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from robotree.tui.widgets.tabs import TabLine, TabName
 from robotree.tui.widgets.views_pane import ViewsPane
 
 PANES = ("robots", "tree", "views", "log")
-GLOBAL = {"stop", "help"}
+GLOBAL = {"stop", "resume", "help"}
 """Verbs whose keys belong to the whole program, not to this page."""
 
 EMPTY = """\

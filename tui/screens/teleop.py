@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import degrees
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from rich.text import Text
 from textual import on, work
@@ -145,8 +145,9 @@ class TeleopPage(Page):
         except VrError as error:
             self._tell(str(error))
             return None
-        if isinstance(info, Mapping) and set(AXES) <= info.keys():
-            return {axis: float(info[axis]) for axis in AXES}
+        told = cast("dict[str, Any]", info) if isinstance(info, Mapping) else {}
+        if set(AXES) <= told.keys():
+            return {axis: float(told[axis]) for axis in AXES}
         self._tell(f"{self.robot.name}.{GET_INFO} does not tell x, y, z and twist")
         return None
 

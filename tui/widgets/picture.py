@@ -32,6 +32,9 @@ SMALLEST, LARGEST = 96, 480
 AGAIN = 1.0
 """[s] before a view that did not answer is asked again."""
 
+WATCH = "watch"
+"""Group of the worker that fetches the pictures."""
+
 Fetch = Callable[[int, int], Awaitable[Picture]]
 """Fetches a picture of about this width and height [px]."""
 
@@ -65,7 +68,7 @@ class PictureView(Fenced, Widget):
         self._fetch, self._rows, self._message = fetch, [], message
         self.refresh()
         if fetch is None:
-            self.workers.cancel_node(self)
+            self.workers.cancel_group(self, WATCH)
         else:
             self._keep_looking()
 
@@ -74,7 +77,7 @@ class PictureView(Fenced, Widget):
         """Whether somebody can see this widget now."""
         return self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
 
-    @work(exclusive=True, exit_on_error=False)
+    @work(exclusive=True, exit_on_error=False, group=WATCH)
     async def _keep_looking(self) -> None:
         while self._fetch is not None:
             began = time.monotonic()

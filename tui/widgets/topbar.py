@@ -46,7 +46,7 @@ class Banner(Fenced, Static):
         if store.stopped:
             names = ", ".join(store.stopped)
             lines.append(f"■ PROTECTIVE STOP: {names} — R releases")
-        if store.stale:
+        if store.orphaned:
             lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
         self.display = bool(lines)
         self.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))
