@@ -13,10 +13,10 @@ from functools import partial
 from robotree.vr.address import Address, check_name
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.errors import DuplicateName, Unreachable, VrError
+from robotree.vr.errors import DuplicateName, Unreachable
 from robotree.vr.host.agent import RobotAgent
 from robotree.vr.host.answering import answering, not_for
-from robotree.vr.host.claim import claim, expect_free, new_address, outlast
+from robotree.vr.host.claim import claim, expect_free, new_address
 from robotree.vr.host.listed import Listings
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
@@ -133,13 +133,9 @@ class Host:
         watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
         self._watchers.add(watcher)
         watcher.add_done_callback(self._watchers.discard)
-        try:
-            await outlast(self._transport, agent.address)
-            if not self._open:
-                raise Unreachable(key=self.address.key)
-        except VrError:
+        if not self._open:  # the host has ended meanwhile
             await agent.close()
-            raise
+            raise Unreachable(key=self.address.key)
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
