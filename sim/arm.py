@@ -143,12 +143,13 @@ class Arm:
         ports.torque[:] = effort.torque
         self._load, self._error = effort.load, effort.error
         self._waited = 0.0 if self._follower.moving else self._waited + dt
-        self._still = self._still + dt if float(np.abs(ports.v).max()) < SETTLED else 0.0
+        speeds: list[float] = ports.v.tolist()
+        at_rest = self._waited > 0.0 and max(*speeds, -min(speeds)) < SETTLED
+        self._still = self._still + dt if at_rest else 0.0
         self._position[:], self._rotation[:] = dynamics.position, dynamics.rotation
         width, speed = 2.0 * float(ports.finger[0]), 2.0 * float(ports.finger_speed[0])
         ports.finger_target[0] = 0.5 * self._gripper.advance(dt, width, speed)
-        force = ports.contact[:, 3:].sum(axis=0)
-        self._peak = max(self._peak, math.sqrt(float(force @ force)))
+        self._peak = max(self._peak, math.hypot(*np.add.reduce(ports.contact).tolist()))
 
     def state(self) -> ArmState:
         """One reading, not changed by later steps."""

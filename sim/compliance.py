@@ -111,8 +111,8 @@ class NaturalAdmittance:
         error[:3] = attractor.pose[:3] - dynamics.position
         error[3:] = pin.log3(tool_down(float(attractor.pose[3])) @ dynamics.rotation.T)
         force = self._stiffness * error
-        pull = math.sqrt(float(force[:3] @ force[:3])) / FORCE_LIMIT
-        turn = math.sqrt(float(force[3:] @ force[3:])) / TORQUE_LIMIT
+        fx, fy, fz, tx, ty, tz = force.tolist()
+        pull, turn = math.hypot(fx, fy, fz) / FORCE_LIMIT, math.hypot(tx, ty, tz) / TORQUE_LIMIT
         if pull > 1.0:
             force[:3] /= pull
         if turn > 1.0:
@@ -121,10 +121,11 @@ class NaturalAdmittance:
         slip[:3] -= attractor.velocity[:3]
         slip[5] -= attractor.velocity[3]
         force -= self._damping * slip
-        wanted = jacobian.T @ force
+        transposed = jacobian.T
+        wanted = transposed @ force
         wanted[ROLL] -= self._roll_stiffness * q[ROLL] + self._roll_damping * v[ROLL]
         self._reference += dt * (
-            dynamics.mass_inverse @ (wanted + jacobian.T @ wrench) + self._leak * (v - self._reference)
+            dynamics.mass_inverse @ (wanted + transposed @ wrench) + self._leak * (v - self._reference)
         )
         torque = wanted + dynamics.bias + self._beta * (dynamics.mass @ (self._reference - v))
         return Effort(torque, max(pull, turn), error[:3])

@@ -1,11 +1,12 @@
 """Paths and the leash on which the attractor follows them.
 
-A path is jerk-limited (ruckig, Berscheid and Kroeger 2021) with all axes in phase, so that from rest it is
-straight in its own coordinates; ruckig's default, time synchronisation, would bend a 0.37 m move by 5 mm. The
-leash stretches a path's time: as the spring between tool and attractor fills from 60 % to 100 % of its limit,
-the path slows from full speed to a stop, so an arm that is blocked or pushed away resumes where it is instead
-of jumping after a set-point that has run ahead. The attractor's velocity is scaled likewise (unscaled it
-would add its damping force, 28 N instead of 15 N at the table).
+A path is jerk-limited (ruckig, Berscheid and Kroeger 2021) and, from rest, straight in its own coordinates:
+one share of the way is moved, not each axis by itself, which would bend a 0.37 m move by 5 mm (ruckig's phase
+synchronisation falls back to that in a percent of all moves). The leash stretches a path's time: as the
+spring between tool and attractor fills from 60 % to 100 % of its limit, the path slows from full speed to a
+stop, so an arm that is blocked or pushed away resumes where it is instead of jumping after a set-point that
+has run ahead. The attractor's velocity is scaled likewise (unscaled it would add its damping force, 28 N
+instead of 15 N at the table).
 
 Pure: positions, seconds and loads in, set-points out.
 """
@@ -24,6 +25,8 @@ LEASH_SLACK: Final = 0.6
 """Load of the spring, as a share of its limit, at which a path begins to wait."""
 BLOCKED_AFTER: Final = 2.0
 """[s] at a standstill with the leash taut after which the way counts as blocked."""
+_NOWHERE: Final = 1e-9
+"""[m, rad] that an axis may move without limiting the others."""
 _STANDSTILL: Final = 0.02
 """Share of the path's own pace below which it stands."""
 
@@ -65,6 +68,9 @@ class Path(Protocol):
 class Line:
     """A jerk-limited path, straight in its own coordinates when it starts from rest.
 
+    From rest one number, the share of the way, is moved under the tightest of the limits. From a motion,
+    which may lead elsewhere, the axes are moved together, each under its own.
+
     Args:
         start: where it starts and how fast; a start in motion is continued without a jump in velocity.
         goal: where it ends, at rest.
@@ -72,17 +78,16 @@ class Line:
     """
 
     def __init__(self, start: Setpoint, goal: Vector, limits: Limits) -> None:
-        axes = len(goal)
-        wish = ruckig.InputParameter(axes)
-        wish.current_position, wish.current_velocity = start.pose.tolist(), start.velocity.tolist()
-        wish.target_position = goal.tolist()
-        wish.max_velocity = list(limits.velocity)
-        wish.max_acceleration = list(limits.acceleration)
-        wish.max_jerk = list(limits.jerk)
-        wish.synchronization = ruckig.Synchronization.Phase
-        self._trajectory = ruckig.Trajectory(axes)
-        ruckig.Ruckig(axes).calculate(wish, self._trajectory)
-        self._goal = goal
+        self._start, self._goal, self._way = start.pose, goal, goal - start.pose
+        self._straight = not start.velocity.any()
+        if self._straight:
+            origin, speed, target = [0.0], [0.0], [1.0]
+            shares = map(self._tightest, (limits.velocity, limits.acceleration, limits.jerk))
+            bounds = Limits(*shares)
+        else:
+            origin, speed, target = start.pose.tolist(), start.velocity.tolist(), goal.tolist()
+            bounds = limits
+        self._trajectory = _trajectory(origin, speed, target, bounds)
 
     @property
     def duration(self) -> float:
@@ -96,8 +101,32 @@ class Line:
 
     def at(self, time: float) -> Setpoint:
         """The set-point `time` [s] after the start."""
-        pose, velocity, _ = self._trajectory.at_time(time)
-        return Setpoint(np.array(pose), np.array(velocity))
+        place, speed, _ = self._trajectory.at_time(time)
+        if self._straight:
+            return Setpoint(self._start + place[0] * self._way, speed[0] * self._way)
+        return Setpoint(np.array(place), np.array(speed))
+
+    def _tightest(self, limits: Sequence[float]) -> tuple[float]:
+        """The bound on the share of the way, from those of the axes."""
+        shares = [
+            limit / abs(way)
+            for limit, way in zip(limits, self._way.tolist(), strict=True)
+            if abs(way) > _NOWHERE
+        ]
+        return (min(shares, default=1.0),)
+
+
+def _trajectory(
+    origin: list[float], speed: list[float], target: list[float], limits: Limits
+) -> ruckig.Trajectory:
+    axes = len(target)
+    wish = ruckig.InputParameter(axes)
+    wish.current_position, wish.current_velocity, wish.target_position = origin, speed, target
+    wish.max_velocity, wish.max_acceleration = list(limits.velocity), list(limits.acceleration)
+    wish.max_jerk = list(limits.jerk)
+    trajectory = ruckig.Trajectory(axes)
+    ruckig.Ruckig(axes).calculate(wish, trajectory)
+    return trajectory
 
 
 class Arc:

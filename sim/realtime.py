@@ -59,6 +59,7 @@ class RealTime:
         controller: from now on touched by that thread alone, but for `post`.
         tell: called in that thread with what there is to say after a batch.
         fail: called in that thread with what ended it, if something did.
+        hurry: seconds of the world in a second.
     """
 
     def __init__(
@@ -66,10 +67,12 @@ class RealTime:
         controller: Controller,
         tell: Callable[[list[Outgoing]], None],
         fail: Callable[[Exception], None],
+        hurry: float = 1.0,
     ) -> None:
         self._controller, self._tell, self._fail = controller, tell, fail
         self._over = threading.Event()
-        self._pacer = Pacer(BATCH * float(controller.cell.model.opt.timestep), time.monotonic())
+        period = BATCH * float(controller.cell.model.opt.timestep) / hurry
+        self._pacer = Pacer(period, time.monotonic())
         self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
         self._thread.start()
 

@@ -139,9 +139,7 @@ class Rover:
         fraction = self._follower.progress
         short = float(np.linalg.norm(self._follower.setpoint.pose - self._ports.position))
         if self._follower.blocked or self._waited > SETTLE_WITHIN:
-            return Progress(
-                fraction, done=True, reason=Reason.BLOCKED, text="Something stands in the way."
-            )
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text="Something stands in the way.")
         standing = float(np.abs(self._ports.velocity).max()) < SETTLED
         if self._follower.moving:
             return Progress(fraction)

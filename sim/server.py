@@ -122,7 +122,7 @@ class Connection:
 class Server:
     """A controller on the wire. Made by `serving`."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, hurry: float) -> None:
         self._controller = controller
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
@@ -131,7 +131,7 @@ class Server:
         """Where it listens, with the port that was really taken."""
         self.failure: asyncio.Future[None] = self._loop.create_future()
         """Raises what ended the physics, if something does."""
-        self._realtime = RealTime(controller, self._tell, self._fail)
+        self._realtime = RealTime(controller, self._tell, self._fail, hurry)
 
     @property
     def pace(self) -> Pace:
@@ -175,7 +175,13 @@ class Server:
 
 @asynccontextmanager
 async def serving(
-    kind: str, url: str, *, system: int = SYSTEM, silence: float = SILENCE, exposed: bool = False
+    kind: str,
+    url: str,
+    *,
+    system: int = SYSTEM,
+    silence: float = SILENCE,
+    hurry: float = 1.0,
+    exposed: bool = False,
 ) -> AsyncGenerator[Server]:
     """A simulated controller that is up inside the block.
 
@@ -184,6 +190,7 @@ async def serving(
         url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
         system: MAVLink system id.
         silence: of the link after which the robot holds by itself [s].
+        hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
 
     Yields:
@@ -194,7 +201,7 @@ async def serving(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    server = Server(kind_of(kind).build(system, silence))
+    server = Server(kind_of(kind).build(system, silence), hurry)
     try:
         try:
             listener = await listen(url, server.accept, exposed=exposed)
@@ -216,6 +223,7 @@ async def serve(
     ready: Callable[[str], None],
     system: int = SYSTEM,
     silence: float = SILENCE,
+    hurry: float = 1.0,
     exposed: bool = False,
 ) -> None:
     """Simulate a controller until cancelled.
@@ -226,6 +234,7 @@ async def serve(
         ready: told the address once it listens there.
         system: MAVLink system id.
         silence: of the link after which the robot holds by itself [s].
+        hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
 
     Raises:
@@ -233,6 +242,6 @@ async def serve(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    async with serving(kind, url, system=system, silence=silence, exposed=exposed) as server:
+    async with serving(kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed) as server:
         ready(server.address)
         await server.failure

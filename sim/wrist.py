@@ -29,7 +29,7 @@ class WristSensor:
 
     def __init__(self, mass: float, centre: Vector) -> None:
         self._weight = mass * GRAVITY
-        self._centre = centre
+        self._moment = self._weight * centre
         self._filtered: Vector = np.zeros(6)
 
     def update(self, force: Vector, torque: Vector, rotation: Matrix) -> Vector:
@@ -43,19 +43,12 @@ class WristSensor:
         Returns:
             (6,) force [N] and torque [N m] of the world on the hand, at the tool point, along the axes of W.
         """
-        f, n = rotation @ force, rotation @ torque
-        x, y, _ = rotation @ self._centre
-        rx, ry, rz = TOOL_OFFSET * rotation[:, 2]
-        fx, fy, fz = -f[0], -f[1], self._weight - f[2]
-        now = np.array(
-            (
-                fx,
-                fy,
-                fz,
-                y * self._weight - n[0] - (ry * fz - rz * fy),
-                -x * self._weight - n[1] - (rz * fx - rx * fz),
-                -n[2] - (rx * fy - ry * fx),
-            )
-        )
-        self._filtered += SMOOTHING * (now - self._filtered)
+        # Scalars, because at this size numpy's calls cost more than the arithmetic.
+        fx, fy, fz = (-(rotation @ force)).tolist()
+        nx, ny, nz = (-(rotation @ torque)).tolist()
+        mx, my, _ = (rotation @ self._moment).tolist()
+        rx, ry, rz = (TOOL_OFFSET * rotation[:, 2]).tolist()
+        fz += self._weight
+        turn = (nx + my - ry * fz + rz * fy, ny - mx - rz * fx + rx * fz, nz - rx * fy + ry * fx)
+        self._filtered += SMOOTHING * (np.array((fx, fy, fz, *turn)) - self._filtered)
         return self._filtered

@@ -33,8 +33,8 @@ class ArmPorts:
         finger_force: (1,) force of the gripper's servo on its tendon [N]; half of it reaches each finger.
         wrist_force: (3,) what link6 exerts on the hand, in the sensor's frame [N].
         wrist_torque: (3,) the same, torque [N m].
-        contact: (n, 6) torque and force of contacts (and applied pushes) on the bodies of the hand, axes of W
-            [N m, N]; the physics computes them for the wrist sensor.
+        contact: (n, 3) force of contacts (and applied pushes) on each of the n bodies of the hand, axes of W
+            [N]; the physics computes it for the wrist sensor.
         hand_bodies: ids of those bodies.
         hand_mass: mass beyond the wrist sensor [kg].
         hand_centre: (3,) its centre of mass in the sensor's frame [m].
@@ -78,7 +78,7 @@ def bind(model: mujoco.MjModel, data: mujoco.MjData, prefix: str = PREFIX) -> Ar
         finger_force=data.actuator_force[grip : grip + 1],
         wrist_force=data.sensordata[force : force + 3],
         wrist_torque=data.sensordata[torque : torque + 3],
-        contact=data.cfrc_ext[bodies],
+        contact=data.cfrc_ext[bodies, 3:],
         hand_bodies=bodies,
         hand_mass=float(model.body_subtreemass[hand]),
         hand_centre=np.asarray(rotation.T @ (data.subtree_com[hand] - data.site_xpos[sensor])),

@@ -1,4 +1,4 @@
-"""The law's promises: bounded force at any error, 20 mm for 10 N, back again, and the sensor tells the truth."""
+"""The law's promises: bounded force at any error, 20 mm for 10 N and back again, a sensor that is right."""
 
 from __future__ import annotations
 

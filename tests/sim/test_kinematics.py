@@ -68,9 +68,7 @@ def test_the_jacobian_is_the_pose_differentiated(q: Vector, seed: int) -> None:
 @settings(deadline=None)
 def test_a_downward_pose_is_found_again_from_nearby(q: Vector, nudge: int) -> None:
     position, rotation = KINEMATICS.pose(q)
-    seed = np.clip(
-        q + np.random.default_rng(nudge).uniform(-0.2, 0.2, 6), KINEMATICS.lower, KINEMATICS.upper
-    )
+    seed = np.clip(q + np.random.default_rng(nudge).uniform(-0.2, 0.2, 6), KINEMATICS.lower, KINEMATICS.upper)
     found = KINEMATICS.solve(position, rotation, seed)
     assert found.reached
     reached, turned = KINEMATICS.pose(found.q)

@@ -90,6 +90,7 @@ class MjData:
     cam_xpos: _Array
     cfrc_ext: _Array
     ctrl: _Array
+    qacc: _Array
     qfrc_bias: _Array
     qpos: _Array
     qvel: _Array

@@ -3,10 +3,6 @@
 
 from enum import Enum
 
-class Synchronization(Enum):
-    Phase = ...
-    Time = ...
-
 class Result(Enum):
     Working = ...
     Finished = ...
@@ -18,7 +14,6 @@ class InputParameter:
     max_velocity: list[float]
     max_acceleration: list[float]
     max_jerk: list[float]
-    synchronization: Synchronization
     def __init__(self, degrees_of_freedom: int) -> None: ...
 
 class Trajectory:

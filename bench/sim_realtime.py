@@ -1,0 +1,114 @@
+"""How much faster than real time the simulated cells are, and what pictures and plans cost.
+
+    python bench/sim_realtime.py [--json]
+
+The real-time factor is that of physics and control alone, in processor time of one thread and by the wall
+clock; the bound is 10. The best of several repetitions counts: a busy machine only ever makes it slower.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable
+
+from robotree.protocol.messages import Verb
+from robotree.sim.camera import Studio, jpeg
+from robotree.sim.cell import Cell
+from robotree.sim.testing import ArmBench, RoverBench
+
+BOUND = 10.0
+REPETITIONS = 5
+SECONDS = 1.0
+SIZES = ((96, 54), (160, 90), (320, 180), (640, 360))
+
+
+def factor(cell: Cell) -> dict[str, float]:
+    """Simulated seconds per second."""
+    processor, wall = [], []
+    for _ in range(REPETITIONS):
+        began, began_wall = time.thread_time(), time.perf_counter()
+        cell.advance(round(1000 * SECONDS))
+        processor.append(time.thread_time() - began)
+        wall.append(time.perf_counter() - began_wall)
+    return {"factor": SECONDS / min(processor), "wall_factor": SECONDS / min(wall)}
+
+
+def at_rest() -> Cell:
+    """The arm holds."""
+    return ArmBench().world.cell
+
+
+def moving() -> Cell:
+    """The arm is on its way as slowly as it can be."""
+    bench = ArmBench()
+    bench.operator.ask(Verb.GO_TO, 0.4, -0.2, 0.3, 1.0, 0.02)
+    bench.operator.wait(0.5)
+    return bench.world.cell
+
+
+def gripping() -> Cell:
+    """The arm holds the lever's handle: contacts."""
+    bench = ArmBench()
+    bench.operator.succeed(Verb.GRIP, 0.07)
+    bench.operator.succeed(Verb.GO_TO, 0.279, 0.10, 0.321, math.pi / 2)
+    bench.operator.succeed(Verb.GO_TO, 0.279, 0.10, 0.221, math.pi / 2, 0.05)
+    bench.operator.succeed(Verb.GRIP, 0.0)
+    return bench.world.cell
+
+
+def driving() -> Cell:
+    """The rover drives."""
+    bench = RoverBench()
+    bench.operator.ask(Verb.MOVE, 1.4, 0.5, 0.01)
+    bench.operator.wait(0.5)
+    return bench.world.cell
+
+
+def fastest(work: Callable[[], object]) -> float:
+    """Least processor time of several calls [ms]."""
+    costs = []
+    for _ in range(REPETITIONS):
+        began = time.thread_time()
+        work()
+        costs.append(time.thread_time() - began)
+    return 1e3 * min(costs)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    as_json = parser.parse_args().json
+    cells = {
+        "arm at rest": at_rest(),
+        "arm moving": moving(),
+        "arm gripping": gripping(),
+        "rover driving": driving(),
+    }
+    factors = {name: factor(cell) for name, cell in cells.items()}
+    resting = cells["arm at rest"]
+    pictures = {}
+    for width, height in SIZES:
+        studio = Studio(resting.model)
+        pictures[f"{width}x{height}"] = fastest(
+            lambda studio=studio, w=width, h=height: jpeg(studio.picture(resting.published, "cell", w, h), 75)
+        )
+    nan = float("nan")
+    arm = ArmBench().world.arm
+    plan = fastest(lambda: arm.prepare(Verb.GO_TO, (0.3, 0.3, 0.2, 0.5, nan, nan, nan)))
+    if as_json:
+        print(json.dumps({"bound": BOUND, "factors": factors, "picture_ms": pictures, "plan_ms": plan}))
+        return
+    for name, values in factors.items():
+        verdict = "" if values["factor"] >= BOUND else f", below the bound of {BOUND:g}"
+        print(f"{name:14} {values['factor']:6.1f} x real time, {values['wall_factor']:.1f} by wall{verdict}")
+    for size, cost in pictures.items():
+        print(f"picture {size:>8} {cost:6.1f} ms")
+    print(f"plan of a line {plan:8.1f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Stopping, holding, being silent; and how often the controller speaks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from robotree.protocol import Frame
+from robotree.protocol.messages import (
+    GoalState,
+    Gripper,
+    Heartbeat,
+    Joints,
+    MavAutopilot,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    NamedValueFloat,
+    Reason,
+    SetMode,
+    Statustext,
+    Timesync,
+    Tool,
+    Verb,
+)
+from robotree.sim.testing import ArmBench
+
+AWAY = (0.35, -0.25, 0.35, 0.5)
+STRANGER = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+
+
+def test_a_safe_stop_is_obeyed_from_anyone_whatever_the_epoch(arm: ArmBench) -> None:
+    operator = arm.operator
+    running = operator.ask(Verb.GO_TO, *AWAY, epoch=9)
+    operator.wait(0.8)
+    arm.controller.post(
+        Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP), system=77, component=5), "another link"
+    )
+    ended = operator.end_of(running, within=0.1)
+    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.STOPPED)
+    assert operator.mode() == (ModeKind.SAFE_STOP, Reason.OPERATOR)
+    stopped = arm.world.arm.state().position
+    operator.wait(2.0)
+    assert np.linalg.norm(arm.world.arm.state().position - stopped) < 0.03
+
+
+def test_while_stopped_goals_are_refused_until_a_lease_that_is_not_stale_releases_it(arm: ArmBench) -> None:
+    operator = arm.operator
+    operator.do(Verb.GRIP, 0.05, epoch=5)
+    operator.set_mode(ModeKind.SAFE_STOP, epoch=0)
+    operator.wait(0.1)
+    refused = operator.do(Verb.GO_TO, *AWAY, epoch=5)
+    assert (refused.state, refused.reason) == (GoalState.REFUSED, Reason.STOPPED)
+    operator.set_mode(ModeKind.READY, epoch=4)
+    operator.wait(0.1)
+    stale = [m for _, m in operator.heard if isinstance(m, Mode) and m.reason == Reason.STALE_EPOCH]
+    assert len(stale) == 1
+    assert operator.latest(Mode).mode == ModeKind.SAFE_STOP
+    operator.set_mode(ModeKind.READY, epoch=6)
+    operator.wait(0.1)
+    assert operator.mode() == (ModeKind.READY, Reason.NONE)
+    assert operator.do(Verb.GO_TO, *AWAY, epoch=6).state == GoalState.SUCCEEDED
+
+
+def test_a_stopped_arm_keeps_what_it_holds(arm: ArmBench) -> None:
+    operator = arm.operator
+    operator.succeed(Verb.GRIP, 0.07)
+    operator.succeed(Verb.GO_TO, 0.279, 0.10, 0.321, math.pi / 2)
+    operator.succeed(Verb.GO_TO, 0.279, 0.10, 0.221, math.pi / 2, 0.05)
+    operator.succeed(Verb.GRIP, 0.0)
+    operator.set_mode(ModeKind.SAFE_STOP)
+    operator.wait(1.0)
+    assert arm.world.arm.state().grip_force > 5.0
+
+
+def test_a_stopped_arm_still_yields(arm: ArmBench) -> None:
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(2.0)
+    before = arm.world.arm.state().position
+    arm.world.cell.data.xfrc_applied[arm.world.cell.model.body("arm/hand").id, 0] = 10.0
+    arm.operator.wait(4.0)
+    assert arm.world.arm.state().position[0] - before[0] == pytest.approx(0.020, abs=0.001)
+
+
+@pytest.mark.parametrize("silence", [2.0, 0.5])
+def test_a_silent_commander_loses_the_arm(silence: float) -> None:
+    arm = ArmBench(silence=silence)
+    operator = arm.operator
+    if silence < 1.0:
+        operator.silent = True  # its goal is the only word it says
+    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.02)
+    operator.wait(0.1)
+    operator.silent = True
+    asked = operator.now
+    ended = operator.end_of(running, within=silence + 1.1)
+    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
+    assert operator.now - asked == pytest.approx(silence, abs=0.2)
+    assert operator.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+    assert operator.latest(Mode).silence_ms == round(1000 * silence)
+    held = arm.world.arm.state().position
+    operator.wait(3.0)
+    assert np.linalg.norm(arm.world.arm.state().position - held) < 0.01
+
+
+def test_another_voice_does_not_hide_that_the_commander_has_died(arm: ArmBench) -> None:
+    operator = arm.operator
+    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.02)
+    operator.wait(0.1)
+    operator.silent = True
+    for _ in range(6):
+        arm.controller.post(Frame.of(STRANGER, system=77), "another link")
+        operator.wait(0.5)
+    assert operator.status_of(running).reason == Reason.LINK_SILENT
+
+
+def test_a_commander_that_comes_back_on_another_link_is_the_same(arm: ArmBench) -> None:
+    operator = arm.operator
+    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.05)
+    operator.wait(0.1)
+    operator.silent = True
+    for _ in range(6):
+        arm.controller.post(Frame.of(STRANGER, system=255, component=190), "another link")
+        operator.wait(0.5)
+    assert operator.status_of(running).state == GoalState.ACTIVE
+
+
+def test_the_next_goal_ends_the_hold(arm: ArmBench) -> None:
+    operator = arm.operator
+    operator.wait(0.1)
+    operator.silent = True
+    operator.wait(4.0)
+    assert operator.mode()[0] == ModeKind.HOLD
+    operator.silent = False
+    operator.succeed(Verb.GO_TO, *AWAY)
+    operator.wait(0.1)
+    assert operator.mode() == (ModeKind.READY, Reason.NONE)
+
+
+def test_where_nobody_ever_spoke_nobody_is_missed(arm: ArmBench) -> None:
+    arm.operator.silent = True
+    arm.operator.wait(5.0)
+    assert arm.operator.mode() == (ModeKind.READY, Reason.NONE)
+
+
+def test_people_are_told_of_stops_and_silence(arm: ArmBench) -> None:
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(0.1)
+    assert any(isinstance(m, Statustext) and "Safe stop" in m.text for _, m in arm.operator.heard)
+
+
+def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:
+    arm.operator.wait(10.0)
+    counts = {
+        kind: sum(isinstance(m, kind) for _, m in arm.operator.heard)
+        for kind in (Joints, Tool, Gripper, NamedValueFloat, Mode, Heartbeat)
+    }
+    per_second = {kind: count / 10.0 for kind, count in counts.items()}
+    assert per_second[Joints] == pytest.approx(50, rel=0.02)
+    assert per_second[Tool] == pytest.approx(50, rel=0.02)
+    assert per_second[Gripper] == pytest.approx(10, rel=0.05)
+    assert per_second[NamedValueFloat] == pytest.approx(20, rel=0.05)
+    assert per_second[Mode] == pytest.approx(2, rel=0.2)
+    assert per_second[Heartbeat] == pytest.approx(1, rel=0.2)
+
+
+def test_the_tool_is_told_as_it_is(arm: ArmBench) -> None:
+    arm.operator.succeed(Verb.GO_TO, *AWAY)
+    arm.operator.wait(1.0)
+    tool = arm.operator.latest(Tool)
+    np.testing.assert_allclose((tool.x, tool.y, tool.z), AWAY[:3], atol=0.002)
+    w, x, y, z = np.array(tool.q) / 32767
+    assert math.hypot(w, x, y, z) == pytest.approx(1.0, abs=1e-3)
+    assert math.atan2(-2 * (x * y - w * z), 1 - 2 * (x * x + z * z)) == pytest.approx(AWAY[3], abs=0.01)
+    joints = arm.operator.latest(Joints)
+    assert joints.count == 6
+    np.testing.assert_allclose(joints.position[:6], arm.world.arm.state().q, atol=1e-3)
+    values = {m.name: m.value for _, m in arm.operator.heard if isinstance(m, NamedValueFloat)}
+    assert values["lever"] == pytest.approx(-0.787, abs=0.01)
+    assert values["peak_f"] == 0.0
+
+
+def test_the_controllers_clock_can_be_asked_for(arm: ArmBench) -> None:
+    arm.operator.wait(3.0)
+    arm.operator.say(Timesync(tc1=0, ts1=42))
+    arm.operator.wait(0.1)
+    answer = arm.operator.latest(Timesync)
+    assert answer.ts1 == 42
+    assert answer.tc1 == pytest.approx(3.0e9, abs=0.05e9)

@@ -1,0 +1,140 @@
+"""Paths keep their limits and never jump; the leash waits, and never lets the set-point run away."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from robotree.sim.motion import BLOCKED_AFTER, Arc, Follower, Limits, Line, Path, Setpoint
+from robotree.sim.vectors import Vector
+
+LIMITS = Limits((0.2, 0.2, 0.2, 1.2), (0.8, 0.8, 0.8, 4.0), (6.0, 6.0, 6.0, 40.0))
+DT = 0.001
+
+
+def poses() -> st.SearchStrategy[Vector]:
+    """Around the base, not closer than 0.2 m."""
+
+    def place(radius: float, azimuth: float, z: float, twist: float) -> Vector:
+        return np.array((radius * math.cos(azimuth), radius * math.sin(azimuth), z, twist))
+
+    return st.builds(place, st.floats(0.2, 0.6), st.floats(-3, 3), st.floats(0.05, 0.5), st.floats(-3, 3))
+
+
+def velocities() -> st.SearchStrategy[Vector]:
+    return st.tuples(*[st.floats(-0.15, 0.15)] * 3, st.floats(-1, 1)).map(np.array)
+
+
+def at_rest(pose: Vector) -> Setpoint:
+    return Setpoint(pose, np.zeros(4))
+
+
+def samples(path: Path, count: int = 200) -> list[Setpoint]:
+    return [path.at(path.duration * i / count) for i in range(count + 1)]
+
+
+@pytest.mark.parametrize("shape", [Line, Arc])
+@given(start=poses(), goal=poses(), velocity=velocities())
+def test_a_path_leads_from_the_start_as_it_moves_to_the_goal_at_rest(
+    shape: type[Line | Arc], start: Vector, goal: Vector, velocity: Vector
+) -> None:
+    path = shape(Setpoint(start, velocity), goal, LIMITS)
+    begin, end = path.at(0.0), path.at(path.duration)
+    np.testing.assert_allclose(begin.pose, start, atol=1e-9)
+    np.testing.assert_allclose(begin.velocity, velocity, atol=1e-9)
+    np.testing.assert_allclose(end.pose, goal, atol=1e-6)
+    np.testing.assert_allclose(end.velocity, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [Line, Arc])
+@given(start=poses(), goal=poses())
+def test_the_velocity_is_the_pose_differentiated(
+    shape: type[Line | Arc], start: Vector, goal: Vector
+) -> None:
+    path = shape(at_rest(start), goal, LIMITS)
+    assume(path.duration > 0.1)
+    h = 1e-5
+    for time in np.linspace(h, path.duration - h, 9):
+        slope = (path.at(time + h).pose - path.at(time - h).pose) / (2 * h)
+        np.testing.assert_allclose(path.at(time).velocity, slope, atol=1e-3)
+
+
+@given(start=poses(), goal=poses())
+def test_a_line_from_rest_is_straight_and_keeps_its_speed(start: Vector, goal: Vector) -> None:
+    path = Line(at_rest(start), goal, LIMITS)
+    chord = goal - start
+    for setpoint in samples(path):
+        along = (setpoint.pose - start) @ chord / max(float(chord @ chord), 1e-12)
+        np.testing.assert_allclose(setpoint.pose, start + along * chord, atol=1e-9)
+        assert (np.abs(setpoint.velocity) <= np.array(LIMITS.velocity) + 1e-6).all()
+
+
+@given(start=poses(), goal=poses())
+def test_an_arc_never_comes_closer_to_the_base_than_its_ends(start: Vector, goal: Vector) -> None:
+    nearest = min(math.hypot(*start[:2]), math.hypot(*goal[:2]))
+    for setpoint in samples(Arc(at_rest(start), goal, LIMITS)):
+        assert math.hypot(*setpoint.pose[:2]) >= nearest - 1e-6
+
+
+def test_a_slack_leash_changes_nothing() -> None:
+    path = Line(at_rest(np.array((0.3, 0.0, 0.3, 0.0))), np.array((0.3, 0.2, 0.3, 0.5)), LIMITS)
+    follower = Follower(path.at(0.0).pose)
+    follower.follow(path)
+    steps = 0
+    while follower.moving:
+        follower.advance(DT, load=0.5)
+        steps += 1
+    assert steps * DT == pytest.approx(path.duration, abs=2 * DT)
+    np.testing.assert_allclose(follower.setpoint.pose, path.goal)
+
+
+def test_a_taut_leash_stands_still_and_after_a_while_counts_as_blocked() -> None:
+    path = Line(at_rest(np.array((0.3, 0.0, 0.3, 0.0))), np.array((0.3, 0.2, 0.3, 0.0)), LIMITS)
+    follower = Follower(path.at(0.0).pose)
+    follower.follow(path)
+    for _ in range(300):
+        follower.advance(DT, load=0.0)
+    before = follower.setpoint.pose.copy()
+    for _ in range(round(BLOCKED_AFTER / DT) - 1):
+        setpoint = follower.advance(DT, load=1.2)
+    np.testing.assert_allclose(setpoint.pose, before, atol=1e-12)
+    np.testing.assert_allclose(setpoint.velocity, 0.0)
+    assert not follower.blocked
+    follower.advance(DT, load=1.2)
+    follower.advance(DT, load=1.2)
+    assert follower.blocked
+
+
+@given(loads=st.lists(st.floats(0.0, 2.0), min_size=1, max_size=400))
+def test_however_the_leash_is_pulled_the_set_point_never_jumps(loads: list[float]) -> None:
+    path = Line(at_rest(np.array((0.3, 0.0, 0.3, 0.0))), np.array((0.3, 0.2, 0.4, 1.0)), LIMITS)
+    follower = Follower(path.at(0.0).pose)
+    follower.follow(path)
+    last, progress = follower.setpoint.pose, follower.progress
+    for load in loads:
+        setpoint = follower.advance(DT, load)
+        assert (np.abs(setpoint.pose - last) <= np.array(LIMITS.velocity) * DT + 1e-9).all()
+        assert follower.progress >= progress
+        last, progress = setpoint.pose, follower.progress
+
+
+@given(start=poses(), goal=poses(), other=poses(), when=st.floats(0.05, 0.95))
+def test_a_new_path_continues_the_motion_of_the_old(
+    start: Vector, goal: Vector, other: Vector, when: float
+) -> None:
+    path = Line(at_rest(start), goal, LIMITS)
+    assume(path.duration > 0.2)
+    follower = Follower(start)
+    follower.follow(path)
+    for _ in range(int(when * path.duration / DT)):
+        follower.advance(DT, load=0.0)
+    before = follower.setpoint
+    follower.follow(Line(before, other, LIMITS))
+    after = follower.advance(DT, load=0.0)
+    assert (
+        np.abs(after.velocity - before.velocity) <= np.array(LIMITS.acceleration) * DT * 1.01 + 1e-6
+    ).all()

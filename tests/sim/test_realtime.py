@@ -1,0 +1,86 @@
+"""Real time is kept by absolute deadlines; a debt is made good, or dropped and counted when too large."""
+
+from __future__ import annotations
+
+import queue
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol.messages import Heartbeat, LocalPositionNed
+from robotree.sim.controller import Controller
+from robotree.sim.firmware import Outgoing
+from robotree.sim.kinds import kind
+from robotree.sim.realtime import LARGEST_DEBT, Pacer, RealTime
+
+PERIOD = 0.005
+
+
+@given(costs=st.lists(st.floats(0.0, PERIOD), min_size=1, max_size=200))
+def test_whatever_a_batch_costs_below_its_period_no_time_is_lost(costs: list[float]) -> None:
+    now = 100.0
+    pacer = Pacer(PERIOD, now)
+    for cost in costs:
+        now += cost
+        now += pacer.wait(now)
+    assert now == pytest.approx(100.0 + PERIOD * len(costs), abs=1e-6)
+    assert pacer.dropped == 0.0
+
+
+def test_a_stall_is_made_good() -> None:
+    pacer = Pacer(PERIOD, 0.0)
+    now = 0.2
+    batches = 0
+    while (wait := pacer.wait(now)) == 0.0:
+        batches += 1
+    assert batches == pytest.approx(0.2 / PERIOD, abs=2)
+    assert wait <= PERIOD
+    assert pacer.dropped == 0.0
+
+
+@given(nap=st.floats(LARGEST_DEBT + 2 * PERIOD, 1e6))
+def test_a_long_sleep_is_dropped_and_counted(nap: float) -> None:
+    pacer = Pacer(PERIOD, 0.0)
+    assert pacer.wait(nap) == 0.0
+    assert pacer.dropped == pytest.approx(nap - PERIOD)
+    assert pacer.wait(nap + 0.001) == pytest.approx(PERIOD - 0.001, abs=1e-6)
+
+
+def test_a_cell_runs_in_its_thread_until_it_is_closed() -> None:
+    told: queue.SimpleQueue[list[Outgoing]] = queue.SimpleQueue()
+    failures: list[Exception] = []
+    running = RealTime(kind("rover").build(1, 2.0), told.put, failures.append)
+    seen: set[type] = set()
+    while not {Heartbeat, LocalPositionNed} <= seen:
+        seen |= {type(outgoing.message) for outgoing in told.get(timeout=10)}
+    running.close()
+    time_ms = running.pace.time_ms
+    assert time_ms > 0
+    assert running.pace.time_ms == time_ms
+    assert not failures
+
+
+def test_what_ends_the_physics_is_told() -> None:
+    class Broken(Controller):
+        def advance(self) -> list[Outgoing]:
+            raise FloatingPointError("the world fell apart")
+
+    whole = kind("rover").build(1, 2.0)
+    failures: queue.SimpleQueue[Exception] = queue.SimpleQueue()
+    running = RealTime(Broken(whole.cell, whole.firmware, {}), lambda _: None, failures.put)
+    assert isinstance(failures.get(timeout=10), FloatingPointError)
+    running.close()
+
+
+def test_the_physics_is_ten_times_faster_than_real_time() -> None:
+    """Measured in this thread's processor time, so that a busy machine does not matter; the best of five."""
+    cell = kind("arm").build(1, 2.0).cell
+    costs = []
+    for _ in range(5):
+        began = time.thread_time()
+        for _ in range(100):
+            cell.advance()
+        costs.append(time.thread_time() - began)
+    assert 0.5 / min(costs) >= 10.0
