@@ -22,6 +22,7 @@ from robotree.protocol.messages.common import (
     MavState,
     MavType,
     NamedValueFloat,
+    SetupSigning,
     Statustext,
     Timesync,
 )
@@ -70,6 +71,7 @@ __all__ = [
     "PictureRequest",
     "Reason",
     "SetMode",
+    "SetupSigning",
     "Statustext",
     "Timesync",
     "Tool",

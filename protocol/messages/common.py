@@ -151,3 +151,18 @@ class EncapsulatedData(Message, frozen=True, gc=False):
     seqnr: int
     data: bytes
     """At most 253 bytes; the wire pads with zeros."""
+
+
+@wire("SETUP_SIGNING")
+class SetupSigning(Message, frozen=True, gc=False):
+    """Hands out a signing key, in the clear. Its text never shows the key."""
+
+    target_system: int
+    target_component: int
+    secret_key: bytes
+    initial_timestamp: int
+
+    def __repr__(self) -> str:
+        return (
+            f"SetupSigning(target_system={self.target_system}, target_component={self.target_component}, ...)"
+        )

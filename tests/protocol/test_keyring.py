@@ -1,0 +1,97 @@
+"""Keys lie in a file that nobody else can read, and time survives a restart."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.protocol.keyring import PERSIST_PERIOD, KeyFileError, Keyring, create
+from robotree.protocol.signing import UNITS, Key
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ONE, TWO = "11" * 32, "22" * 32
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "wire.keys"
+    path.touch(mode=0o600)
+    path.write_text(f"# people\n\ntcp:127.0.0.1:*  {ONE}\ncan:* {TWO}\n")
+    return path
+
+
+def test_the_first_pattern_that_matches_gives_the_key(path: Path) -> None:
+    ring = Keyring(path)
+    one, two = ring.key_for("tcp:127.0.0.1:5760"), ring.key_for("can:robotree/cell")
+    assert one is not None
+    assert two is not None
+    assert one.fingerprint == Key(bytes.fromhex(ONE)).fingerprint
+    assert two.fingerprint == Key(bytes.fromhex(TWO)).fingerprint
+    assert ring.key_for("udp:127.0.0.1:1") is None
+
+
+def test_a_file_that_others_can_read_is_refused(path: Path) -> None:
+    for mode in (0o640, 0o604, 0o660):
+        path.chmod(mode)
+        with pytest.raises(KeyFileError, match="others can read it; run chmod 600"):
+            Keyring(path)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
+def test_a_file_of_somebody_else_is_refused(path: Path) -> None:
+    os.chown(path, 12345, -1)
+    with pytest.raises(KeyFileError, match="belongs to somebody else"):
+        Keyring(path)
+
+
+@pytest.mark.parametrize("line", ["*", f"* {ONE}00", f"* {ONE[:-1]}x", f"{ONE}"])
+def test_a_line_that_makes_no_sense_is_named_but_not_shown(path: Path, line: str) -> None:
+    path.write_text(f"# comment\n{line}\n")
+    with pytest.raises(KeyFileError, match="line 2 is no pattern and key of 64 digits") as refused:
+        Keyring(path)
+    assert ONE[:20] not in str(refused.value)
+    assert refused.value.__cause__ is None
+
+
+def test_a_missing_file_is_told_in_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(KeyFileError, match="cannot be read: No such file"):
+        Keyring(tmp_path / "nowhere")
+
+
+def test_a_new_file_is_ours_alone_and_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "new.keys"
+    create(path, "tcp:*")
+    assert path.stat().st_mode & 0o777 == 0o600
+    first = Keyring(path).key_for("tcp:x")
+    assert first is not None
+    with pytest.raises(KeyFileError, match="never overwritten"):
+        create(path)
+    again = Keyring(path).key_for("tcp:x")
+    assert again is not None
+    assert again.fingerprint == first.fingerprint
+
+
+def test_time_goes_on_after_a_restart_ahead_of_what_may_have_been_signed(path: Path) -> None:
+    ring = Keyring(path)
+    assert ring.persisted() == 0
+    ring.persist(1_000_000)
+    ring.persist(2_000_000)
+    assert Keyring(path).persisted() == 2_000_000 + PERSIST_PERIOD * UNITS
+    assert path.with_name("wire.keys.time").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_time_file_that_makes_no_sense_is_refused(path: Path) -> None:
+    ring = Keyring(path)
+    ring.persist(1)
+    path.with_name("wire.keys.time").write_text("yesterday")
+    with pytest.raises(KeyFileError, match="holds no time; remove it"):
+        ring.persisted()
+
+
+def test_a_keyring_shows_patterns_and_no_keys(path: Path) -> None:
+    assert "can:*" in repr(Keyring(path))
+    assert ONE not in repr(Keyring(path))

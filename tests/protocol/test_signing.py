@@ -1,0 +1,224 @@
+"""Who has the key may speak, nothing is said twice, and the three attacks on other tools fail here."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.links.loopback import Loopback
+from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
+from robotree.protocol.signing import (
+    EPOCH,
+    OLDEST_STREAM,
+    UNITS,
+    Key,
+    Signer,
+    SigningTime,
+    StreamTable,
+    Verifier,
+)
+from robotree.protocol.testing import Recorder, Reference, check_codec
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from robotree.protocol.codec import Value
+    from robotree.protocol.dialect import Definition
+    from robotree.protocol.messages import AnyMessage
+
+SECRET = bytes(range(32))
+KEY, FALSE_KEY = Key(SECRET), Key.of_passphrase("a guess")
+NOW = 1_800_000_000.0
+BEAT = Heartbeat(0, 0, 0, 0, 4)
+
+
+class WallClock:
+    """Unix time, moved by the test."""
+
+    def __init__(self, now: float = NOW) -> None:
+        self.now = now
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def _signed(
+    key: Key = KEY, *, at: float = NOW, link: int = 0, message: AnyMessage = BEAT, component: int = 1
+) -> bytes:
+    signer = Signer(key, SigningTime(lambda: at), link)
+    return encode(message, sequence=0, system=1, component=component, signer=signer)
+
+
+def _verifier(clock: WallClock, streams: StreamTable | None = None, persisted: int = 0) -> Verifier:
+    return Verifier(KEY, SigningTime(clock, persisted), streams or StreamTable())
+
+
+def test_every_signed_message_has_the_bytes_of_the_reference(oracle: ModuleType) -> None:
+    speaker = oracle.MAVLink(None)
+    speaker.signing.secret_key, speaker.signing.sign_outgoing = SECRET, True
+    speaker.signing.link_id, speaker.signing.timestamp = 3, int((NOW - EPOCH) * UNITS)
+
+    def reference(
+        definition: Definition, values: dict[str, Value], sequence: int, system: int, component: int
+    ) -> bytes:
+        speaker.srcSystem, speaker.srcComponent, speaker.seq = system, component, sequence
+        theirs = {
+            name: value.encode()
+            if isinstance(value, str)
+            else list(value)
+            if isinstance(value, tuple | bytes)
+            else value
+            for name, value in values.items()
+        }
+        return bytes(oracle.mavlink_map[definition.id](**theirs).pack(speaker))
+
+    named: Reference = reference
+    first = SigningTime(lambda: NOW - 3600, persisted=speaker.signing.timestamp - 1)
+    assert check_codec(named, signer=Signer(KEY, first, 3), rounds=2) > 400
+
+
+def test_the_reference_believes_our_signature(oracle: ModuleType) -> None:
+    reader = oracle.MAVLink(None)
+    reader.signing.secret_key = SECRET
+    (read,) = reader.parse_buffer(bytearray(_signed()))
+    assert read.get_signed()
+
+
+def test_a_signed_frame_passes_once() -> None:
+    verifier = _verifier(WallClock())
+    parser = Parser(verifier)
+    (frame,) = parser.feed(_signed())
+    assert frame.signed
+    assert frame.message == BEAT
+    assert frame.raw == _signed()
+    assert parser.feed(_signed()) == []
+    assert parser.statistics.refused == 1
+    assert verifier.statistics.replayed == 1
+
+
+def test_attack_1_a_forged_frame_from_the_far_future_locks_nobody_out() -> None:
+    parser = Parser(_verifier(WallClock()))
+    assert parser.feed(_signed(FALSE_KEY, at=NOW + 10 * 365 * 86400)) == []
+    assert len(parser.feed(_signed(at=NOW))) == 1
+
+
+def test_attack_2_an_old_recording_is_refused_by_a_fresh_receiver() -> None:
+    recording = _signed(at=NOW - 61)
+    verifier = _verifier(WallClock())
+    assert Parser(verifier).feed(recording) == []
+    assert verifier.statistics.replayed == 1
+
+
+def test_attack_2_also_where_the_wall_clock_was_set_back() -> None:
+    recording = _signed(at=NOW - 61)
+    lost = WallClock(now=float(EPOCH))
+    assert len(Parser(_verifier(lost)).feed(recording)) == 1, "without a persisted time there is no defence"
+    persisted = int((NOW - EPOCH) * UNITS)
+    assert Parser(_verifier(lost, persisted=persisted)).feed(recording) == []
+
+
+def test_attack_3_a_recording_of_one_link_cannot_be_played_on_another() -> None:
+    streams, clock = StreamTable(), WallClock()
+    one, other = (Parser(_verifier(clock, streams)) for _ in range(2))
+    recording = _signed()
+    assert len(one.feed(recording)) == 1
+    assert other.feed(recording) == []
+
+
+@pytest.mark.parametrize("place", range(len(_signed())))
+def test_no_byte_of_a_signed_frame_can_be_changed(place: int) -> None:
+    changed = bytearray(_signed())
+    changed[place] ^= 0x10
+    assert Parser(_verifier(WallClock())).feed(bytes(changed)) == []
+
+
+def test_unsigned_frames_and_version_1_are_refused_while_there_is_a_key(oracle: ModuleType) -> None:
+    verifier = _verifier(WallClock())
+    parser = Parser(verifier)
+    assert parser.feed(Frame.of(BEAT).raw) == []
+    version_1 = oracle.MAVLink_heartbeat_message(0, 0, 0, 0, 4, 3).pack(
+        oracle.MAVLink(None), force_mavlink1=True
+    )
+    assert parser.feed(bytes(version_1)) == []
+    assert verifier.statistics.unsigned == 2
+
+
+def test_an_allow_list_may_let_unsigned_frames_pass() -> None:
+    beats = Verifier(
+        KEY, SigningTime(WallClock()), StreamTable(), allow=lambda frame: frame.name == "HEARTBEAT"
+    )
+    parser = Parser(beats)
+    assert len(parser.feed(Frame.of(BEAT).raw + Frame.of(Timesync(0, 1)).raw)) == 1
+    assert (beats.statistics.allowed, beats.statistics.unsigned) == (1, 1)
+
+
+def test_a_reader_without_a_key_reads_signed_frames_too() -> None:
+    (frame,) = Parser().feed(_signed())
+    assert frame.signed
+    assert frame.message == BEAT
+
+
+def test_streams_are_told_apart_by_key_link_system_and_component() -> None:
+    streams = StreamTable()
+    now = int((NOW - EPOCH) * UNITS)
+    for stream in [("a", 0, 1, 1), ("b", 0, 1, 1), ("a", 1, 1, 1), ("a", 0, 2, 1), ("a", 0, 1, 2)]:
+        assert streams.admit(stream, now, now)
+        assert not streams.admit(stream, now, now)
+    assert streams.admit(("c", 0, 1, 1), now - OLDEST_STREAM, now)
+    assert not streams.admit(("d", 0, 1, 1), now - OLDEST_STREAM - 1, now)
+
+
+def test_our_time_never_stands_and_never_goes_back() -> None:
+    clock = WallClock()
+    time = SigningTime(clock)
+    stamps = [time.next() for _ in range(3)]
+    clock.now -= 3600
+    stamps += [time.next() for _ in range(3)]
+    clock.now += 7200
+    stamps.append(time.next())
+    assert stamps == sorted({*stamps})
+    assert stamps[-1] == int((clock.now - EPOCH) * UNITS), "refreshed from the wall clock at every frame"
+    assert SigningTime(WallClock(0.0), persisted=stamps[-1]).next() == stamps[-1] + 1
+
+
+def test_two_ends_with_the_same_key_talk_and_a_third_hears_nothing() -> None:
+    clock, heard = WallClock(), list[Frame]()
+
+    def end(key: Key) -> Endpoint:
+        time = SigningTime(clock)
+        network = Loopback(
+            lambda link: Endpoint(
+                link,
+                system=1,
+                component=1,
+                on_frame=heard.append,
+                signer=Signer(key, time),
+                verifier=Verifier(key, time, StreamTable()),
+            ),
+            Recorder,
+        )
+        assert isinstance(network.near.handler, Endpoint)
+        return network.near.handler
+
+    one, two, stranger = end(KEY), end(KEY), end(FALSE_KEY)
+    sent: list[bytes] = []
+    for speaker in (one, stranger):
+        speaker.link.send = lambda frame, _=None: sent.append(frame)  # type: ignore[method-assign,misc]  # tap the wire
+        speaker.send(Gripper(1, 0.0, 0.0, 0.0, 0))
+    two.received(b"".join(sent))
+    assert len(sent) == 2
+    assert [frame.message for frame in heard] == [Gripper(1, 0.0, 0.0, 0.0, 0)]
+
+
+def test_a_key_shows_itself_to_nobody() -> None:
+    shown = repr(KEY) + repr(SetupSigning(1, 1, SECRET, 0)) + repr(Frame.of(SetupSigning(1, 1, SECRET, 0)))
+    assert SECRET.hex() not in shown
+    assert repr(SECRET)[2:-1] not in shown
+    assert KEY.fingerprint != Key.of_passphrase("x").fingerprint
+    with pytest.raises(TypeError, match="never stored"):
+        copy.copy(KEY)
+    with pytest.raises(ValueError, match="has 32 bytes, not 5; make a new one"):
+        Key(b"short")
