@@ -100,6 +100,11 @@ class LoopbackBus(BusABC):
             )
 
     @property
+    def pending(self) -> int:
+        """Frames that have been taken from the system already; `recv` hands them out without asking it."""
+        return len(self._inbox)
+
+    @property
     def state(self) -> BusState:
         """ACTIVE, or PASSIVE: listens and sends nothing."""
         return self._state

@@ -155,12 +155,13 @@ class CanLink:
         now = self._loop.time()
         self.presence.heard = now
         heard = self._channel.feed(bytes(message.data), now)
-        self._say(heard.reply)
-        if self._under_way is not None and not self._channel.busy:
-            self._finish(now)
+        if heard.reply or self._under_way is not None:
+            self._say(heard.reply)
+            if self._under_way is not None and not self._channel.busy:
+                self._finish(now)
+            self._schedule()
         if heard.payload is not None:
             self.deliver(heard.payload)
-        self._schedule()
 
     def deliver(self, payload: bytes) -> None:
         """A whole frame came."""

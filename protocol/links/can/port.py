@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import heapq
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import can
 import msgspec
@@ -57,6 +57,16 @@ class Tenant(Protocol):
 
     def broke(self, cause: str) -> None:
         """The bus is of no more use; told once, and nothing is told after it."""
+        ...
+
+
+@runtime_checkable
+class Buffered(Protocol):
+    """A bus that takes many frames from the system at once and knows how many are left."""
+
+    @property
+    def pending(self) -> int:
+        """Frames to be had without asking the system."""
         ...
 
 
@@ -135,6 +145,7 @@ class DirectPort(Port):
         self._count = 0
         self._refused_since: float | None = None
         self._retry: asyncio.TimerHandle | None = None
+        self._buffered = bus if isinstance(bus, Buffered) else None
         self._descriptor = bus.fileno()
         self._loop.add_reader(self._descriptor, self._readable)
 
@@ -204,6 +215,8 @@ class DirectPort(Port):
             if message is None:
                 return
             self._take(message)
+            if self._buffered is not None and not self._buffered.pending:
+                return  # the descriptor tells when there is more
 
     def _stop(self) -> None:
         self._loop.remove_reader(self._descriptor)

@@ -1,0 +1,138 @@
+"""Links over CAN between real processes: what is sent arrives, and an end that dies is missed."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from subprocess import Popen
+
+import pytest
+
+from robotree.protocol import Parser, encode
+from robotree.protocol.errors import LinkBroken, LinkClosed
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import Statustext
+from robotree.protocol.testing import Recorder
+
+Spawn = Callable[..., "Popen[str]"]
+SOON = 10.0
+CONTROLLER = """
+import asyncio, sys
+from robotree.protocol import Endpoint
+from robotree.protocol.links.url import listen
+
+def echo(link):
+    endpoint = Endpoint(link, system=1, component=1, on_frame=lambda frame: endpoint.send(frame.message))
+    return endpoint
+
+async def main():
+    listener = await listen(sys.argv[1], echo)
+    print("here", flush=True)
+    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.readline)
+    await listener.close()
+
+asyncio.run(main())
+"""
+
+
+def controller(spawn: Spawn, url: str) -> Popen[str]:
+    """A process that sends every message back."""
+    process = spawn("-c", CONTROLLER, url)
+    assert process.stdout
+    assert process.stdout.readline() == "here\n"
+    return process
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + SOON
+    while not condition():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.005)
+
+
+class Ear(Recorder):
+    """Keeps the messages too."""
+
+    def __init__(self, link: Link) -> None:
+        super().__init__(link)
+        self.parser = Parser()
+        self.texts: list[str] = []
+
+    def received(self, data: bytes) -> None:
+        super().received(data)
+        for frame in self.parser.feed(data):
+            assert isinstance(frame.message, Statustext)
+            self.texts.append(frame.message.text)
+
+
+async def opened(url: str) -> tuple[Link, Ear]:
+    ears: list[Ear] = []
+
+    def accept(link: Link) -> Ear:
+        ears.append(Ear(link))
+        return ears[0]
+
+    return await connect(url, accept), ears[0]
+
+
+def words(count: int) -> list[str]:
+    """Texts short and long, so that some fit one frame of CAN FD and some do not."""
+    return [f"{index} " + "x" * (index % 2 * 45) for index in range(count)]
+
+
+@pytest.mark.parametrize("fd", [0, 1])
+async def test_a_burst_comes_back_whole_and_in_order(spawn: Spawn, channel: str, fd: int) -> None:
+    url = f"can:robotree/{channel}?fd={fd}"
+    process = controller(spawn, url)
+    link, ear = await opened(url)
+    texts = words(500)
+    for index, text in enumerate(texts):
+        link.send(encode(Statustext(severity=6, text=text), sequence=index, system=255, component=1))
+    await until(lambda: len(ear.texts) == len(texts))
+    assert ear.texts == texts
+    statistics = ear.parser.statistics
+    assert (statistics.lost, statistics.late, statistics.bad_crc, statistics.skipped) == (0, 0, 0, 0)
+    link.close()
+    await until(lambda: bool(ear.reasons))
+    process.communicate("end\n", timeout=SOON)
+    assert process.returncode == 0
+
+
+async def test_a_controller_that_ends_says_so(spawn: Spawn, channel: str) -> None:
+    url = f"can:robotree/{channel}"
+    process = controller(spawn, url)
+    _, ear = await opened(url)
+    process.communicate("end\n", timeout=SOON)
+    await until(lambda: bool(ear.reasons))
+    assert [type(each) for each in ear.reasons] == [LinkClosed]
+
+
+async def test_a_killed_controller_is_missed_and_its_successor_found(spawn: Spawn, channel: str) -> None:
+    url = f"can:robotree/{channel}?silence=0.6"
+    process = controller(spawn, url)
+    _, ear = await opened(url)
+    process.kill()
+    begun = time.monotonic()
+    await until(lambda: bool(ear.reasons))
+    assert time.monotonic() - begun < 2
+    assert [type(each) for each in ear.reasons] == [LinkBroken]
+    controller(spawn, url)
+    link, second = await opened(url)
+    link.send(encode(Statustext(severity=6, text="hello"), sequence=0, system=255, component=1))
+    await until(lambda: second.texts == ["hello"])
+    link.close()
+    await until(lambda: bool(second.reasons))
+
+
+async def test_a_session_does_not_survive_its_controller(spawn: Spawn, channel: str) -> None:
+    """The successor is up before the silence is noticed, knows no such session, and says so."""
+    url = f"can:robotree/{channel}?silence=30"
+    process = controller(spawn, url)
+    _, ear = await opened(url)
+    process.kill()
+    process.wait()
+    controller(spawn, url)
+    await until(lambda: bool(ear.reasons))
+    assert [type(each) for each in ear.reasons] == [LinkClosed]
