@@ -205,7 +205,7 @@ class Granted(_Message, frozen=True, kw_only=True):
     epoch: int
     term: float
     robot: RobotDescription | None = None
-    """On the first grant: what the parent can expose."""
+    """What the parent can expose: on the first grant, and on a renewal when it has changed since."""
 
 
 class HostDescribed(_Message, frozen=True, kw_only=True):

@@ -117,7 +117,8 @@ class RobotAgent:
         self._listed = Listed(registrar, self.address)
         self._news = StateNews(transport, self.address.key, self._portrait.state)
         self._told: tuple[CommandSpec, ...] = ()
-        self._registrations: list[Registration] = []
+        self._serving: Registration | None = None
+        self._presence: Registration | None = None
         self._publishing: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._open = False
@@ -146,9 +147,9 @@ class RobotAgent:
         await self._calls.recall()
         self._open = True
         try:
-            self._registrations.append(await self.transport.serve(self.address.key, self._answer))
-            self._registrations.append(await claim(self.transport, self.address))
-        except VrError:
+            self._serving = await self.transport.serve(self.address.key, self._answer)
+            self._presence = await claim(self.transport, self.address)
+        except BaseException:
             self._open = False
             await self._withdraw()
             raise
@@ -171,7 +172,7 @@ class RobotAgent:
         self.closed.set()
 
     async def _let_go(self) -> None:
-        """Tell the children and the lookup services; take nothing more."""
+        """Tell the children, the lookup services and everybody else; take nothing more."""
         self._open = False
         self._desk.jobs.cancel_all(f"{self.robot.name} is being ended")
         await self._desk.jobs.settled(GRACE)
@@ -179,11 +180,15 @@ class RobotAgent:
             await self._bonds.close()
         self._listed.want(None)
         await self._listed.settled()
+        if self._presence is not None:
+            with contextlib.suppress(VrError):
+                await self._presence.close()
 
     async def _withdraw(self) -> None:
-        while self._registrations:
-            with contextlib.suppress(VrError):
-                await self._registrations.pop().close()
+        for registration in (self._presence, self._serving):
+            if registration is not None:
+                with contextlib.suppress(VrError):
+                    await registration.close()
 
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, its attributes. From any thread."""

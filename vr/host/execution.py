@@ -147,6 +147,8 @@ class CommandThread:
         if error is None:
             self.outcome.set_result(value)
         else:
+            for task in self._tasks:  # nobody watches over what it has started
+                task.cancel()
             self.outcome.set_exception(self._cause or error)
 
     async def _step(self, work: Callable[[], Coroutine[Any, Any, _T]]) -> _T:

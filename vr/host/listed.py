@@ -54,13 +54,15 @@ class Listed:
         return self._wanted == self._present
 
     async def _change(self, listings: Listings) -> None:
-        while not self._same():
-            wanted = self._wanted
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(_PATIENCE):
-                    await self._apply(listings, wanted)
-            self._present = wanted
-        self._work = None
+        try:
+            while not self._same():
+                wanted = self._wanted
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_PATIENCE):
+                        await self._apply(listings, wanted)
+                self._present = wanted
+        finally:
+            self._work = None
 
     async def _apply(self, listings: Listings, wanted: Listing | None) -> None:
         try:

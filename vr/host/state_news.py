@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import Callable
 
-from robotree.vr.errors import VrError
+from robotree.vr.errors import TransportError
 from robotree.vr.requests import State, encode
 from robotree.vr.transport import Transport
 
@@ -14,6 +15,9 @@ QUICK = 0.1
 """[s] Least time between two states, and the period while a command runs."""
 SLOW = 1.0
 """[s] Period while nothing happens."""
+
+
+_log = logging.getLogger(__name__)
 
 
 class StateNews:
@@ -34,14 +38,25 @@ class StateNews:
         """Note that there is something new to tell."""
         self._changed.set()
 
+    def _publish(self) -> bool:
+        """Tell how it is now; return whether it is busy."""
+        try:
+            state = self._state()
+            self._transport.publish(self._key, encode(state))
+        except TransportError:
+            raise
+        except Exception:  # noqa: BLE001 # an author's code may be behind it
+            _log.exception("%s has no state to tell", self._key)
+            return False
+        return bool(state.busy)
+
     async def run(self) -> None:
         """Publish until cancelled or until the transport is closed."""
-        with contextlib.suppress(VrError):
+        with contextlib.suppress(TransportError):
             while True:
                 self._changed.clear()
-                state = self._state()
-                self._transport.publish(self._key, encode(state))
+                busy = self._publish()
                 await asyncio.sleep(QUICK)
-                if not state.busy:
+                if not busy:
                     with contextlib.suppress(TimeoutError):
                         await asyncio.wait_for(self._changed.wait(), SLOW - QUICK)

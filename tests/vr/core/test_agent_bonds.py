@@ -145,7 +145,7 @@ async def test_the_commands_of_an_operator_end_when_a_parent_takes_over(realm: A
     [
         ("middle", "rover", NoSuchSlot, "pair has no child slot 'middle'; it has: left, right"),
         ("left", "other", SlotOccupied, "pair.left already holds rover; release it first"),
-        ("right", "rover", LeaseDenied, "rover is already enslaved by pair; release it there first: `robotree r"),
+        ("right", "rover", LeaseDenied, "rover is already enslaved by pair; release it there first: `robo"),
         ("right", "box", WrongKind, "pair.right takes a robot of kind Rover; box is of kind Box"),
         ("right", "pair", CycleOfBonds, "pair cannot enslave pair"),
         ("right", "dead", Unreachable, "nobody answers at robot/dead/1"),
@@ -284,6 +284,25 @@ async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: An
     with pytest.raises(VrError):
         await stuck
     assert rover.description().epoch == epoch
+
+
+@pytest.mark.parametrize("trouble", ["spin", "hang"])
+async def test_a_neighbour_whose_command_never_returns_disturbs_nobody(realm: Any, trouble: str) -> None:
+    """Two virtual robots of one host; one of them is stuck."""
+    rover, pair = await bound(realm)
+    neighbour = await realm.start(Pair("neighbour"), pair.transport)
+    stuck = asyncio.create_task(realm.client(neighbour).call(trouble, {}, deadline=8.0))
+    epoch = rover.description().epoch
+    await asyncio.sleep(6.0)
+    assert (await realm.client(pair).describe()).slot("left").child == rover.address
+    assert rover.description().epoch == epoch
+    await asyncio.gather(stuck, return_exceptions=True)
+
+
+async def test_a_name_can_be_used_again_as_soon_as_its_robot_is_deleted(realm: Any) -> None:
+    box = await realm.start(Box("box"))
+    await realm.client(box).delete()
+    await realm.start(Box("box"))
 
 
 async def test_a_way_of_one_second_each_way_does_not_break_a_bond(realm: Any) -> None:

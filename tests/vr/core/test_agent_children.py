@@ -138,6 +138,11 @@ class Driver(VirtualRobot):
         return ""
 
     @command
+    def half(self) -> None:
+        self.left.move.start(x=5)
+        self.right.fall()
+
+    @command
     def stubborn(self) -> None:
         while True:
             try:
@@ -201,6 +206,14 @@ async def test_one_way_goes_on_after_its_caller_has_ended(realm: Any) -> None:
     await realm.client(driver).call("fire_and_forget", {})
     assert rover.robot.x < 4
     await realm.until(lambda: rover.robot.x == pytest.approx(4))
+
+
+async def test_what_a_failed_command_has_started_does_not_go_on_alone(realm: Any) -> None:
+    driver, left, _ = await crew(realm, "left", "right")
+    with pytest.raises(CommandFailed):
+        await realm.client(driver).call("half", {})
+    await realm.until(lambda: left.description().busy == "", within=1.0)
+    assert left.robot.x < 1
 
 
 @pytest.mark.parametrize(
