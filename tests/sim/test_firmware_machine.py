@@ -1,0 +1,101 @@
+"""The firmware against an opponent: whatever is asked in whatever order, its promises hold."""
+
+from __future__ import annotations
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from robotree.protocol.messages import GoalState, GoalStatus, Mode, ModeKind, Reason, Verb
+from robotree.sim.testing import RoverBench
+
+EPOCHS = st.integers(0, 4)
+KEYS = st.integers(1, 6)
+
+
+class FirmwareMachine(RuleBasedStateMachine):
+    """Goals, cancels, stops, releases and silence, on the rover because its physics is quick."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bench = RoverBench(silence=1.5)
+        self.operator = self.bench.operator
+        self.stopped = False
+        self.read = 0
+        self.highest = 0
+        self.states: dict[int, GoalState] = {}
+        self.operator.wait(0.02)
+
+    @rule(key=KEYS, dx=st.sampled_from((-0.1, 0.05, 9.0)), epoch=EPOCHS, ttl=st.sampled_from((0.0, 0.2)))
+    def ask(self, key: int, dx: float, epoch: int, ttl: float) -> None:
+        self.operator.ask(Verb.MOVE, dx, 0.0, key=key, epoch=epoch, ttl=ttl)
+        self.operator.wait(0.02)
+
+    @rule(key=st.integers(0, 6), epoch=EPOCHS)
+    def cancel(self, key: int, epoch: int) -> None:
+        self.operator.cancel(key, epoch)
+        self.operator.wait(0.02)
+
+    @rule()
+    def stop(self) -> None:
+        self.operator.set_mode(ModeKind.SAFE_STOP, epoch=0)
+        self.operator.wait(0.02)
+        self.stopped = True
+
+    @rule(epoch=EPOCHS)
+    def release(self, epoch: int) -> None:
+        obeyed = self.operator.latest(Mode).epoch
+        self.operator.set_mode(ModeKind.READY, epoch)
+        self.operator.wait(0.02)
+        self.stopped = self.stopped and epoch < obeyed
+
+    @rule(seconds=st.sampled_from((0.1, 1.0, 4.0)))
+    def wait(self, seconds: float) -> None:
+        self.operator.wait(seconds)
+
+    @rule()
+    def fall_silent(self) -> None:
+        self.operator.silent = True
+        self.operator.wait(2.0)
+        self.operator.silent = False
+        assert not self.unfinished(), "silence ends every goal"
+
+    @invariant()
+    def a_stop_stays_until_it_is_released_and_nothing_moves_meanwhile(self) -> None:
+        assert (self.operator.mode()[0] == ModeKind.SAFE_STOP) == self.stopped
+        if self.stopped:
+            assert not self.unfinished()
+
+    @invariant()
+    def at_most_one_goal_is_unfinished(self) -> None:
+        assert len(self.unfinished()) <= 1
+
+    @invariant()
+    def the_end_of_a_goal_is_final_and_epochs_never_fall(self) -> None:
+        for _, message in self.operator.heard[self.read :]:
+            if isinstance(message, Mode):
+                assert message.epoch >= self.highest
+                self.highest = message.epoch
+            if not isinstance(message, GoalStatus) or message.sequence == 0:
+                continue  # without a record: about a key that was never begun
+            before = self.states.get(message.key)
+            if before is not None and before.final:
+                assert message.state == before, f"goal {message.key} rose from the dead"
+            self.states[message.key] = GoalState(message.state)
+            assert message.reason == Reason.NONE or message.state >= GoalState.REFUSED
+        self.read = len(self.operator.heard)
+
+    @invariant()
+    def the_mode_says_whether_a_goal_runs(self) -> None:
+        assert (self.operator.mode()[0] == ModeKind.ACTIVE) == bool(self.unfinished())
+
+    def unfinished(self) -> set[int]:
+        latest: dict[int, GoalState] = {}
+        for _, message in self.operator.heard:
+            if isinstance(message, GoalStatus) and message.sequence:
+                latest[message.key] = GoalState(message.state)
+        return {key for key, state in latest.items() if not state.final}
+
+
+TestFirmware = FirmwareMachine.TestCase
+TestFirmware.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
