@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 ANSWER = 1.0
 """[s] to wait at the start for the answers of those who are there."""
+LINGER = 1.0
+"""[s] that those who have not read everything hold up one who leaves."""
 MANNERS = 30.0
 """[s] after which a connection that has not introduced itself is cut."""
 MOST_STRANGERS = 64
@@ -116,8 +118,9 @@ class Membership:
             self._count()
 
     def leave(self) -> None:
-        """End all connections and free the seat."""
+        """Wait until the others have read what they were sent, but not for ever; free the seat."""
         with self.lock:
+            self.lock.wait_for(lambda: not any(wire.waits for wire in self.outlets), LINGER)
             self._open = False
         os.eventfd_write(self._bell, 1)
         self._thread.join()

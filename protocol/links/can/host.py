@@ -60,7 +60,6 @@ class Host:
         self._foreign = self._malformed = 0
         self._last_word = f"no controller with node={address.node} answers on this bus"
         self._broadcast_route = route(Kind.BROADCAST, target=EVERYBODY, source=address.node)
-        self._leaving: asyncio.Task[None] | None = None
         self._choose_number()
 
     @property
@@ -166,7 +165,7 @@ class Host:
         link.begin(self._accept)
 
     def _leave(self, _: CanLink) -> None:
-        self._leaving = self._loop.create_task(self._port.close())
+        self._port.leave()
 
     def _control(self, control: Control) -> None:
         arbitration_id = identifier(
@@ -185,5 +184,5 @@ async def connect(address: CanAddress, accept: Accept) -> CanLink:
     try:
         return await Host(address, accept, port).open()
     except BaseException:
-        await port.close()
+        await port.leave()
         raise

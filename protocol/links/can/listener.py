@@ -114,7 +114,7 @@ class CanListener:
         for link in list(self._links.values()):
             link.close()
         await asyncio.sleep(0)  # until every handler was told
-        await self._port.close()
+        await self._port.leave()
 
     def heard(self, message: Message) -> None:
         """The port tells: a data frame came."""
@@ -144,7 +144,7 @@ class CanListener:
         self._again = asyncio.get_running_loop().create_task(self._go_on_again())
 
     async def _go_on_again(self) -> None:
-        await self._port.close()
+        await self._port.leave()
         while True:
             try:
                 self._port = await open_port(self._where)

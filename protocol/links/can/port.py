@@ -107,8 +107,8 @@ class Port:
         """
         raise NotImplementedError
 
-    async def close(self) -> None:
-        """Send what the bus still takes at once, and leave it. Harmless when repeated."""
+    def leave(self) -> asyncio.Future[None]:
+        """Send what the bus still takes, and leave it; done when it is left. Harmless when repeated."""
         raise NotImplementedError
 
     def _take(self, message: can.Message) -> None:
@@ -170,13 +170,13 @@ class DirectPort(Port):
             if self._retry is None:
                 self._retry = self._loop.call_later(_RETRY, self._drain)
 
-    async def close(self) -> None:
-        """Leave the bus."""
+    def leave(self) -> asyncio.Future[None]:
+        """Send what the bus takes at once, and leave it."""
         if self._open:
             self._drain()
             self._open = False
             self._stop()
-        await asyncio.to_thread(self.bus.shutdown)
+        return self._loop.run_in_executor(None, self.bus.shutdown)
 
     def _give(self, message: can.Message) -> bool:
         try:

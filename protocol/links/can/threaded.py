@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
+import contextlib
 import queue
 import threading
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ import can
 from robotree.protocol.links.can.port import PATIENCE, Port, frame
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable
 
 _GLANCE = 0.2
@@ -53,11 +54,11 @@ class ThreadedPort(Port):
             self._count += 1
             self._queue.put((arbitration_id, self._count, frame(arbitration_id, data, fd=fd)))
 
-    async def close(self) -> None:
-        """Leave the bus."""
+    def leave(self) -> asyncio.Future[None]:
+        """Send what waits, and leave the bus."""
         self._open = False
         self._stop()
-        await asyncio.to_thread(self._join)
+        return self._loop.run_in_executor(None, self._join)
 
     def _join(self) -> None:
         for thread in self._threads:
@@ -70,7 +71,7 @@ class ThreadedPort(Port):
 
     def _tell(self, what: Callable[..., None], *arguments: object) -> None:
         """Call something in the event loop's thread, if the loop still runs."""
-        if not self._loop.is_closed():
+        with contextlib.suppress(RuntimeError):  # it is closed
             self._loop.call_soon_threadsafe(what, *arguments)
 
     def _read(self) -> None:

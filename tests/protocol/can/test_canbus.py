@@ -201,6 +201,20 @@ def test_leaving_twice_is_harmless_and_final(channel: str, caplog: pytest.LogCap
     assert not [thread for thread in threading.enumerate() if channel in thread.name]
 
 
+def test_what_was_sent_before_leaving_still_arrives(channel: str) -> None:
+    message, arrived = can.Message(data=bytes(64), is_fd=True), 0
+    with LoopbackBus(channel) as reader:
+        sender = LoopbackBus(channel)
+        for _ in range(8000):
+            sender.send(message)
+        leaving = threading.Thread(target=sender.shutdown)
+        leaving.start()
+        while arrived < 8000 and reader.recv(SOON):
+            arrived += 1
+        leaving.join()
+    assert arrived == 8000
+
+
 def test_leaving_wakes_whoever_waits_for_a_frame(channel: str) -> None:
     bus, ended = LoopbackBus(channel), threading.Event()
 
