@@ -160,11 +160,12 @@ class Parser:
             if mcrf4xx(body + codec.crc_extra, CRC_START) != checksum:
                 break
             i = stop
-            frame = Frame(body, codec, checksum)
             if flags or picky:
                 frame = Frame(body, codec, checksum, buffer[crc + 2 : stop])
-                if not self._admits(frame):
+                if not self._admits(frame, flags):
                     continue
+            else:
+                frame = Frame(body, codec, checksum)
             if sequence == expected and system == last_system and component == last_component:
                 expected = sequence + 1 & 0xFF
             else:
@@ -222,9 +223,9 @@ class Parser:
             self._bad_crc += 1
         return i + 1
 
-    def _admits(self, frame: Frame) -> bool:
+    def _admits(self, frame: Frame, flags: int = 0) -> bool:
         """Whether an intact frame may be handed out."""
-        if frame.flags & ~SIGNED:
+        if flags & ~SIGNED:
             self._incompatible += 1
             return False
         if self._verifier is not None and not self._verifier.verify(frame):

@@ -13,7 +13,7 @@ timestamp. Three things are done otherwise than in the tools around us, each bec
 from __future__ import annotations
 
 import hashlib
-import hmac
+from hmac import compare_digest
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -90,7 +90,8 @@ class SigningTime:
 
     def next(self) -> int:
         """A timestamp for one frame."""
-        self.last = max(self.last + 1, int((self._clock() - EPOCH) * UNITS))
+        wall = int((self._clock() - EPOCH) * UNITS)
+        self.last = wall if wall > self.last else self.last + 1
         return self.last
 
 
@@ -104,31 +105,23 @@ class Signer:
     """
 
     def __init__(self, key: Key, time: SigningTime, link_id: int = 0) -> None:
-        self._key, self._time = key, time
-        self._link = bytes((link_id,))
+        self._digest, self._next, self._link = key.digest, time.next, link_id
 
     def sign(self, frame: bytes) -> bytes:
         """The 13 bytes that follow a complete frame whose SIGNED flag is set."""
-        stamp = self._link + self._time.next().to_bytes(6, "little")
-        return stamp + self._key.digest(frame + stamp)
+        stamp = (self._next() << 8 | self._link).to_bytes(7, "little")
+        return stamp + self._digest(frame + stamp)
 
 
 class StreamTable:
-    """The newest timestamp of every stream: key, link id, system and component. One for all links."""
+    """The newest timestamp of every stream, for each key. One table serves all links."""
 
     def __init__(self) -> None:
-        self._newest: dict[tuple[str, int, int, int], int] = {}
+        self._newest: dict[str, dict[bytes, int]] = {}
 
-    def admit(self, stream: tuple[str, int, int, int], timestamp: int, now: int) -> bool:
-        """Whether a timestamp is new; call it only for a frame whose hash was verified."""
-        newest = self._newest.get(stream)
-        if newest is None:
-            if timestamp < now - OLDEST_STREAM or len(self._newest) >= LARGEST_CROWD:
-                return False
-        elif timestamp <= newest:
-            return False
-        self._newest[stream] = timestamp
-        return True
+    def of(self, key: Key) -> dict[bytes, int]:
+        """The newest timestamps under one key, by system, component and link id."""
+        return self._newest.setdefault(key.fingerprint, {})
 
 
 class VerifierStatistics(msgspec.Struct, frozen=True):
@@ -167,7 +160,8 @@ class Verifier:
         streams: StreamTable,
         allow: Callable[[Frame], bool] = nothing_unsigned,
     ) -> None:
-        self._key, self._time, self._streams, self._allow = key, time, streams, allow
+        self._digest, self._time, self._allow = key.digest, time, allow
+        self._newest = streams.of(key)
         self._passed = self._allowed = self._unsigned = self._forged = self._replayed = 0
 
     @property
@@ -189,12 +183,20 @@ class Verifier:
             self._allowed += allowed
             self._unsigned += not allowed
             return allowed
-        if not hmac.compare_digest(self._key.digest(frame.raw[:-_DIGEST]), signature[-_DIGEST:]):
+        proof = self._digest(frame.body + frame.checksum.to_bytes(2, "little") + signature[:7])
+        if not compare_digest(proof, signature[7:]):
             self._forged += 1
             return False
-        stream = (self._key.fingerprint, signature[0], frame.system, frame.component)
-        if not self._streams.admit(stream, int.from_bytes(signature[1:7], "little"), self._time.now()):
+        stream, timestamp = frame.body[5:7] + signature[:1], int.from_bytes(signature[1:7], "little")
+        if timestamp <= self._newest.get(stream, -1) or (
+            stream not in self._newest and self._is_old(timestamp)
+        ):
             self._replayed += 1
             return False
+        self._newest[stream] = timestamp
         self._passed += 1
         return True
+
+    def _is_old(self, timestamp: int) -> bool:
+        """Whether a stream that we do not know may not begin with this timestamp."""
+        return timestamp < self._time.now() - OLDEST_STREAM or len(self._newest) >= LARGEST_CROWD

@@ -12,7 +12,7 @@ from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
 from robotree.protocol.signing import (
     EPOCH,
-    OLDEST_STREAM,
+    LARGEST_CROWD,
     UNITS,
     Key,
     Signer,
@@ -162,13 +162,25 @@ def test_a_reader_without_a_key_reads_signed_frames_too() -> None:
 
 
 def test_streams_are_told_apart_by_key_link_system_and_component() -> None:
+    streams, clock = StreamTable(), WallClock()
+    parsers = [Parser(Verifier(key, SigningTime(clock), streams)) for key in (KEY, FALSE_KEY)]
+    for key, parser in zip((KEY, FALSE_KEY), parsers, strict=True):
+        for link, component in [(0, 1), (1, 1), (0, 2)]:
+            assert len(parser.feed(_signed(key, link=link, component=component))) == 1
+            assert parser.feed(_signed(key, link=link, component=component)) == []
+
+
+@pytest.mark.parametrize(
+    ("behind", "passes"), [(-3600, True), (0, True), (60, True), (60.1, False), (3600, False)]
+)
+def test_a_new_stream_may_lie_a_minute_behind_us(behind: float, passes: bool) -> None:  # noqa: FBT001  a case
+    assert len(Parser(_verifier(WallClock())).feed(_signed(at=NOW - behind))) == passes
+
+
+def test_forged_streams_do_not_fill_the_table() -> None:
     streams = StreamTable()
-    now = int((NOW - EPOCH) * UNITS)
-    for stream in [("a", 0, 1, 1), ("b", 0, 1, 1), ("a", 1, 1, 1), ("a", 0, 2, 1), ("a", 0, 1, 2)]:
-        assert streams.admit(stream, now, now)
-        assert not streams.admit(stream, now, now)
-    assert streams.admit(("c", 0, 1, 1), now - OLDEST_STREAM, now)
-    assert not streams.admit(("d", 0, 1, 1), now - OLDEST_STREAM - 1, now)
+    streams.of(KEY).update({i.to_bytes(3, "big"): 1 for i in range(LARGEST_CROWD)})
+    assert Parser(_verifier(WallClock(), streams)).feed(_signed()) == []
 
 
 def test_our_time_never_stands_and_never_goes_back() -> None:
