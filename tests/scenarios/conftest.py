@@ -1,0 +1,176 @@
+"""The stage on which the thesis' scenario is played: the demo's real processes and the real full screen."""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import io
+from collections.abc import AsyncIterator, Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from rich.console import Console
+from textual.pilot import Pilot
+from textual.widgets import Button, DirectoryTree, Input
+
+from robotree.tui.app import Supervisor
+from robotree.tui.demo import cast
+from robotree.tui.processes import Crew
+from robotree.tui.realm import joined
+from robotree.tui.screens.main import MainPage
+from robotree.tui.screens.panel import PanelPage
+from robotree.tui.screens.teleop import TeleopPage
+from robotree.tui.widgets.robot_table import RobotTable
+from robotree.vr.fleet import Fleet
+
+
+class Stage:
+    """An operator at the keyboard of the full screen."""
+
+    def __init__(self, pilot: Pilot[int], fleet: Fleet) -> None:
+        self.app: Supervisor = pilot.app  # type: ignore[assignment] # the app that was run
+        self.fleet = fleet
+        self._pilot = pilot
+        self._context = contextvars.copy_context()
+
+    async def play(self, doing: Coroutine[Any, Any, Any]) -> Any:
+        """Do something in the context in which the app runs."""
+        return await asyncio.get_running_loop().create_task(doing, context=self._context)
+
+    async def press(self, *keys: str) -> None:
+        await self.play(self._pilot.press(*keys))
+
+    async def until(self, holds: Callable[[], bool], within: float = 10.0) -> None:
+        """Wait until the screen shows something; its drawing says when to look."""
+        try:
+            async with asyncio.timeout(within):
+                while not holds():
+                    await self.play(self._pilot.pause(0.05))
+        except TimeoutError:
+            pytest.fail(f"it did not come to that within {within:g} s:\n{self.text}")
+
+    async def sees(self, *words: str, within: float = 10.0) -> None:
+        """Wait until all words are on the screen."""
+        await self.until(lambda: all(word in self.text for word in words), within)
+
+    @property
+    def text(self) -> str:
+        """What is on the screen, as plain text."""
+        width, height = self.app.size
+        console = Console(width=width, height=height, file=io.StringIO(), record=True, force_terminal=True)
+        console.print(self.app.screen._compositor.render_update(full=True))
+        return console.export_text(styles=False)
+
+    @property
+    def listed(self) -> set[str]:
+        return set(self.app.store.robots)
+
+    # -- what the operator does again and again ----------------------------------------------------
+
+    async def main_page(self) -> None:
+        for _ in range(4):
+            if isinstance(self.app.screen, MainPage):
+                break
+            await self.press("escape")
+        assert isinstance(self.app.screen, MainPage)
+        await self.press("l")
+
+    async def select(self, name: str) -> None:
+        """Move the cursor of the list to a robot."""
+        await self.main_page()
+        await self.until(lambda: name in self.listed)
+        table = self.app.screen.query_one(RobotTable)
+        await self.until(lambda: table.row_count == len(self.listed))
+        await self.press("ctrl+home")
+        for _ in range(table.row_count):
+            if table.selected == name:
+                return
+            await self.press("down")
+        pytest.fail(f"{name} cannot be selected:\n{self.text}")
+
+    async def choose_file(self, name: str) -> None:
+        """Open the page for new robots and walk to a file of the examples."""
+        await self.main_page()
+        await self.press("n")
+        await self.sees("new virtual robot", name)
+        tree = self.app.screen.query_one(DirectoryTree)
+        await self.press("home")
+        for _ in range(20):
+            node = tree.cursor_node
+            if node and node.data and node.data.path.name == name:
+                break
+            await self.press("down")
+        await self.press("enter")
+        await self.until(lambda: not self.app.screen.query_one("#create", Button).disabled)
+
+    async def name_it(self, name: str) -> None:
+        """Overwrite the suggested name and create the robot."""
+        entry = self.app.screen.query_one("#name", Input)
+        await self.press("home", "shift+end", "delete", *name, "enter")
+        await self.until(lambda: name in self.listed)
+        assert entry.value == name
+
+    async def enslave(self, parent: str, child: str) -> None:
+        await self.select(parent)
+        await self.press("e")
+        await self.sees(child)
+        await self.press("enter")
+        await self.until(lambda: child not in self.listed)
+
+    async def panel(self, name: str) -> PanelPage:
+        await self.select(name)
+        await self.press("enter")
+        await self.until(lambda: isinstance(self.app.screen, PanelPage))
+        page = self.app.screen
+        assert isinstance(page, PanelPage)
+        return page
+
+    async def run_command(self, page: PanelPage, name: str, within: float) -> None:
+        """Go to a command of the panel and press its button."""
+        await self.press("escape", "home") if not page.query_one("#commands").has_focus else None
+        await self.press("home")
+        for command in page.robot.commands:
+            if command.name == name:
+                break
+            await self.press("down")
+        await self.press("enter", "enter")
+        await self.sees("done in", within=within)
+
+    async def jog(self, *keys: str, within: float = 15.0) -> None:
+        """Press jog keys, each when the step before has been made."""
+        page = self.app.screen
+        assert isinstance(page, TeleopPage)
+        for key in keys:
+            before = page.jog.fulfilled
+            await self.press(key)
+            await self.until(lambda seen=before: page.jog.fulfilled not in (None, seen), within)
+
+    def wish(self) -> dict[str, float]:
+        """Where the jog keys have led so far."""
+        page = self.app.screen
+        assert isinstance(page, TeleopPage)
+        return page.jog.wish or self.readings(page.robot.name)
+
+    async def lever(self) -> float:
+        """[rad] The angle that the workspace's instrument reads."""
+        return (await self.fleet.describe_view("cell")).readings["lever"]
+
+    def readings(self, name: str) -> dict[str, float]:
+        return self.app.store.readings(name)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def stage(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Stage]:
+    folder: Path = tmp_path_factory.mktemp("stage")
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XDG_RUNTIME_DIR", str(folder))
+        environment.setenv("XDG_STATE_HOME", str(folder))
+        async with Crew("thesis", folder) as crew:
+            await cast(crew)
+            async with (
+                joined("thesis") as fleet,
+                Supervisor(fleet, realm="thesis").run_test(size=(140, 44)) as pilot,
+            ):
+                yield Stage(pilot, fleet)
