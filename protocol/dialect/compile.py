@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from pymavlink.generator.mavparse import MAVXML, MAVType
 
-DIALECT = Path(__file__).with_name("robotree.xml")
+DIALECT = Path(__file__).with_name("robotree_full.xml")
 LARGEST_PAYLOAD = 255
 LARGEST_NESTING = 8
 

@@ -73,6 +73,15 @@ class GripperState(IntEnum):
     HOLDING = 2
 
 
+class SetpointKind(IntEnum):
+    """ROBOTREE_SETPOINT_KIND: what a set-point says."""
+
+    TOOL_POSE = 1
+    TOOL_VELOCITY = 2
+    BASE_VELOCITY = 3
+    JOINTS = 4
+
+
 @wire("ROBOTREE_JOINTS")
 class Joints(Message, frozen=True, gc=False):
     """Joint positions; the first `count` of the eight are used."""
@@ -188,3 +197,18 @@ class PictureRequest(Message, frozen=True, gc=False):
     target_system: int
     target_component: int
     quality: int
+
+
+@wire("ROBOTREE_SETPOINT")
+class Setpoint(Message, frozen=True, gc=False):
+    """Where to be now, as part of a stream that ends by itself."""
+
+    time_boot_ms: int
+    epoch: int
+    number: int
+    args: tuple[float, ...]
+    """(7,) arguments of the kind; NaN: as it is now."""
+    ttl_ms: int
+    target_system: int
+    target_component: int
+    kind: int

@@ -175,3 +175,16 @@ def test_regenerating_writes_the_committed_table(
     assert main() == 0
     assert copy.read_bytes() == TABLE.read_bytes()
     assert capsys.readouterr().out == f"table.json: {len(definitions())} messages\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "crc_extra"), [("COMMAND_CANCEL", 14), ("PROTOCOL_VERSION", 217), ("CONTROL_STATUS", 21)]
+)
+def test_what_we_take_from_upstream_is_understood_there(name: str, crc_extra: int) -> None:
+    assert by_name()[name].crc_extra == crc_extra
+
+
+def test_our_own_file_stands_alone() -> None:
+    alone = {each.name for each in compiler.build(compiler.DIALECT.with_name("robotree.xml"))}
+    assert {each for each in by_name() if each.startswith("ROBOTREE_")} <= alone
+    assert "COMMAND_CANCEL" not in alone
