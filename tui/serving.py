@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -22,6 +21,9 @@ Ready = Callable[[str], None]
 
 Run = Callable[[Ready], Coroutine[Any, Any, None]]
 """Is an agent until it is cancelled."""
+
+STDIN = 0
+"""File descriptor of the standard input."""
 
 LAST_WORDS = 3.0
 """[s] allowed for the polite end before the process is ended anyway."""
@@ -52,12 +54,14 @@ def hold(loop: asyncio.AbstractEventLoop, let_go: Callable[[], None]) -> None:
     """Call back on the loop when standard input ends.
 
     A thread reads, because standard input may be anything, also what an event loop cannot wait for. Should
-    the loop hang then, the process is ended all the same: no orphan stays behind.
+    the loop hang then, the process is ended all the same: no orphan stays behind. It reads beneath Python's
+    buffer, whose lock an interpreter that shuts down meanwhile could not take from it.
     """
 
     def wait() -> None:
-        while sys.stdin.buffer.read(1):
-            pass
+        with contextlib.suppress(OSError):
+            while os.read(STDIN, 64):
+                pass
         last = threading.Timer(LAST_WORDS, os._exit, args=(1,))
         last.daemon = True
         last.start()
