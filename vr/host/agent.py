@@ -122,23 +122,12 @@ class RobotAgent:
         self._publishing: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._open = False
-        self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
-            Describe: self._describe,
-            Cancel: self._cancel,
-            Petition: self._petition,
-            Renew: self._renew,
-            Release: self._release,
-            SafeStop: self._safe_stop,
-            Resume: self._resume,
-            Enslave: self._enslave,
-            Free: self._free,
-            Delete: self._delete,
-        }
+        self._handlers = self._questions()
 
     # -- life -------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Serve requests, then be present, then enter the lookup.
+        """Serve requests, then be present, then enter the lookup; returns when it is listed.
 
         Raises:
             DuplicateName: a living robot has this name.
@@ -155,6 +144,7 @@ class RobotAgent:
             raise
         self._publishing = self._loop.create_task(self._news.run())
         self._changed()
+        await self._listed.settled()
 
     async def close(self) -> None:
         """End politely: release the children, leave the lookup, be gone. Twice is once."""
@@ -238,6 +228,20 @@ class RobotAgent:
             respond(encode(await handler(request)))
         else:
             raise Garbled(key=self.address.key, detail=f"{type(request).__name__} is no question to a robot")
+
+    def _questions(self) -> dict[type, Callable[[Any], Awaitable[Reply]]]:
+        return {
+            Describe: self._describe,
+            Cancel: self._cancel,
+            Petition: self._petition,
+            Renew: self._renew,
+            Release: self._release,
+            SafeStop: self._safe_stop,
+            Resume: self._resume,
+            Enslave: self._enslave,
+            Free: self._free,
+            Delete: self._delete,
+        }
 
     async def _describe(self, _: Describe) -> Reply:
         return Described(robot=self.description())

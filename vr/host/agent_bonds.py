@@ -22,6 +22,7 @@ from robotree.vr.errors import (
     DeadlineExceeded,
     Garbled,
     LeaseError,
+    SlotEmpty,
     TransportError,
     Unreachable,
     VrError,
@@ -111,7 +112,7 @@ class BondKeeper:
         link.spawn(self._watch(link))
         self._on_change()
         if self._closed:  # it was deleted meanwhile
-            await self.free(slot)
+            await self._free_if_bound(slot)
 
     async def _petition(self, client: RobotClient, slot: str, kind: str) -> Bond:
         lineage, child = self._lineage(), client.address
@@ -139,8 +140,12 @@ class BondKeeper:
     async def close(self) -> None:
         """Release all children, and take no more."""
         self._closed = True
-        await asyncio.gather(*(self.free(slot) for slot in self._slots.bonds()))
+        await asyncio.gather(*(self._free_if_bound(slot) for slot in self._slots.bonds()))
         await asyncio.gather(*self._endings)
+
+    async def _free_if_bound(self, slot: str) -> None:
+        with contextlib.suppress(SlotEmpty):  # it was lost meanwhile
+            await self.free(slot)
 
     def names(self) -> set[str]:
         """Return the names of the children, of those too that are just being asked."""
