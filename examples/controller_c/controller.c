@@ -1,5 +1,5 @@
-/* The controller of a rover. It listens on TCP, does what a robotree proxy asks of it, and moves a point where
- * yours moves wheels: look for MOTOR. rules.h knows what to obey; this file is the robot and its socket.
+/* The controller of a rover. It listens on TCP, does what a robotree proxy asks of it, and moves a point
+ * where yours moves wheels: look for MOTOR. rules.h knows what to obey; this file is robot and socket.
  * One thread, no allocation. Metres along the axes of W (x forward, y left), milliseconds since the start. */
 #define _POSIX_C_SOURCE 200809L
 #include "rules.h"
@@ -15,7 +15,8 @@
 #include <unistd.h>
 
 enum { CLIENTS = MAVLINK_COMM_NUM_BUFFERS, TICK = 20, LONGEST_STEP = 100 };
-static const double ARENA = 1.5, SLOWEST = 0.01, TOP_SPEED = 1.0, USUAL_SPEED = 0.4;
+static const double ARENA = 1.5, USUAL_SPEED = 0.4;
+static const float SLOWEST = 0.01f, TOP_SPEED = 1.0f; /* float as on the wire, where 0.01 is a bit less */
 
 /* -- the robot */
 
@@ -23,13 +24,14 @@ static double x, y, vx, vy;              /* where it is and how it moves */
 static double to_x, to_y, speed, length; /* of the movement that runs */
 
 static int robot_objects(int verb, const float *args, const char **text) {
-    double dx = (double)args[0], dy = (double)args[1], v = isnan(args[2]) ? USUAL_SPEED : (double)args[2];
+    double dx = (double)args[0], dy = (double)args[1];
     if (verb == ROBOTREE_VERB_HOLD) return 0;
     if (verb != ROBOTREE_VERB_MOVE) {
         *text = "This rover knows MOVE and HOLD.";
         return ROBOTREE_REASON_UNKNOWN_VERB;
     }
-    if (!isfinite(dx) || !isfinite(dy) || v < SLOWEST || v > TOP_SPEED) {
+    /* NaN, which is neither below nor above, asks for the usual speed. */
+    if (!isfinite(dx) || !isfinite(dy) || args[2] < SLOWEST || args[2] > TOP_SPEED) {
         *text = "MOVE takes dx, dy in metres and a speed of 0.01 to 1 m/s.";
         return ROBOTREE_REASON_BAD_ARGUMENT;
     }
@@ -86,9 +88,11 @@ static void hang_up(int i) {
 static void say(const mavlink_message_t *message) {
     uint8_t frame[MAVLINK_MAX_PACKET_LEN];
     ssize_t size = mavlink_msg_to_send_buffer(frame, message);
-    for (int i = 0; i < CLIENTS; i++)
-        if (clients[i].fd >= 0 && send(clients[i].fd, frame, (size_t)size, MSG_NOSIGNAL | MSG_DONTWAIT) != size)
+    for (int i = 0; i < CLIENTS; i++) {
+        if (clients[i].fd < 0) continue;
+        if (send(clients[i].fd, frame, (size_t)size, MSG_NOSIGNAL | MSG_DONTWAIT) != size)
             hang_up(i); /* it is gone, or it has not read for so long that its buffer is full */
+    }
 }
 
 static void read_from(int i) {
@@ -159,7 +163,8 @@ int main(int count, char **words) {
             if (watched[i + 1].revents && clients[i].fd >= 0) read_from(i);
         if (watched[0].revents) welcome(listener);
         if (now >= last + TICK) {
-            uint64_t passed = now - last < LONGEST_STEP ? now - last : LONGEST_STEP; /* no jump after a pause */
+            uint64_t passed = now - last;
+            if (passed > LONGEST_STEP) passed = LONGEST_STEP; /* no jump after a pause */
             last = now;
             rules_tick();
             if (running) robot_moves((double)passed / 1000);

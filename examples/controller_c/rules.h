@@ -46,8 +46,8 @@ static void say_mode(int refusal) {
                  : mode() == ROBOTREE_MODE_KIND_HOLD ? ROBOTREE_REASON_LINK_SILENT
                                                       : ROBOTREE_REASON_NONE;
     mavlink_message_t message;
-    mavlink_msg_robotree_mode_pack(SYSTEM, COMPONENT, &message, (uint32_t)now, epoch, SILENCE, (uint8_t)mode(),
-                                   (uint8_t)reason);
+    mavlink_msg_robotree_mode_pack(SYSTEM, COMPONENT, &message, (uint32_t)now, epoch, SILENCE,
+                                   (uint8_t)mode(), (uint8_t)reason);
     say(&message);
     mode_due = now + MODE_PERIOD;
 }
@@ -100,7 +100,7 @@ static bool fence(uint32_t asked) { /* false: a newer epoch was obeyed */
     return true;
 }
 
-static struct goal unheard_of(const mavlink_message_t *from, uint64_t key) { /* in state UNKNOWN, which is 0 */
+static struct goal unheard_of(const mavlink_message_t *from, uint64_t key) { /* UNKNOWN is 0 */
     struct goal goal = {.asked = {.key = key}, .status = {.key = key}};
     goal.status.target_system = from->sysid;
     goal.status.target_component = from->compid;
@@ -223,7 +223,7 @@ static void rules_tick(void) { /* before the robot moves, so that it does not mo
         finish(ROBOTREE_GOAL_STATE_EXPIRED, ROBOTREE_REASON_NONE, "Its time to live was over.");
 }
 
-static void rules_news(void) { /* after everything: tell what has changed, and from time to time what has not */
+static void rules_news(void) { /* last: tell what has changed, and now and then what has not */
     static int told_mode = -1;
     static uint32_t told_epoch;
     bool news = told_mode != mode() || told_epoch != epoch;

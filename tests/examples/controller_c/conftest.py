@@ -1,0 +1,154 @@
+"""The controller in C, compiled as its README says and with sanitizers, and who speaks to it."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import pytest
+
+from robotree.protocol.frame import encode
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    GoalCancel,
+    GoalState,
+    GoalStatus,
+    LocalPositionNed,
+    Message,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+    Verb,
+)
+from robotree.protocol.parser import Parser
+
+SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
+COMPILER = shutil.which(os.environ.get("CC", "cc"))
+SANITIZERS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
+T = TypeVar("T", bound=Message)
+
+
+def compiled(folder: Path) -> Path:
+    """Make the controller in a clean folder, with sanitizers where the compiler has them."""
+    for name in ("controller.c", "rules.h", "Makefile"):
+        shutil.copy(SOURCE / name, folder)
+    probe = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
+    able = subprocess.run(probe, input=b"int main(void) { return 0; }", capture_output=True, check=False)
+    able_to_run = able.returncode == 0 and subprocess.run([folder / "probe"], check=False).returncode == 0
+    words = ["make", "-C", folder, f"PYTHON={sys.executable}", f"CC={COMPILER}"]
+    words += [f"CFLAGS={SANITIZERS}"] if able_to_run else []
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "build" / "controller"
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if COMPILER is None or shutil.which("make") is None:
+        pytest.skip("there is no C compiler or no make here")
+    return compiled(tmp_path_factory.mktemp("controller_c"))
+
+
+@contextmanager
+def powered(program: Path, port: int = 0) -> Iterator[int]:
+    """The controller runs inside the block; its port. It must neither end nor complain by itself."""
+    with subprocess.Popen(
+        [program, str(port)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as it:
+        assert it.stdout is not None
+        assert it.stderr is not None
+        word, _, url = it.stdout.readline().partition(" ")
+        assert word == "ready", it.stderr.read()
+        try:
+            yield int(url.rpartition(":")[2])
+            assert it.poll() is None, it.stderr.read()
+        finally:
+            it.kill()
+
+
+@pytest.fixture(scope="session")
+def power(program: Path) -> Callable[..., AbstractContextManager[int]]:
+    return partial(powered, program)
+
+
+@pytest.fixture
+def port(program: Path) -> Iterator[int]:
+    with powered(program) as port:
+        yield port
+
+
+class Operator:
+    """Speaks with the controller in MAVLink, without a proxy."""
+
+    def __init__(self, port: int, system: int = 255) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self._system, self._parser, self._heard = system, Parser(), list[Any]()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def say(self, message: AnyMessage) -> None:
+        self.socket.sendall(encode(message, sequence=0, system=self._system, component=190))
+
+    def hear(self, kind: type[T], such: Callable[[T], bool] = lambda _: True, within: float = 5.0) -> T:
+        """The next message of a kind that is such; what came before it is dropped."""
+        deadline = time.monotonic() + within
+        while time.monotonic() < deadline:
+            while self._heard:
+                message = self._heard.pop(0)
+                if isinstance(message, kind) and such(message):
+                    return message
+            self._heard += [frame.message for frame in self._parser.feed(self.socket.recv(65536))]
+        pytest.fail(f"no such {kind.__name__} came within {within} s")
+
+    def ask(self, key: int, *args: float, verb: int = Verb.MOVE, epoch: int = 1, ttl: int = 0) -> GoalStatus:
+        """Send a goal; its next status."""
+        padded = (*args, *(math.nan,) * (7 - len(args)))
+        self.say(Goal(key, epoch, ttl, padded, verb, 1, 1))
+        return self.status(key)
+
+    def cancel(self, key: int, epoch: int = 1) -> GoalStatus:
+        self.say(GoalCancel(key, epoch, 1, 1))
+        return self.status(key)
+
+    def status(self, key: int, *states: GoalState) -> GoalStatus:
+        return self.hear(
+            GoalStatus,
+            lambda it: (
+                it.key == key and it.target_system == self._system and (not states or it.state in states)
+            ),
+        )
+
+    def set_mode(self, mode: ModeKind, epoch: int = 1) -> Mode:
+        self.say(SetMode(epoch, 1, 1, mode))
+        return self.hear(Mode, lambda it: mode in {it.mode, ModeKind.READY} or it.reason > Reason.NONE)
+
+    def place(self) -> tuple[float, float]:
+        position = self.hear(LocalPositionNed)
+        return position.x, -position.y
+
+
+@pytest.fixture
+def operator(port: int) -> Iterator[Operator]:
+    with Operator(port) as operator:
+        yield operator
+
+
+@pytest.fixture
+def make_operator() -> type[Operator]:
+    return Operator

@@ -1,0 +1,248 @@
+"""What the controller in C says on the wire, held against the rules of the simulated controller."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import random
+import socket
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.protocol.frame import encode
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    GoalCancel,
+    GoalState,
+    GoalStatus,
+    Heartbeat,
+    MavAutopilot,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+    Verb,
+)
+from robotree.protocol.parser import Parser
+from robotree.sim import worlds
+from robotree.sim.firmware import Firmware
+
+Operator = Any
+LIFE = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+FAR, SLOW = 1.4, 0.02
+"""[m], [m/s] A move that no test waits for."""
+
+
+def test_it_says_at_once_who_it_is_and_how(operator: Operator) -> None:
+    assert operator.hear(Heartbeat, within=0.3).type == MavType.GROUND_ROVER
+    mode = operator.hear(Mode, within=0.3)
+    assert (mode.mode, mode.epoch, mode.silence_ms) == (ModeKind.READY, 0, 2000)
+
+
+def test_a_move_is_active_then_reached_at_the_speed_asked_for(operator: Operator) -> None:
+    began = time.monotonic()
+    assert operator.ask(7, 0.3, -0.4, 1.0).state == GoalState.ACTIVE
+    status = operator.status(7, GoalState.SUCCEEDED)
+    assert 0.45 < time.monotonic() - began < 1.5  # half a metre at 1 m/s
+    assert (status.progress, status.reason) == (1.0, Reason.NONE)
+    assert operator.place() == pytest.approx((0.3, -0.4), abs=1e-6)
+
+
+def test_the_same_key_replays_the_status_and_does_not_move_twice(operator: Operator) -> None:
+    operator.ask(7, 0.1, 0.0, 1.0)
+    first = operator.status(7, GoalState.SUCCEEDED)
+    assert operator.ask(7, 0.1, 0.0, 1.0, epoch=3) == GoalStatus(
+        7, 3, 1.0, first.sequence, 0, 255, 190, GoalState.SUCCEEDED, ""
+    )
+    other = operator.ask(7, 0.2, 0.0, 1.0)
+    assert (other.state, other.reason) == (GoalState.REFUSED, Reason.KEY_REUSED)
+    assert operator.place() == pytest.approx((0.1, 0.0), abs=1e-6)
+
+
+def test_another_sender_has_keys_of_its_own(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    operator.ask(7, FAR, 0.0, SLOW)
+    with make_operator(port, system=254) as other:
+        assert other.ask(7, verb=Verb.STATUS).state == GoalState.UNKNOWN
+        assert other.ask(7, 0.0, 0.1, SLOW).state == GoalState.ACTIVE
+    assert operator.status(7, GoalState.CANCELLED).reason == Reason.SUPERSEDED
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "reason"),
+    [
+        (Verb.MOVE, (1.6, 0.0), Reason.OUT_OF_REACH),
+        (Verb.MOVE, (0.0, 1e30), Reason.OUT_OF_REACH),
+        (Verb.MOVE, (math.nan, 0.0), Reason.BAD_ARGUMENT),
+        (Verb.MOVE, (0.1, -math.inf), Reason.BAD_ARGUMENT),
+        (Verb.MOVE, (0.1, 0.0, 0.0), Reason.BAD_ARGUMENT),
+        (Verb.MOVE, (0.1, 0.0, math.inf), Reason.BAD_ARGUMENT),
+        (Verb.GRIP, (0.02,), Reason.UNKNOWN_VERB),
+        (777, (), Reason.UNKNOWN_VERB),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_a_sentence(
+    operator: Operator, verb: int, args: tuple[float, ...], reason: Reason
+) -> None:
+    status = operator.ask(7, *args, verb=verb)
+    assert (status.state, status.reason) == (GoalState.REFUSED, reason)
+    assert status.text.endswith(".")
+    assert operator.place() == (0.0, 0.0)
+
+
+def test_a_hold_ends_what_runs(operator: Operator) -> None:
+    operator.ask(7, FAR, 0.0, SLOW)
+    operator.say(Goal(8, 1, 0, (math.nan,) * 7, Verb.HOLD, 1, 1))
+    assert operator.status(7, GoalState.CANCELLED).reason == Reason.SUPERSEDED
+    assert operator.status(8, GoalState.SUCCEEDED).progress == 1.0
+
+
+def test_a_stop_is_obeyed_under_any_epoch_and_released_only_under_one_that_is_not_stale(
+    operator: Operator,
+) -> None:
+    operator.ask(7, FAR, 0.0, SLOW, epoch=5)
+    assert operator.set_mode(ModeKind.SAFE_STOP, epoch=0).mode == ModeKind.SAFE_STOP
+    assert operator.ask(7, verb=Verb.STATUS).reason == Reason.STOPPED
+    assert operator.ask(8, 0.1, 0.0, epoch=5).reason == Reason.STOPPED
+    assert operator.set_mode(ModeKind.READY, epoch=4).reason == Reason.STALE_EPOCH
+    assert operator.set_mode(ModeKind.FAULT, epoch=5).reason == Reason.BAD_ARGUMENT
+    assert operator.hear(Heartbeat).base_mode == 1
+    operator.set_mode(ModeKind.READY, epoch=5)
+    assert operator.ask(9, 0.1, 0.0, epoch=5).state == GoalState.ACTIVE
+
+
+def test_a_goal_that_is_not_reached_in_time_expires(operator: Operator) -> None:
+    began = time.monotonic()
+    operator.ask(7, FAR, 0.0, SLOW, ttl=300)
+    operator.status(7, GoalState.EXPIRED)
+    assert 0.25 < time.monotonic() - began < 1.5
+    standing = operator.place()
+    assert operator.place() == standing
+
+
+def test_a_silent_sender_loses_its_movement_whoever_else_speaks(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    operator.ask(7, FAR, 0.0, SLOW)
+    with make_operator(port, system=254) as logger:
+        began = time.monotonic()
+        while (mode := logger.hear(Mode)).mode == ModeKind.ACTIVE:
+            logger.say(LIFE)
+        assert 1.5 < time.monotonic() - began < 4.0
+        assert (mode.mode, mode.reason) == (ModeKind.HOLD, Reason.LINK_SILENT)
+    assert operator.status(7, GoalState.CANCELLED).reason == Reason.LINK_SILENT
+    assert operator.ask(8, 0.1, 0.0).state == GoalState.ACTIVE
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_its_rules_are_those_of_the_simulated_controller(
+    port: int, seed: int, make_operator: type[Operator]
+) -> None:
+    """Seeded messages to both; then both must say the same of every key."""
+    chance = random.Random(seed)
+    firmware = Firmware(worlds.rover_world().rover, (), system=1, kind=MavType.GROUND_ROVER)
+    parser, keys = Parser(), (0, 1, 2, 3, 4)
+
+    def reference(message: AnyMessage) -> list[AnyMessage]:
+        (frame,) = parser.feed(encode(message, sequence=0, system=255, component=190))
+        return [each.message for each in firmware.hear(frame, "wire", 0)]
+
+    def polled(key: int) -> Goal:
+        return Goal(key, 0, 0, (0.0,) * 7, Verb.STATUS, 1, 1)
+
+    with make_operator(port) as operator:
+        for barrier in range(1000, 1100):
+            message = _anything(chance, keys)
+            reference(message)
+            operator.say(message)
+            answers = [each for key in keys for each in reference(polled(key))]
+            want = [_gist(each) for each in answers if isinstance(each, GoalStatus)]
+            for key in (*keys, barrier):
+                operator.say(polled(key))
+            told: dict[int, Any] = {}
+            operator.hear(GoalStatus, lambda it, told=told: told.update({it.key: _gist(it)}) or it.key > 999)
+            assert [told[key] for key in keys] == want, message
+
+
+def _gist(status: GoalStatus) -> tuple[int, ...]:
+    return status.key, status.state, status.reason, status.epoch
+
+
+def _anything(chance: random.Random, keys: tuple[int, ...]) -> AnyMessage:
+    key, epoch = chance.choice(keys), chance.randint(1, 4)
+    match chance.randrange(8):
+        case 0:
+            return GoalCancel(key, epoch, 1, 1)
+        case 1:
+            return SetMode(epoch, 1, 1, chance.choice((ModeKind.SAFE_STOP, ModeKind.READY, ModeKind.READY)))
+        case _:
+            args = (chance.choice((FAR, 0.5, math.nan)), 0.0, SLOW, *(math.nan,) * 4)
+            return Goal(key, epoch, chance.choice((0, 60_000)), args, Verb.MOVE, 1, chance.choice((0, 1, 2)))
+
+
+def test_random_and_torn_bytes_change_nothing(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    chance = random.Random(1)
+    frame = encode(
+        Goal(7, 1, 0, (FAR, 0.0, SLOW, *(math.nan,) * 4), Verb.MOVE, 1, 1),
+        sequence=0,
+        system=255,
+        component=190,
+    )
+    with make_operator(port, system=254) as noise:
+        for _ in range(200):
+            noise.socket.sendall(chance.randbytes(500))
+            torn = bytearray(frame[: chance.randint(1, len(frame))])
+            torn[-1] ^= chance.randrange(1, 256)
+            noise.socket.sendall(bytes(torn))
+            noise.socket.sendall(b"\xfd" + chance.randbytes(chance.randint(0, 300)))
+    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.UNKNOWN
+    for byte in frame:
+        operator.socket.sendall(bytes((byte,)))
+    assert operator.status(7).state == GoalState.ACTIVE
+
+
+def test_more_goals_than_it_can_keep_leave_the_running_one_alone(operator: Operator) -> None:
+    operator.ask(7, FAR, 0.0, SLOW)
+    for key in range(1000, 1600):
+        operator.say(Goal(key, 1, 0, (math.nan,) * 7, Verb.MOVE, 1, 1))
+    assert operator.status(1599).reason == Reason.BAD_ARGUMENT
+    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
+
+
+def test_a_crowd_does_not_keep_the_newest_out(port: int, make_operator: type[Operator]) -> None:
+    with (
+        make_operator(port),
+        make_operator(port),
+        make_operator(port),
+        make_operator(port),
+        make_operator(port, system=254) as newest,
+    ):
+        assert newest.ask(1, 0.1, 0.0).state == GoalState.ACTIVE
+
+
+def test_a_reader_who_never_reads_is_hung_up_on(port: int, operator: Operator) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as lazy:
+        lazy.settimeout(5.0)
+        for _ in range(60):
+            for _ in range(1000):
+                operator.say(Goal(1, 1, 0, (math.nan,) * 7, Verb.STATUS, 1, 1))
+            operator.ask(2, verb=Verb.STATUS)
+        with contextlib.suppress(ConnectionError):
+            while lazy.recv(1 << 20):
+                pass  # until its end; without one, the socket's timeout fails the test
+
+
+@pytest.mark.parametrize("words", [[], ["x"], ["-1"], ["65536"], ["1", "2"], [""]])
+def test_a_wrong_command_line_is_answered_with_the_right_one(program: Path, words: list[str]) -> None:
+    done = subprocess.run([program, *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.split()[0]) == (2, "usage:")
