@@ -67,11 +67,12 @@ class Action:
 
     @property
     def verb(self) -> str:
-        """First word of the usage."""
-        return self.usage.partition(" ")[0]
+        """The lower-case words with which the usage begins."""
+        return self.shape.verb
 
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
+WIRE = "Wire"
 
 ACTIONS: tuple[Action, ...] = (
     # -- look
@@ -248,6 +249,14 @@ ACTIONS: tuple[Action, ...] = (
         group=PROCESS,
         where=Where.SHELL,
         examples=("lookup lookup-1",),
+    ),
+    # -- the wire (`tui/wire`)
+    Action(
+        usage="wire decode FILE [--as FORMAT]",
+        help="Print the MAVLink frames in a recording, a candump log or raw bytes (- for standard input).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire decode flight.tlog", "wire decode - --json"),
     ),
     # -- the screen alone
     Action(

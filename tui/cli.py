@@ -55,20 +55,18 @@ def _obey(given: list[str]) -> int:
     if given[:1] in (["--version"], ["-V"]):
         return _version()
     if given[:1] == ["help"]:
-        return _help(given[1])
+        return _help(given[1:])
     if not given or given[0].startswith("--"):
         given = ["supervise", *given]
     if "--help" in given or "-h" in given:
-        return _help(given[0])
+        return _help([word for word in given if not word.startswith("-")])
     line = grammar.parse(given, shapes(Where.SHELL), manual.EVERYWHERE)
     return _start(line)
 
 
-def _help(verb: str) -> int:
-    known = shapes(Where.SHELL)
-    if verb not in known:
-        grammar.parse([verb], known, {})
-    put(manual.page(verb))
+def _help(words: Sequence[str]) -> int:
+    family = manual.family(words[0]) if len(words) == 1 else ""
+    put(family or manual.page(grammar.verb_of(words, shapes(Where.SHELL))))
     return exit_codes.DONE
 
 
@@ -102,6 +100,10 @@ def _start(line: Line) -> int:
             return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json")))
         case "sim" | "proxy" | "view" | "host" | "lookup":
             return _run(_agent(line, realm, tether=tether))
+        case verb if verb.startswith("wire "):
+            from robotree.tui import wire
+
+            return wire.start(line)
         case _:
             from robotree.tui.shell import once
 

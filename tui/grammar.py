@@ -4,9 +4,11 @@ A verb's usage string is both its help and its parser:
 
     create FILE as NAME [on HOST]
     call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME]
+    wire decode FILE
 
-UPPER CASE is a value to fill in, lower case a word to type as it is, `[…]` may be left out, `…` repeats the
-value before it, `--option` may stand anywhere. Values that begin with `--` are given after a bare `--`.
+The lower-case words at the beginning are the verb. UPPER CASE is a value to fill in, lower case a word to
+type as it is, `[…]` may be left out, `…` repeats the value before it, `--option` may stand anywhere behind the
+verb. Values that begin with `--` are given after a bare `--`.
 Pure: text in, values out.
 """
 
@@ -14,13 +16,16 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from robotree.tui.errors import BadLine, UnknownVerb
 
 Value = str | tuple[str, ...] | bool
 MORE = "…"
+LONGEST_VERB = 2
+"""Words of a verb, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +95,9 @@ def shape(usage: str) -> Shape:
     Returns:
         The shape that `parse` wants.
     """
-    verb, *tokens = usage.replace("[", " [ ").replace("]", " ] ").split()
+    tokens = usage.replace("[", " [ ").replace("]", " ] ").split()
+    verb = " ".join(takewhile(str.isidentifier, takewhile(str.islower, tokens)))
+    tokens = tokens[verb.count(" ") + 1 :]
     options: dict[str, str] = {}
     parts, rest = _parts(tokens, options)
     if rest:
@@ -147,21 +154,41 @@ def parse(words: Iterable[str], shapes: Mapping[str, Shape], everywhere: Mapping
         UnknownVerb: there is no such verb.
         BadLine: a value is missing, one is too many, or an option is unknown.
     """
-    verb, *rest = words
-    if verb not in shapes:
-        raise UnknownVerb(verb, tuple(difflib.get_close_matches(verb, shapes, n=2)))
+    given = list(words)
+    verb = verb_of(given, shapes)
     wanted = shapes[verb]
-    plain, values = _take_options(rest, {**everywhere, **wanted.options}, wanted.usage)
+    plain, values = _take_options(
+        given[verb.count(" ") + 1 :], {**everywhere, **wanted.options}, wanted.usage
+    )
     found = _match(wanted.parts, tuple(plain))
     if found is None:
         raise BadLine(_complaint(wanted, plain), wanted.usage)
     return Line(verb, {**values, **found})
 
 
+def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
+    """Return the verb with which a line begins; of two the longer one.
+
+    Raises:
+        UnknownVerb: it begins with none.
+    """
+    for count in range(min(len(words), LONGEST_VERB), 0, -1):
+        if (verb := " ".join(words[:count])) in shapes:
+            return verb
+    family = [verb for verb in shapes if verb.startswith(f"{words[0]} ")]
+    asked = " ".join(words[:2]) if family else words[0]
+    near = difflib.get_close_matches(asked, family or shapes, n=2)
+    raise UnknownVerb(asked, tuple(near or family))
+
+
 def form(line: Line, shapes: Mapping[str, Shape]) -> str:
     """Write a line so that `split` and `parse` read the same values again."""
     wanted = shapes[line.verb]
-    words = [line.verb, *(text for text, _ in _options_of(line)), *(["--"] if _needs_guard(line) else [])]
+    words = [
+        *line.verb.split(),
+        *(text for text, _ in _options_of(line)),
+        *(["--"] if _needs_guard(line) else []),
+    ]
     words += _written(wanted.parts, line.values)
     return shlex.join(words)
 

@@ -44,6 +44,13 @@ def _row(action: Action) -> str:
     return f"{lead:<38}{action.help}" if len(lead) < 37 else f"{lead}\n{'':<38}{action.help}"
 
 
+def family(word: str) -> str:
+    """Return the help of all verbs of two words that begin with this one; empty: there are none."""
+    found = [action for action in BY_VERB.values() if action.verb.startswith(f"{word} ")]
+    rows = [_row(action) for action in found if Where.SHELL in action.where]
+    return "\n".join([*rows, "", f"robotree help {word} VERB explains one of them."]) if rows else ""
+
+
 def page(verb: str) -> str:
     """Return the help of one verb.
 

@@ -1,0 +1,209 @@
+"""From the bytes of any recording to frames, with everything counted. Pure; nothing that is fed can raise."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from robotree.protocol.capture.candump import CandumpReader, CandumpStatistics
+from robotree.protocol.capture.captured import Captured
+from robotree.protocol.capture.tlog import STAMP_BYTES, TlogReader, plausible
+from robotree.protocol.messages import fields_of
+from robotree.protocol.parser import Parser
+
+if TYPE_CHECKING:
+    from robotree.protocol.frame import Frame
+    from robotree.protocol.parser import Verifier
+
+HEAD_BYTES = STAMP_BYTES + 1
+"""[bytes] from which `detect` can tell."""
+LARGEST_CROWD = 1024
+"""Routes and speakers that are told apart; further ones share a last place."""
+_CROWD = "others"
+
+
+class Reader(Protocol):
+    """Takes the bytes of one format apart."""
+
+    skipped: int
+    """[bytes] that belong to nothing."""
+
+    def feed(self, data: bytes) -> list[Captured]:
+        """Take some bytes, whatever they are."""
+        ...
+
+    def flush(self) -> list[Captured]:
+        """There are no more."""
+        ...
+
+
+class RawReader:
+    """A stream as it was on the wire, without times."""
+
+    skipped = 0
+
+    def feed(self, data: bytes) -> list[Captured]:
+        """Hand the bytes on."""
+        return [Captured(data)] if data else []
+
+    def flush(self) -> list[Captured]:
+        """Nothing was kept."""
+        return []
+
+
+READERS: dict[str, type[Reader]] = {"raw": RawReader, "tlog": TlogReader, "candump": CandumpReader}
+"""Every format that is read piece by piece."""
+
+
+def detect(head: bytes, name: str = "") -> str:
+    """The format of a recording.
+
+    Args:
+        head: its first bytes, HEAD_BYTES or more if there are so many.
+        name: of its file.
+    """
+    if name.endswith(".tlog") or plausible(head):
+        return "tlog"
+    text = head.lstrip()
+    return "candump" if text[:1] == b"(" and text[1:2].isdigit() else "raw"
+
+
+class Decoded(msgspec.Struct, frozen=True, gc=False):
+    """A frame, and when and where it was captured."""
+
+    frame: Frame
+    time: int | None
+    """[us] since 1970; None: the recording has no times."""
+    route: str
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data; numbers that JSON does not have become null when msgspec encodes it."""
+        fields = fields_of(self.frame.message)
+        data: dict[str, Any] = {
+            "msgid": self.frame.msgid,
+            "name": self.frame.name,
+            "sysid": self.frame.system,
+            "compid": self.frame.component,
+            "seq": self.frame.sequence,
+            "fields": {
+                name: [*value] if isinstance(value, bytes) else value for name, value in fields.items()
+            },
+            "signed": self.frame.signed,
+        }
+        if self.time is not None:
+            data["time"] = self.time / 1e6
+        if self.route:
+            data["route"] = self.route
+        return data
+
+
+class DecoderStatistics(msgspec.Struct, frozen=True):
+    """One reading of a decoder's gauges. Those of the parser mean what they mean there."""
+
+    format: str
+    bytes: int
+    """[bytes] fed."""
+    frames: int
+    signed: int
+    version_1: int
+    bad_crc: int
+    unknown: int
+    incompatible: int
+    refused: int
+    lost: int
+    late: int
+    skipped: int
+    """[bytes] that belong to no intact frame of a message of the dialect."""
+    first: float | None
+    """[s] since 1970, of the first frame."""
+    last: float | None
+    """[s] since 1970, of the last frame."""
+    messages: dict[str, int]
+    """Frames by the name of their message."""
+    speakers: dict[str, int]
+    """Frames by system and component."""
+    can: CandumpStatistics | None = None
+
+
+class Decoder:
+    """Turns a recording into frames. The memory that it takes has a bound, whatever it is fed.
+
+    Args:
+        form: one of `READERS`, or another name when `reader` is given.
+        reader: takes the format apart.
+        verifier: asked about every intact frame.
+    """
+
+    def __init__(self, form: str, reader: Reader | None = None, verifier: Verifier | None = None) -> None:
+        self._form = form
+        self._reader = reader or READERS[form]()
+        self._verifier = verifier
+        self._parsers: dict[str, Parser] = {}
+        self._messages: Counter[str] = Counter()
+        self._speakers: Counter[str] = Counter()
+        self._bytes = self._signed = 0
+        self._first: int | None = None
+        self._last: int | None = None
+
+    @property
+    def statistics(self) -> DecoderStatistics:
+        """The gauges now."""
+        each = [parser.statistics for parser in self._parsers.values()]
+        reader = self._reader
+        return DecoderStatistics(
+            format=self._form,
+            bytes=self._bytes,
+            frames=sum(one.received for one in each),
+            signed=self._signed,
+            version_1=sum(one.version_1 for one in each),
+            bad_crc=sum(one.bad_crc for one in each),
+            unknown=sum(one.unknown for one in each),
+            incompatible=sum(one.incompatible for one in each),
+            refused=sum(one.refused for one in each),
+            lost=sum(one.lost for one in each),
+            late=sum(one.late for one in each),
+            skipped=sum(one.skipped for one in each) + reader.skipped,
+            first=None if self._first is None else self._first / 1e6,
+            last=None if self._last is None else self._last / 1e6,
+            messages=dict(self._messages.most_common()),
+            speakers=dict(self._speakers.most_common()),
+            can=reader.statistics if isinstance(reader, CandumpReader) else None,
+        )
+
+    def feed(self, data: bytes) -> list[Decoded]:
+        """Take some bytes, whatever they are, and hand out the frames that they complete."""
+        self._bytes += len(data)
+        return [one for captured in self._reader.feed(data) for one in self.decode(captured)]
+
+    def flush(self) -> list[Decoded]:
+        """The recording ended."""
+        found = [one for captured in self._reader.flush() for one in self.decode(captured)]
+        for route, parser in self._parsers.items():
+            found += [self._count(frame, None, route) for frame in parser.flush()]
+        return found
+
+    def decode(self, captured: Captured) -> list[Decoded]:
+        """The frames in what a reader handed out."""
+        route = captured.route
+        if route not in self._parsers and len(self._parsers) >= LARGEST_CROWD:
+            route = _CROWD
+        parser = self._parsers.get(route)
+        if parser is None:
+            parser = self._parsers[route] = Parser(self._verifier)
+        frames = parser.feed(captured.data)
+        if captured.time is not None:  # what was captured at one moment is whole
+            frames += parser.flush()
+        return [self._count(frame, captured.time, route) for frame in frames]
+
+    def _count(self, frame: Frame, time: int | None, route: str) -> Decoded:
+        speaker = f"{frame.system}/{frame.component}"
+        self._messages[frame.name] += 1
+        told_apart = speaker in self._speakers or len(self._speakers) < LARGEST_CROWD
+        self._speakers[speaker if told_apart else _CROWD] += 1
+        self._signed += frame.signed
+        if time is not None:
+            self._first = time if self._first is None else self._first
+            self._last = time
+        return Decoded(frame, time, route)

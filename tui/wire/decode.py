@@ -1,0 +1,85 @@
+"""`robotree wire decode FILE|-`: the frames in any recording, and what was wrong with the rest."""
+
+from __future__ import annotations
+
+import math
+import sys
+from datetime import UTC, datetime
+from typing import Any
+
+import msgspec
+
+from robotree.protocol.capture.decode import Decoded, DecoderStatistics
+from robotree.protocol.capture.files import Recording
+from robotree.tui import exit_codes
+from robotree.tui.grammar import Line
+from robotree.tui.wording import columns
+
+
+def run(line: Line) -> int:
+    """Print every frame, and statistics at the end."""
+    as_json = line.flag("--json")
+    file = Recording(line.text("FILE"), line.text("--as"))
+    told = to_json if as_json else to_text
+    for batch in file.frames():
+        sys.stdout.write("".join(f"{told(one)}\n" for one in batch))
+        sys.stdout.flush()
+    statistics = file.statistics
+    sys.stdout.write(f"{_statistics_json(statistics) if as_json else summary(statistics)}\n")
+    return exit_codes.DONE
+
+
+def to_json(one: Decoded) -> str:
+    """One frame as an object; NaN and infinity are null, since JSON has neither."""
+    return msgspec.json.encode(one.plain()).decode()
+
+
+def _statistics_json(statistics: DecoderStatistics) -> str:
+    return msgspec.json.encode({"statistics": statistics}).decode()
+
+
+def to_text(one: Decoded) -> str:
+    """One frame as a line for people."""
+    data = one.plain()
+    when = "" if one.time is None else f"{datetime.fromtimestamp(one.time / 1e6, UTC):%H:%M:%S.%f} "
+    route = f"{one.route} " if one.route else ""
+    mark = " signed" if data["signed"] else ""
+    speaker = f"{data['sysid']}/{data['compid']} #{data['seq']}"
+    return f"{when}{route}{speaker} {data['name']}{mark} {fields(data['fields'])}"
+
+
+def fields(values: dict[str, Any]) -> str:
+    """Fields for people."""
+    return " ".join(f"{name}={value_text(value)}" for name, value in values.items())
+
+
+def value_text(value: Any) -> str:
+    """One value for people."""
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return f"[{' '.join(value_text(each) for each in value)}]"
+    return repr(value) if isinstance(value, str) else str(value)
+
+
+def summary(statistics: DecoderStatistics) -> str:
+    """Statistics for people."""
+    s = statistics
+    rows = [(str(count), name) for name, count in s.messages.items()]
+    seconds = "" if s.first is None or s.last is None else f" in {s.last - s.first:.3f} s"
+    head = (
+        f"{s.frames} frames{seconds} from {s.bytes} bytes ({s.format}), "
+        f"{s.signed} signed; lost {s.lost}, late {s.late}"
+    )
+    wrong = (
+        f"bad checksum {s.bad_crc}, unknown id {s.unknown}, incompatible {s.incompatible}, "
+        f"refused {s.refused}, MAVLink 1 {s.version_1}, skipped {s.skipped} bytes"
+    )
+    can = ""
+    if s.can is not None:
+        c = s.can
+        can = (
+            f"\nCAN: {c.lines} lines, {c.malformed} malformed, {c.foreign} foreign, "
+            f"{c.payloads} payloads, {c.broken} broken"
+        )
+    return "\n".join([head, f"{wrong}{can}", *([columns(rows)] if rows else [])])
