@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.widgets import ContentSwitcher, DataTable, Static, Tree
+from textual.widgets import ContentSwitcher, DataTable, Tree
 
 from robotree.tui import forest
 from robotree.tui.actions import ACTIONS, BY_VERB, Where
@@ -18,6 +19,7 @@ from robotree.tui.widgets.happenings import HappeningLog
 from robotree.tui.widgets.prompt import Prompt
 from robotree.tui.widgets.robot_table import RobotTable
 from robotree.tui.widgets.robot_tree import RobotTree
+from robotree.tui.widgets.still import Still
 from robotree.tui.widgets.tabs import TabLine, TabName
 from robotree.tui.widgets.views_pane import ViewsPane
 
@@ -66,9 +68,9 @@ class MainPage(Page):
                 yield RobotTree(id="tree")
                 yield ViewsPane(id="views")
                 yield HappeningLog(id="log")
-            yield Static("", id="empty", markup=False)
+            yield Still(id="empty")
             with VerticalScroll(id="details-box", can_focus=False):
-                yield Details("", id="details", markup=False)
+                yield Details(id="details")
         yield Prompt(self.app, id="prompt")
 
     def on_mount(self) -> None:
@@ -197,14 +199,13 @@ class MainPage(Page):
             self.query_one(Details).draw(store, self.selected, now)
 
     def _draw_empty(self, *, rows: bool, letters: str) -> None:
-        """Say what emptiness means, where nothing is listed."""
-        empty, store = self.query_one("#empty", Static), self.app.store
+        """Say what emptiness means, over the list: one that is hidden would lose the focus."""
+        empty, store = self.query_one("#empty", Still), self.app.store
         nothing = self.pane == "robots" and not rows
         empty.display = nothing
-        self.query_one("#panes").display = not nothing
         if nothing:
             wanted = f" with {letters!r}" if letters else ""
-            empty.update(HIDDEN.format(letters=wanted) if store.descriptions or letters else EMPTY)
+            empty.show(Text(HIDDEN.format(letters=wanted) if store.descriptions or letters else EMPTY))
 
 
 def _filtered(roots: tuple[forest.Branch, ...], letters: str) -> tuple[forest.Branch, ...]:

@@ -26,10 +26,10 @@ class Page(Fenced, Leaving[None]):
 
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""
-        yield TopBar(classes="topbar", markup=False)
-        yield Banner(classes="banner", markup=False)
+        yield TopBar(classes="topbar")
+        yield Banner(classes="banner")
         yield from self.parts()
-        yield FlashLine(classes="flash", markup=False)
+        yield FlashLine(classes="flash")
         yield Footer(show_command_palette=False, compact=True)
 
     def parts(self) -> ComposeResult:

@@ -10,7 +10,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.widgets import ContentSwitcher, Label, OptionList
+from textual.widgets import ContentSwitcher, OptionList
 from textual.widgets.option_list import Option
 
 from robotree.tui import wording
@@ -20,6 +20,7 @@ from robotree.tui.verbs import CALL_LIMIT
 from robotree.tui.widgets.command_form import CommandForm
 from robotree.tui.widgets.gauges import Gauges
 from robotree.tui.widgets.marks import mood_mark, tint
+from robotree.tui.widgets.still import Still
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -48,13 +49,13 @@ class PanelPage(Page):
 
     def parts(self) -> ComposeResult:
         """List of commands, form, readings."""
-        yield Label("", id="who", markup=False)
+        yield Still(id="who")
         with Horizontal(classes="columns"):
             with Vertical(classes="side"):
                 yield OptionList(
                     *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
                 )
-                yield Gauges("", id="readings", markup=False)
+                yield Gauges(id="readings")
             yield ContentSwitcher(id="forms")
 
     def _option(self, index: int) -> Option:
@@ -166,7 +167,7 @@ class PanelPage(Page):
             " ", (name, "bold"), f"  {self.robot.kind}  ", state, f"   {about}", no_wrap=True
         )
         line.stylize(muted, len(line) - len(about))
-        self.query_one("#who", Label).update(line)
+        self.query_one("#who", Still).show(line)
         state_now = store.state(name)
         stale = self._gone or (state_now is not None and not state_now.online)
         self.query_one(Gauges).draw(self._readings, stale=stale)

@@ -20,6 +20,7 @@ from robotree.tui.widgets.cameras import Cameras
 from robotree.tui.widgets.gauges import Gauges
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
+from robotree.tui.widgets.still import Still
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -86,9 +87,9 @@ class TeleopPage(Page):
                 with Horizontal(classes="pad-row"):
                     for label in ("↶ ,", "↷ ."):
                         yield _jog_button(label)
-                    yield Static("", id="step", markup=False)
-                yield Gauges("", id="gauges", markup=False)
-                yield Static("", id="wish", markup=False)
+                    yield Still(id="step")
+                yield Gauges(id="gauges")
+                yield Still(id="wish")
             with Vertical(classes="picture-side"):
                 yield Cameras()
                 yield PictureView(id="picture")
@@ -194,8 +195,8 @@ class TeleopPage(Page):
             (" · ", muted),
             (f"{degrees(self.jog.step('twist')):.0f}°", strong),
         )
-        self.query_one("#step", Static).update(step)
-        self.query_one("#wish", Static).update(self._wish_line())
+        self.query_one("#step", Still).show(step)
+        self.query_one("#wish", Still).show(self._wish_line())
         self.query_one(Cameras).draw()
 
     def _wish_line(self) -> Text:

@@ -6,11 +6,10 @@ from functools import partial
 
 from rich.text import Text
 from textual import work
-from textual.widgets import Static
 
-from robotree.tui.fence import Fenced
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
+from robotree.tui.widgets.still import Still
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
 
@@ -18,17 +17,17 @@ QUALITY = 80
 """JPEG quality: above, a terminal shows no difference."""
 
 
-class Cameras(Fenced, Static):
+class Cameras(Still):
     """Names the camera and points a picture at it."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Know no camera yet."""
-        super().__init__("", id=id, markup=False)
+        super().__init__(id=id)
         self.all: list[tuple[str, str]] = []
         """View and camera."""
         self.at = 0
         self._picture: PictureView | None = None
-        self._known: tuple[str, ...] = ()
+        self._known: tuple[str, ...] | None = None
 
     def attach(self, picture: PictureView) -> None:
         """Point this picture from now on."""
@@ -38,15 +37,15 @@ class Cameras(Fenced, Static):
     def draw(self) -> None:
         """Name the camera; ask the views for their cameras when other views are there."""
         views = tuple(sorted(self.app.store.views))
-        if self._picture is not None and (views != self._known or not self._known):
+        if self._picture is not None and (views != self._known):
             self._known = views
             self._ask(views)
         muted = tint(self.app, "muted")
         if not self.all:
-            self.update(Text("no view is listed", muted))
+            self.show(Text("no view is listed", muted))
             return
         view, camera = self.all[self.at]
-        self.update(
+        self.show(
             Text.assemble(
                 (f"{view}", "bold"), (" / ", muted), camera, (f"   {self.at + 1} of {len(self.all)}", muted)
             )

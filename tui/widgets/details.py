@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from rich.text import Text
-from textual.widgets import Static
 
 from robotree.tui import wording
-from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.gauges import rank
 from robotree.tui.widgets.marks import mood_mark, tint
+from robotree.tui.widgets.still import Still
 
 READINGS = 10
 """Readings that are shown."""
 
 
-class Details(Fenced, Static):
+class Details(Still):
     """Draws one robot from the store."""
 
     def draw(self, store: Store, name: str, now: float) -> None:
@@ -26,7 +25,7 @@ class Details(Fenced, Static):
         muted = tint(self.app, "muted")
         if robot is None:
             about = wording.summary(listing.doc) if listing else "Nothing is selected."
-            self.update(Text(about, muted))
+            self.show(Text(about, muted))
             return
         text = Text.assemble(
             (" < ".join(robot.kinds), muted),
@@ -38,7 +37,7 @@ class Details(Fenced, Static):
         self._slots(text, store, name)
         self._commands(text, store, name)
         self._readings(text, store, name)
-        self.update(text)
+        self.show(text)
 
     def _slots(self, text: Text, store: Store, name: str) -> None:
         slots = store.descriptions[name].slots

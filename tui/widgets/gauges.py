@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from math import degrees
 
 from rich.text import Text
-from textual.widgets import Static
 
 from robotree.tui import wording
-from robotree.tui.fence import Fenced
 from robotree.tui.teleoperable import FORCES, TORQUES
 from robotree.tui.widgets.marks import tint
+from robotree.tui.widgets.still import Still
 
 FULL_FORCE = 35.0
 """[N] at the end of a force bar: the bound that the arm's controller keeps."""
@@ -86,14 +85,14 @@ def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
     return filled.rjust(half), " " * half
 
 
-class Gauges(Fenced, Static):
+class Gauges(Still):
     """Draws the readings of a robot; anything it has, the well known ones in their own way."""
 
     def draw(self, readings: Mapping[str, float], *, stale: bool) -> None:
         """Draw these readings; `stale`: they are old."""
         muted = tint(self.app, "muted")
         if not readings:
-            self.update(Text("no readings yet", muted))
+            self.show(Text("no readings yet", muted))
             return
         text = Text()
         if stale:
@@ -108,7 +107,7 @@ class Gauges(Fenced, Static):
         for name, value in sorted(rest.items()):
             self._figure(text, name, f"{wording.number(value, 4):>8}", "")
         text.rstrip()
-        self.update(text)
+        self.show(text)
 
     @property
     def _half(self) -> int:

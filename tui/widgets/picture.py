@@ -32,9 +32,6 @@ SMALLEST, LARGEST = 96, 480
 AGAIN = 1.0
 """[s] before a view that did not answer is asked again."""
 
-WATCH = "watch"
-"""Group of the worker that fetches the pictures."""
-
 Fetch = Callable[[int, int], Awaitable[Picture]]
 """Fetches a picture of about this width and height [px]."""
 
@@ -67,9 +64,7 @@ class PictureView(Fenced, Widget):
         """Look through another view from now on; `message` stands there until its first picture comes."""
         self._fetch, self._rows, self._message = fetch, [], message
         self.refresh()
-        if fetch is None:
-            self.workers.cancel_group(self, WATCH)
-        else:
+        if fetch is not None:
             self._keep_looking()
 
     @property
@@ -77,7 +72,7 @@ class PictureView(Fenced, Widget):
         """Whether somebody can see this widget now."""
         return self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
 
-    @work(exclusive=True, exit_on_error=False, group=WATCH)
+    @work(exclusive=True, exit_on_error=False)
     async def _keep_looking(self) -> None:
         while self._fetch is not None:
             began = time.monotonic()

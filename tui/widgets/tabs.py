@@ -8,13 +8,13 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal
 from textual.message import Message
-from textual.widgets import Static
 
 from robotree.tui.fence import Fenced
 from robotree.tui.widgets.marks import tint
+from robotree.tui.widgets.still import Still
 
 
-class TabName(Fenced, Static):
+class TabName(Still):
     """One name; a click goes there."""
 
     class Chosen(Message):
@@ -27,7 +27,7 @@ class TabName(Fenced, Static):
 
     def __init__(self, pane: str, key: str) -> None:
         """Name a pane and its key."""
-        super().__init__("", markup=False, classes="tab")
+        super().__init__(classes="tab")
         self._pane, self._key = pane, key
 
     def draw(self, front: str) -> None:
@@ -35,7 +35,7 @@ class TabName(Fenced, Static):
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
         chosen = self._pane == front
         mark, word = ("▌", strong) if chosen else (" ", "")
-        self.update(Text.assemble((mark, strong), (self._pane.capitalize(), word), (f" {self._key}", muted)))
+        self.show(Text.assemble((mark, strong), (self._pane.capitalize(), word), (f" {self._key}", muted)))
 
     def on_click(self) -> None:
         """Go there."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from rich.text import Text
-from textual.widgets import Static
 
-from robotree.tui.fence import Fenced
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import tint
+from robotree.tui.widgets.still import Still
 
 
-class TopBar(Fenced, Static):
+class TopBar(Still):
     """Name of the program, realm, page; on the right the counts."""
 
     def draw(self, store: Store, realm: str, page: str) -> None:
@@ -34,10 +33,10 @@ class TopBar(Fenced, Static):
         if left.cell_len + right.cell_len + stop.cell_len >= width:
             right = Text()
         gap = max(width - left.cell_len - right.cell_len - stop.cell_len, 1)
-        self.update(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
+        self.show(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
 
 
-class Banner(Fenced, Static):
+class Banner(Still):
     """What one must not overlook; not there when there is nothing."""
 
     def draw(self, store: Store) -> None:
@@ -49,4 +48,4 @@ class Banner(Fenced, Static):
         if store.orphaned:
             lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
         self.display = bool(lines)
-        self.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))
+        self.show(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))

@@ -6,7 +6,7 @@ from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
-from textual.widgets import OptionList, Static
+from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
 from robotree.tui import wording
@@ -15,6 +15,7 @@ from robotree.tui.widgets.cameras import Cameras
 from robotree.tui.widgets.gauges import is_of_robot, rank
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.picture import PictureView
+from robotree.tui.widgets.still import Still
 from robotree.vr.errors import VrError
 
 INSTRUMENTS = 0.5
@@ -33,7 +34,7 @@ class ViewsPane(Fenced, Horizontal):
         """List, instruments, picture."""
         with Vertical(classes="side"):
             yield OptionList(id="cameras", markup=False)
-            yield Static("", id="instruments", markup=False)
+            yield Still(id="instruments")
         with Vertical(classes="picture-side"):
             yield Cameras()
             yield PictureView()
@@ -81,7 +82,7 @@ class ViewsPane(Fenced, Horizontal):
         try:
             readings = (await self.app.fleet.describe_view(view)).readings
         except VrError as error:
-            self.query_one("#instruments", Static).update(Text(str(error), tint(self.app, "error")))
+            self.query_one("#instruments", Still).show(Text(str(error), tint(self.app, "error")))
             return
         text = Text()
         width = max((len(name) for name in readings), default=0)
@@ -89,7 +90,7 @@ class ViewsPane(Fenced, Horizontal):
             text.append(f"{name.ljust(width)} ", tint(self.app, "muted"))
             text.append(f"{wording.number(value, 4):>9}\n", "bold")
         text.rstrip()
-        self.query_one("#instruments", Static).update(text)
+        self.query_one("#instruments", Still).show(text)
 
 
 def _of_the_workspace_first(reading: tuple[str, float]) -> tuple[bool, tuple[int, str]]:

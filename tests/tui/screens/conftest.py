@@ -1,0 +1,105 @@
+"""An operator at the keyboard of the full screen, over a realm in memory."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import TYPE_CHECKING, TypeVar
+
+import pytest
+from textual.pilot import Pilot
+from textual.screen import Screen
+from textual.widget import Widget
+
+from robotree.tui.app import Supervisor
+
+if TYPE_CHECKING:
+    from robotree.vr.fleet import Fleet
+
+KEYS = {
+    " ": "space", ".": "full_stop", "_": "underscore", "-": "minus", ":": "colon", "/": "slash",
+    "=": "equals_sign", "[": "left_square_bracket", "]": "right_square_bracket", ",": "comma",
+}  # fmt: skip
+
+W = TypeVar("W", bound=Widget)
+S = TypeVar("S", bound="Screen[object]")
+
+
+class Operator:
+    """Presses keys and looks at the screen."""
+
+    def __init__(self, app: Supervisor, pilot: Pilot[int]) -> None:
+        self.app, self._pilot = app, pilot
+
+    async def press(self, *keys: str) -> None:
+        await self._pilot.press(*keys)
+
+    async def type(self, text: str) -> None:
+        await self._pilot.press(*(KEYS.get(letter, letter) for letter in text))
+
+    async def click(self, selector: str) -> None:
+        await self._pilot.click(selector)
+
+    async def obey(self, text: str) -> None:
+        """Type a verb at the prompt."""
+        await self.press("colon")
+        await self.type(text)
+        await self.press("enter")
+
+    async def until(self, holds: Callable[[], bool], what: str = "it", within: float = 10.0) -> None:
+        """Wait until something holds."""
+        try:
+            async with asyncio.timeout(within):
+                while not holds():  # the screen has no event for every change
+                    await self._pilot.pause(0.02)
+        except TimeoutError:
+            pytest.fail(f"{what} did not come about:\n{self.text}")
+
+    async def sees(self, *words: str) -> None:
+        """Wait until all words are on the screen."""
+        await self.until(lambda: all(word in self.text for word in words), str(words))
+
+    async def at(self, kind: type[S]) -> S:
+        """Wait until a page of this kind is in front."""
+        await self.until(lambda: isinstance(self.app.screen, kind), kind.__name__)
+        assert isinstance(self.app.screen, kind)
+        await self._pilot.pause()
+        return self.app.screen
+
+    def one(self, kind: type[W], selector: str = "") -> W:
+        return self.app.screen.query_one(selector, kind) if selector else self.app.screen.query_one(kind)
+
+    @property
+    def text(self) -> str:
+        """What is on the screen, without colours."""
+        strips = self.app.screen._compositor.render_strips()
+        return "\n".join("".join(segment.text for segment in strip) for strip in strips)
+
+
+Operate = Callable[..., AbstractAsyncContextManager[Operator]]
+
+
+@pytest.fixture(autouse=True)
+def calm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No animations: they only cost time."""
+    monkeypatch.setattr(Supervisor, "animation_level", "none", raising=False)
+
+
+@pytest.fixture
+def operate() -> Operate:
+    """Return how to sit down before a fleet; at the end nothing may have been mended."""
+
+    @asynccontextmanager
+    async def sit_down(
+        fleet: Fleet, *, size: tuple[int, int] = (120, 34), mended: bool = False
+    ) -> AsyncGenerator[Operator]:
+        app = Supervisor(fleet, realm="test")
+        async with app.run_test(size=size) as pilot:
+            operator = Operator(app, pilot)
+            await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")
+            yield operator
+        assert app.fatal is None
+        assert mended or app.mended == []
+
+    return sit_down

@@ -1,0 +1,300 @@
+"""The main page: robots, tree, views and log of a realm, and what can be done from there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, DataTable, Input, OptionList
+
+from robotree.tui.screens.dialogs import Confirm, Reading
+from robotree.tui.screens.enslave import EnslaveDialog
+from robotree.tui.screens.main import MainPage
+from robotree.tui.screens.new import NewPage
+from robotree.tui.screens.panel import PanelPage
+from robotree.tui.screens.teleop import TeleopPage
+from robotree.tui.widgets.robot_table import RobotTable
+from robotree.tui.widgets.robot_tree import RobotTree
+from robotree.vr import Robot
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+async def at_the_tree(operator: Operator, name: str) -> RobotTree:
+    """Open the tree and move its cursor to a robot."""
+    await operator.press("t")
+    tree = operator.one(RobotTree)
+    await operator.until(lambda: name in operator.text, name)
+    for _ in range(12):
+        if tree.selected.name == name:
+            return tree
+        await operator.press("down")
+    pytest.fail(f"{name} is not in the tree:\n{operator.text}")
+
+
+async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("arm-1", "rover-1", "● free", "2 robots", "1 view", "1 lookup", "1 host")
+        late = await realm.robot(Robot("late-1"))
+        await operator.sees("late-1 (Robot) is listed", "3 robots")
+        await late.close()
+        await operator.sees("late-1 (Robot) left the list", "2 robots")
+
+
+async def test_the_selected_robot_is_described_beside_the_list(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("An arm of paper", "go_to(x, y, z, twist, speed)", "readings")
+
+
+async def test_the_cursor_stays_on_its_robot_while_others_come(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("rover-1")
+        await operator.press("down")
+        assert operator.one(RobotTable).selected == "rover-1"
+        await realm.robot(Robot("a-new-one"))
+        await operator.sees("a-new-one")
+        assert operator.one(RobotTable).selected == "rover-1"
+
+
+async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("rover-1")
+        await operator.press("slash")
+        await operator.type("rov")
+        await operator.until(lambda: "arm-1" not in operator.text, "the arm is hidden")
+        await operator.press("enter")
+        await operator.sees("/rov")
+        await operator.press("escape")
+        await operator.sees("arm-1")
+        await operator.press("slash")
+        await operator.type("[/nobody]")
+        await operator.sees("No free robot with '[/nobody]'")
+        await operator.press("escape")
+        await operator.sees("arm-1")
+
+
+async def test_the_tree_shows_slots_moods_and_who_commands_whom(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await operator.press("t")
+        await operator.sees("mover  MoveTo", "arm: empty  takes Arm")
+        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await operator.sees("◆ arm: arm-1  Arm")
+        await operator.until(lambda: "● arm-1" not in operator.text, "the arm is only under its parent")
+
+
+async def test_enslaving_offers_only_robots_of_the_right_kind(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await operator.sees("mover")
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        await operator.press("down", "e")
+        await operator.at(EnslaveDialog)
+        await operator.sees("mover.arm", "takes Arm", "An arm of paper")
+        assert [option.id for option in operator.one(OptionList, "#children").options] == ["arm-1"]
+        await operator.press("enter")
+        await operator.at(MainPage)
+        await operator.sees("mover.arm commands arm-1")
+        await operator.until(lambda: "arm-1" not in operator.app.store.robots)
+
+
+async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        await operator.sees("mover")
+        assert operator.one(RobotTable).selected == "arm-1"
+        await operator.press("e")
+        await operator.at(EnslaveDialog)
+        await operator.press("escape")
+        await operator.at(MainPage)
+        await operator.press("down", "down", "e")
+        await operator.sees("rover-1 has no empty slot and none waits for it")
+
+
+async def test_an_empty_slot_of_the_tree_is_filled_by_enter(realm: Realm, operate: Operate) -> None:
+    await realm.create("two_arms.py", "pair")
+    async with operate(realm.fleet) as operator:
+        await at_the_tree(operator, "pair")
+        await operator.press("down", "down", "enter")
+        dialog = await operator.at(EnslaveDialog)
+        assert [opening.path for opening in dialog._openings] == ["pair.right"]
+
+
+async def test_release_asks_back_and_gives_the_child_back(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet) as operator:
+        await at_the_tree(operator, "arm-1")
+        await operator.press("r")
+        await operator.at(Confirm)
+        await operator.sees("release mover.arm ?")
+        await operator.press("right", "enter")
+        await operator.until(lambda: "arm-1" in operator.app.store.robots, "the arm is listed")
+
+
+async def test_delete_asks_back_with_cancel_first_and_focused(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions)
+        await operator.until(lambda: operator.one(RobotTable).selected == "mover", "mover is first")
+        await operator.press("d")
+        await operator.at(Confirm)
+        await operator.sees("delete mover ?", "arm-1 will be free again")
+        focused = operator.app.focused
+        assert isinstance(focused, Button)
+        assert str(focused.label) == "Cancel"
+        await operator.press("enter")
+        await operator.at(MainPage)
+        assert "mover" in operator.app.store.robots, "the harmless answer came first"
+        await operator.press("d")
+        await operator.at(Confirm)
+        await operator.press("right", "enter")
+        await operator.until(lambda: set(operator.app.store.robots) == {"arm-1", "rover-1"}, "mover is gone")
+
+
+async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        await operator.press("d")
+        await operator.sees("arm-1 stands for a real robot")
+        await operator.press("r")
+        await operator.sees("arm-1 holds nobody")
+        await operator.press("R")
+        await operator.sees("no robot is in protective stop")
+
+
+async def test_space_stops_everything_on_every_page_but_is_a_space_while_typing(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        await operator.press("colon", "a", "space", "b")
+        assert operator.one(Input, "#line").value == "a b"
+        assert operator.app.store.stopped == ()
+        await operator.press("ctrl+s")
+        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+        await operator.press("escape", "R")
+        await operator.at(Confirm)
+        await operator.press("right", "enter")
+        await operator.until(lambda: operator.app.store.stopped == (), "the stop is released")
+        for keys in (["enter"], ["x"], ["escape", "escape", "v"], ["question_mark"]):
+            await operator.press(*keys, "space")
+            await operator.until(lambda: len(operator.app.store.stopped) == 2, f"stop after {keys}")
+            await realm.fleet.resume(None)
+            await operator.until(lambda: operator.app.store.stopped == (), "released")
+
+
+async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.obey("call arm-1.go_to x=0.5 y=0 z=0.3 twist=0")
+        await operator.sees("arm-1.go_to is done")
+        assert realm.arm.pose["x"] == pytest.approx(0.5)
+        await operator.obey("show arm-1")
+        await operator.at(Reading)
+        await operator.sees("kinds", "Arm < Robot", "get_info()")
+        await operator.press("escape")
+        await operator.obey("tree")
+        await operator.press("escape")
+        await operator.obey("enslav a.b c")
+        await operator.sees("did you mean enslave")
+        await operator.obey("call arm-1.stumble")
+        await operator.sees("a stone [/x] lay there")
+        await operator.obey("views")
+        await operator.sees("cell / wrist")
+        await operator.obey("delete nobody")
+        await operator.at(Confirm)
+
+
+async def test_the_prompt_completes_and_remembers(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        await operator.press("colon")
+        await operator.type("call arm-1.sho")
+        await operator.until(lambda: operator.one(Input, "#line")._suggestion != "", "a suggestion")
+        await operator.press("tab")
+        assert operator.one(Input, "#line").value == "call arm-1.shout"
+        await operator.type(" text=hello")
+        await operator.press("enter")
+        await operator.sees("hello")
+        await operator.press("colon", "up")
+        assert operator.one(Input, "#line").value == "call arm-1.shout text=hello"
+
+
+async def test_views_show_a_live_picture_only_while_they_are_looked_at(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.press("v")
+        await operator.sees("cell / cell", "cell / wrist", "lever", "▀▀▀▀")
+        await operator.press("down")
+        await operator.until(lambda: "wrist" in realm.cell.looks, "the other camera")
+        await operator.press("l")
+        await operator.until(lambda: isinstance(operator.app.focused, DataTable))
+        looks = len(realm.cell.looks)
+        await operator.press("g")
+        await operator._pilot.pause(0.6)
+        assert len(realm.cell.looks) <= looks + 1, "nobody looks, nobody draws"
+
+
+async def test_help_shows_every_key_and_verb(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, size=(110, 90)) as operator:
+        await operator.press("question_mark")
+        await operator.at(Reading)
+        await operator.sees("Protective stop", "enslave PARENT.SLOT CHILD", "Tele-operation", "ctrl+s")
+        await operator.press("escape")
+        await operator.at(MainPage)
+
+
+async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.press("ctrl+p")
+        await operator.type("create")
+        await operator.sees("create  (n)")
+        await operator.press("enter")
+        await operator.until(lambda: isinstance(operator.app.screen, NewPage), "the page for new robots")
+
+
+async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
+    from robotree.vr.fleet import Fleet
+    from robotree.vr.host.memory import MemoryNetwork
+
+    fleet = Fleet(MemoryNetwork().join("operator"))
+    await fleet.start()
+    async with operate(fleet) as operator:
+        await operator.sees("Nobody is here yet.", "robotree demo")
+        assert "STALE" not in operator.text
+        for key in ("enter", "e", "r", "d", "c", "i", "t", "enter", "e", "r", "d", "v", "g", "R"):
+            await operator.press(key)
+    await fleet.close()
+
+
+async def test_without_lookup_services_the_lists_are_marked_stale(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("arm-1")
+        realm.network.kill(realm.members["lookup-1"])
+        await operator.sees("STALE: no lookup service is left", "arm-1")
+        await realm.lookup("lookup-2")
+        await operator.sees("a lookup service is back")
+        await operator.until(lambda: "STALE" not in operator.text, "the banner goes")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (60, 18), (200, 60)])
+async def test_every_page_fits_into_small_and_large_terminals(
+    realm: Realm, operate: Operate, size: tuple[int, int]
+) -> None:
+    async with operate(realm.fleet, size=size) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        await operator.sees("space STOP", "arm-1")
+        await operator.press("enter")
+        await operator.at(PanelPage)
+        await operator.sees("go_to", "space STOP")
+        await operator.press("x")
+        await operator.at(TeleopPage)
+        await operator.sees("+x", "step", "space STOP")
+        await operator.press("escape", "escape", "n")
+        await operator.at(NewPage)
+        await operator.sees("name", "space STOP")
