@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import math
 from collections.abc import Callable
 from functools import partial
@@ -107,7 +108,7 @@ class CommandDesk:
     async def _find(self, name: str) -> tuple[CommandSpec, str]:
         """Return the spec of a command and the file of its author."""
         if command := self._own.get(name):
-            return command.spec, command.function.__code__.co_filename
+            return command.spec, inspect.unwrap(command.function).__code__.co_filename
         exposed = self._exposed.get(name)
         if exposed is None or self.bonds is None:
             known = ", ".join([*self._own, *self._exposed]) or "none"

@@ -144,7 +144,8 @@ class RobotClient:
 
     async def _follow(self, call: Call, on_progress: OnProgress | None) -> Any:
         key = self.address.key
-        replies = self._transport.request(key, encode(call), timeout=call.deadline + MARGIN)
+        seconds = max(0.0, call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
+        replies = self._transport.request(key, encode(call), timeout=seconds)
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
                 async for body in replies:

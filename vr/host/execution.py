@@ -208,6 +208,8 @@ class CommandThread:
     def sleep(self, seconds: float) -> None:
         """See `Activity.sleep`."""
         self.check()
+        if math.isnan(seconds):  # it would upset the timers of all robots here
+            raise ValueError("cannot sleep for NaN seconds")
         self.wait(self._submit(lambda: asyncio.sleep(max(seconds, 0.0))), None)
 
     def progress(self, fraction: float, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import traceback
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import msgspec
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
 from robotree.vr.requests import Failed, Returned
+
+_log = logging.getLogger(__name__)
 
 
 def to_plain(value: Any) -> Any:
@@ -53,6 +56,7 @@ def failed(robot: str, context: CommandContext, error: BaseException, *, source:
     """
     if isinstance(error, VrError):
         return Failed.of(error)
+    _log.warning("%s.%s failed", robot, context.command, exc_info=error)
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return Failed.of(
         CommandFailed(robot=robot, command=context.command, detail=detail + _where(error, source))

@@ -69,6 +69,10 @@ class Rover(Robot):
         raise ZeroDivisionError("a stone")
 
     @command
+    def doze(self) -> None:
+        self.sleep(math.nan)
+
+    @command
     def babble(self) -> Any:
         return object()
 
@@ -153,6 +157,7 @@ async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "arguments", "error", "sentence"),
     [
+        ("doze", {}, CommandFailed, "rover.doze failed: ValueError: cannot sleep for NaN seconds"),
         ("fly", {}, NoSuchCommand, "rover has no command 'fly'; it has: move, get_info"),
         ("name", {}, NoSuchCommand, "rover has no command 'name'"),
         ("move", {"x": "10 kg"}, BadArgument, "rover.move: x: kg cannot be turned into m"),
