@@ -1,0 +1,219 @@
+"""COMMAND_LONG and COMMAND_INT, the side that carries them out.
+
+MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
+repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a second or two. So a request with
+the same content from the same peer is answered with the stored result when it says that it is a repetition,
+or when it comes within `REPETITION`; a command that moves should be a goal, which has a key. While a command
+is in progress the same request is answered with its progress, and another one of its kind is rejected for
+now. Questions and stops are carried out every time, whoever asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isnan
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandCancel,
+    CommandInt,
+    CommandLong,
+    MavResult,
+    Message,
+)
+from robotree.protocol.services.peer import Peer, Send
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+REPETITION = 2.0
+"""[s] within which the same content is taken for a repetition."""
+PROGRESS_PERIOD = 0.5
+"""[s] between two words on a command in progress; clients give up after a few seconds of silence."""
+LARGEST_CROWD = 256
+"""Results that are stored."""
+UNKNOWN_PROGRESS = 255
+_NO_INTEGER = 0x7FFFFFFF
+
+
+class Request(msgspec.Struct, frozen=True):
+    """A command that somebody asks for."""
+
+    peer: Peer
+    command: int
+    params: tuple[float, ...]
+    """(7,) NaN: not given."""
+
+    def param(self, number: int, default: float = 0.0) -> float:
+        """The parameter with a number from 1 to 7, or the default where it was not given."""
+        value = self.params[number - 1]
+        return default if isnan(value) else value
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """What became of a command at once."""
+
+    result: MavResult
+    detail: int = 0
+    """`result_param2`, as the command defines it."""
+    messages: tuple[Message, ...] = ()
+    """What was asked for; sent to the asker after the answer."""
+
+
+Handler = Callable[[Request, float], Answer]
+"""Carries out a command at a moment. Answers IN_PROGRESS when it takes longer; see `CommandServer.finish`."""
+Guard = Callable[[Request], MavResult | None]
+"""Why a peer may not have a command carried out; None: it may."""
+
+
+class CommandAbandoned(msgspec.Struct, frozen=True):
+    """Please stop: a command in progress was cancelled."""
+
+    peer: Peer
+    command: int
+
+
+Effect = Send | CommandAbandoned
+
+
+class _Record(msgspec.Struct):
+    peer: Peer
+    params: tuple[float, ...]
+    ack: CommandAck
+    since: float
+    told: float
+
+
+class CommandServer:
+    """Carries out commands that are addressed to one component.
+
+    Args:
+        handlers: what is carried out once, by command.
+        always: what is carried out at every repetition and for anyone: questions and stops.
+        guard: who may have one of `handlers` carried out.
+    """
+
+    def __init__(
+        self, handlers: Mapping[int, Handler], always: Mapping[int, Handler], guard: Guard | None = None
+    ) -> None:
+        self._handlers, self._always, self._guard = dict(handlers), dict(always), guard
+        self._records: dict[tuple[Peer, int], _Record] = {}
+
+    @property
+    def in_progress(self) -> list[tuple[Peer, int]]:
+        """The commands that are being carried out."""
+        return [key for key, record in self._records.items() if record.ack.result == MavResult.IN_PROGRESS]
+
+    def receive(
+        self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: float
+    ) -> list[Effect]:
+        """Take a message that is addressed to this component."""
+        if isinstance(message, CommandCancel):
+            return self._cancel(message.command, peer, now)
+        request = Request(peer, message.command, _params(message))
+        if (handler := self._always.get(request.command)) is not None:
+            return _sends(request, handler(request, now))
+        repeated = isinstance(message, CommandLong) and message.confirmation > 0
+        record = self._records.get((peer, request.command))
+        if record is not None and _same(record.params, request.params):
+            going_on = record.ack.result == MavResult.IN_PROGRESS
+            if going_on or repeated or now - record.since < REPETITION:
+                return self._tell(record, now)
+        if any(command == request.command for _, command in self.in_progress):
+            return [_ack(peer, request.command, MavResult.TEMPORARILY_REJECTED)]
+        return self._carry_out(request, now)
+
+    def progress(self, peer: Peer, command: int, fraction: float, now: float) -> list[Effect]:
+        """A command goes on; told on at most every `PROGRESS_PERIOD`."""
+        record = self._open(peer, command)
+        if record is None:
+            return []
+        percent = round(100 * min(max(fraction, 0.0), 1.0))
+        record.ack = msgspec.structs.replace(record.ack, progress=percent)
+        return self._tell(record, now) if now - record.told >= PROGRESS_PERIOD else []
+
+    def finish(
+        self, peer: Peer, command: int, result: MavResult, now: float, detail: int = 0
+    ) -> list[Effect]:
+        """A command in progress is over. Ignored when it was before."""
+        record = self._open(peer, command)
+        if record is None:
+            return []
+        record.ack = _ack_message(peer, command, result, detail)
+        record.since = now
+        return self._tell(record, now)
+
+    def tick(self, now: float) -> list[Effect]:
+        """Tell those who wait that their command still goes on."""
+        records = [self._records[key] for key in self.in_progress]
+        due = [record for record in records if now - record.told >= PROGRESS_PERIOD]
+        return [send for record in due for send in self._tell(record, now)]
+
+    def _carry_out(self, request: Request, now: float) -> list[Effect]:
+        handler = self._handlers.get(request.command)
+        if handler is None:
+            return [_ack(request.peer, request.command, MavResult.UNSUPPORTED)]
+        refusal = self._guard(request) if self._guard is not None else None
+        answer = Answer(refusal) if refusal is not None else handler(request, now)
+        effects = _sends(request, answer)
+        self._store(_Record(request.peer, request.params, _answer_ack(request, answer), since=now, told=now))
+        return effects
+
+    def _cancel(self, command: int, peer: Peer, now: float) -> list[Effect]:
+        record = self._records.get((peer, command))
+        if record is None:
+            return []
+        if record.ack.result == MavResult.IN_PROGRESS:
+            return [CommandAbandoned(peer, command), *self.finish(peer, command, MavResult.CANCELLED, now)]
+        return self._tell(record, now)
+
+    def _open(self, peer: Peer, command: int) -> _Record | None:
+        record = self._records.get((peer, command))
+        return record if record is not None and record.ack.result == MavResult.IN_PROGRESS else None
+
+    def _tell(self, record: _Record, now: float) -> list[Effect]:
+        record.told = now
+        return [Send(record.ack, record.peer.via)]
+
+    def _store(self, record: _Record) -> None:
+        key = (record.peer, record.ack.command)
+        self._records.pop(key, None)
+        if len(self._records) >= LARGEST_CROWD:
+            done = (k for k, each in self._records.items() if each.ack.result != MavResult.IN_PROGRESS)
+            del self._records[next(done, next(iter(self._records)))]
+        self._records[key] = record
+
+
+def _params(message: CommandLong | CommandInt) -> tuple[float, ...]:
+    first = (message.param1, message.param2, message.param3, message.param4)
+    if isinstance(message, CommandLong):
+        return (*first, message.param5, message.param6, message.param7)
+    whole = (float("nan") if each == _NO_INTEGER else float(each) for each in (message.x, message.y))
+    return (*first, *whole, message.z)
+
+
+def _same(ours: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
+    return all(a == b or (isnan(a) and isnan(b)) for a, b in zip(ours, theirs, strict=True))
+
+
+def _answer_ack(request: Request, answer: Answer) -> CommandAck:
+    progress = UNKNOWN_PROGRESS if answer.result == MavResult.IN_PROGRESS else 0
+    return _ack_message(request.peer, request.command, answer.result, answer.detail, progress)
+
+
+def _sends(request: Request, answer: Answer) -> list[Effect]:
+    via = request.peer.via
+    return [Send(_answer_ack(request, answer), via), *(Send(message, via) for message in answer.messages)]
+
+
+def _ack(peer: Peer, command: int, result: MavResult) -> Send:
+    return Send(_ack_message(peer, command, result), peer.via)
+
+
+def _ack_message(
+    peer: Peer, command: int, result: MavResult, detail: int = 0, progress: int = 0
+) -> CommandAck:
+    return CommandAck(command, result, progress, detail, peer.system, peer.component)

@@ -1,0 +1,129 @@
+"""COMMAND_LONG, the side that asks: repeat until somebody answers, then wait through the progress.
+
+An answer names only the command, so one command of a kind is under way to a target at a time; the others wait
+their turn.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import CommandAck, CommandCancel, CommandLong, MavResult
+from robotree.protocol.services.peer import Send
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Sequence
+
+RESEND = 0.5
+"""[s] between two repetitions of what was not answered."""
+ATTEMPTS = 4
+PATIENCE = 5.0
+"""[s] of silence after which a command in progress is given up."""
+UNKNOWN_PROGRESS = 255
+
+
+class CommandProgress(msgspec.Struct, frozen=True):
+    """A command goes on."""
+
+    command: int
+    fraction: float | None
+    """0 to 1; None: unknown."""
+
+
+class CommandDone(msgspec.Struct, frozen=True):
+    """The last word on a command; `result` None: nobody answered."""
+
+    command: int
+    result: int | None
+    detail: int = 0
+
+
+Effect = Send | CommandProgress | CommandDone
+
+
+class _Asked(msgspec.Struct):
+    message: CommandLong
+    attempts: int = 0
+    asked: float = 0.0
+    heard: float | None = None
+    cancelled: bool = False
+
+
+class CommandClient:
+    """The commands that we send to one component.
+
+    Args:
+        system: the component's.
+        component: its id.
+        via: the link to it.
+    """
+
+    def __init__(self, system: int, component: int, via: Hashable = None) -> None:
+        self.system, self.component, self.via = system, component, via
+        self._queues: dict[int, deque[_Asked]] = {}
+
+    def send(self, command: int, params: Sequence[float], now: float) -> list[Effect]:
+        """Ask for a command, after those of its kind that were asked for before.
+
+        Args:
+            command: what to do.
+            params: up to 7; the others are NaN, the default.
+            now: [s]
+        """
+        padded = (*params, *[float("nan")] * (7 - len(params)))
+        message = CommandLong(self.system, self.component, command, 0, *padded)
+        queue = self._queues.setdefault(command, deque())
+        queue.append(_Asked(message))
+        return self._ask(queue[0], now) if len(queue) == 1 else []
+
+    def cancel(self, command: int, now: float) -> list[Effect]:
+        """Ask for the end of a command; its `CommandDone` tells what became of it."""
+        if not (queue := self._queues.get(command)):
+            return []
+        queue[0].cancelled = True
+        return self._ask(queue[0], now)
+
+    def receive(self, ack: CommandAck, now: float) -> list[Effect]:
+        """Take an answer from the component that is addressed to us."""
+        if not (queue := self._queues.get(ack.command)):
+            return []
+        asked = queue[0]
+        asked.heard = now
+        if ack.result == MavResult.IN_PROGRESS:
+            known = ack.progress != UNKNOWN_PROGRESS
+            return [CommandProgress(ack.command, min(ack.progress, 100) / 100 if known else None)]
+        return self._done(queue, CommandDone(ack.command, ack.result, ack.result_param2), now)
+
+    def tick(self, now: float) -> list[Effect]:
+        """Repeat what is due, and give up what nobody answers."""
+        effects: list[Effect] = []
+        for command, queue in list(self._queues.items()):
+            asked = queue[0]
+            if asked.heard is not None and now - asked.heard >= PATIENCE:
+                effects += self._done(queue, CommandDone(command, None), now)
+            elif (asked.heard is None or asked.cancelled) and now - asked.asked >= RESEND:
+                gone = asked.attempts >= ATTEMPTS and asked.heard is None
+                effects += (
+                    self._done(queue, CommandDone(command, None), now) if gone else self._ask(asked, now)
+                )
+        return effects
+
+    def _ask(self, asked: _Asked, now: float) -> list[Effect]:
+        asked.asked = now
+        command = asked.message.command
+        if asked.cancelled:
+            asked.attempts += 1
+            return [Send(CommandCancel(self.system, self.component, command), self.via)]
+        message = msgspec.structs.replace(asked.message, confirmation=min(asked.attempts, 255))
+        asked.attempts += 1
+        return [Send(message, self.via)]
+
+    def _done(self, queue: deque[_Asked], event: CommandDone, now: float) -> list[Effect]:
+        queue.popleft()
+        if not queue:
+            del self._queues[event.command]
+            return [event]
+        return [event, *self._ask(queue[0], now)]

@@ -1,0 +1,267 @@
+"""Commands: carried out once although they are repeated, except for questions and stops."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandCancel,
+    CommandInt,
+    CommandLong,
+    MavCmd,
+    MavResult,
+    Message,
+    Timesync,
+)
+from robotree.protocol.services.command import (
+    LARGEST_CROWD,
+    PROGRESS_PERIOD,
+    REPETITION,
+    Answer,
+    CommandAbandoned,
+    CommandServer,
+    Request,
+)
+from robotree.protocol.services.command_client import (
+    ATTEMPTS,
+    PATIENCE,
+    RESEND,
+    CommandClient,
+    CommandDone,
+    CommandProgress,
+)
+from robotree.protocol.services.peer import Peer, Send
+
+PEER, OTHER = Peer("link 1", 255, 190), Peer("link 2", 255, 190)
+GRIP, MOVE, ASK, STOP = MavCmd.DO_GRIPPER, MavCmd.DO_SET_ACTUATOR, MavCmd.REQUEST_MESSAGE, 185
+
+
+class Robot:
+    """Counts what it is asked to do."""
+
+    def __init__(self) -> None:
+        self.done: list[Request] = []
+        self.server = CommandServer(
+            {GRIP: self.grip, MOVE: self.move}, {ASK: self.answer, STOP: self.grip}, self.guard
+        )
+        self.owner: Peer | None = None
+
+    def guard(self, request: Request) -> MavResult | None:
+        return MavResult.NOT_IN_CONTROL if self.owner not in (None, request.peer) else None
+
+    def grip(self, request: Request, _: float) -> Answer:
+        self.done.append(request)
+        return Answer(MavResult.ACCEPTED, detail=7)
+
+    def move(self, request: Request, _: float) -> Answer:
+        self.done.append(request)
+        return Answer(MavResult.IN_PROGRESS)
+
+    def answer(self, request: Request, _: float) -> Answer:
+        self.done.append(request)
+        return Answer(MavResult.ACCEPTED, messages=(Timesync(1, 2),))
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def _long(command: int, *params: float, confirmation: int = 0) -> CommandLong:
+    return CommandLong(1, 1, command, confirmation, *params, *[math.nan] * (7 - len(params)))
+
+
+def _acks(effects: list[object]) -> list[tuple[object, int, int]]:
+    sends = [each for each in effects if isinstance(each, Send)]
+    return [
+        (each.via, each.message.result, each.message.progress)
+        for each in sends
+        if isinstance(each.message, CommandAck)
+    ]
+
+
+def test_a_command_is_answered_to_the_one_who_asked_on_the_link_that_asked(robot: Robot) -> None:
+    (send,) = robot.server.receive(_long(GRIP, 1.0), OTHER, 0.0)
+    assert send == Send(CommandAck(GRIP, MavResult.ACCEPTED, 0, 7, 255, 190), "link 2")
+    assert robot.done[0].param(1) == 1.0
+    assert robot.done[0].param(2, default=3.0) == 3.0, "NaN means the default"
+
+
+def test_a_repetition_is_answered_again_and_not_carried_out_again(robot: Robot) -> None:
+    first = robot.server.receive(_long(GRIP, 1.0), PEER, 0.0)
+    assert robot.server.receive(_long(GRIP, 1.0), PEER, REPETITION * 0.9) == first
+    assert robot.server.receive(_long(GRIP, 1.0, confirmation=3), PEER, 60.0) == first
+    assert len(robot.done) == 1
+    robot.server.receive(_long(GRIP, 1.0), PEER, 60.0)
+    assert len(robot.done) == 2, "after that it is a new one"
+
+
+def test_other_content_another_peer_or_another_link_is_a_new_command(robot: Robot) -> None:
+    for message, peer in [(_long(GRIP, 1.0), PEER), (_long(GRIP, 0.0), PEER), (_long(GRIP, 0.0), OTHER)]:
+        robot.server.receive(message, peer, 0.0)
+    assert len(robot.done) == 3
+
+
+def test_questions_and_stops_are_carried_out_every_time_for_anyone(robot: Robot) -> None:
+    robot.owner = OTHER
+    for _ in range(3):
+        effects = robot.server.receive(_long(ASK, 1.0), PEER, 0.0)
+        assert effects[1] == Send(Timesync(1, 2), "link 1")
+        robot.server.receive(_long(STOP, 1.0), PEER, 0.0)
+    assert len(robot.done) == 6
+
+
+def test_who_is_not_in_control_is_told_so(robot: Robot) -> None:
+    robot.owner = OTHER
+    assert _acks([*robot.server.receive(_long(GRIP, 1.0), PEER, 0.0)]) == [
+        ("link 1", MavResult.NOT_IN_CONTROL, 0)
+    ]
+    assert robot.done == []
+
+
+def test_an_unknown_command_is_unsupported(robot: Robot) -> None:
+    assert _acks([*robot.server.receive(_long(31000), PEER, 0.0)]) == [("link 1", MavResult.UNSUPPORTED, 0)]
+
+
+def test_the_integer_form_says_the_same(robot: Robot) -> None:
+    robot.server.receive(CommandInt(1, 1, 0, GRIP, 0, 0, 1.0, 2.0, 3.0, 4.0, 5, 0x7FFFFFFF, 7.0), PEER, 0.0)
+    params = robot.done[0].params
+    assert params[:5] == (1.0, 2.0, 3.0, 4.0, 5.0)
+    assert math.isnan(params[5])
+    assert params[6] == 7.0
+
+
+def test_a_long_command_tells_its_progress_until_the_end(robot: Robot) -> None:
+    server = robot.server
+    assert _acks([*server.receive(_long(MOVE), PEER, 0.0)]) == [("link 1", MavResult.IN_PROGRESS, 255)]
+    assert server.progress(PEER, MOVE, 0.2, PROGRESS_PERIOD / 2) == []
+    assert _acks([*server.progress(PEER, MOVE, 0.4, PROGRESS_PERIOD)]) == [
+        ("link 1", MavResult.IN_PROGRESS, 40)
+    ]
+    assert _acks([*server.receive(_long(MOVE, confirmation=1), PEER, 0.6)]) == [
+        ("link 1", MavResult.IN_PROGRESS, 40)
+    ]
+    assert server.tick(0.7) == []
+    assert _acks([*server.tick(0.6 + PROGRESS_PERIOD)]) == [("link 1", MavResult.IN_PROGRESS, 40)]
+    assert _acks([*server.finish(PEER, MOVE, MavResult.ACCEPTED, 2.0)]) == [("link 1", MavResult.ACCEPTED, 0)]
+    assert server.finish(PEER, MOVE, MavResult.FAILED, 2.0) == server.progress(PEER, MOVE, 0.5, 9.0) == []
+    assert server.in_progress == server.tick(10.0) == []
+    assert _acks([*server.receive(_long(MOVE, confirmation=2), PEER, 30.0)]) == [
+        ("link 1", MavResult.ACCEPTED, 0)
+    ]
+    assert len(robot.done) == 1
+
+
+def test_a_second_command_of_the_kind_is_rejected_while_one_is_in_progress(robot: Robot) -> None:
+    robot.server.receive(_long(MOVE, 1.0), PEER, 0.0)
+    for message, peer in [(_long(MOVE, 2.0), PEER), (_long(MOVE, 1.0), OTHER)]:
+        ((_, result, _),) = _acks([*robot.server.receive(message, peer, 0.1)])
+        assert result == MavResult.TEMPORARILY_REJECTED
+    assert len(robot.done) == 1
+
+
+def test_a_cancel_stops_what_is_in_progress_and_may_be_repeated(robot: Robot) -> None:
+    cancel = CommandCancel(1, 1, MOVE)
+    assert robot.server.receive(cancel, PEER, 0.0) == []
+    robot.server.receive(_long(MOVE), PEER, 0.0)
+    assert robot.server.receive(cancel, OTHER, 0.1) == [], "only who asked may cancel"
+    abandoned, send = robot.server.receive(cancel, PEER, 0.2)
+    assert abandoned == CommandAbandoned(PEER, MOVE)
+    assert _acks([send]) == [("link 1", MavResult.CANCELLED, 0)]
+    assert robot.server.receive(cancel, PEER, 0.3) == [send]
+
+
+def test_stored_results_are_bounded_and_what_is_in_progress_stays(robot: Robot) -> None:
+    robot.server.receive(_long(MOVE), PEER, 0.0)
+    for system in range(2 * LARGEST_CROWD):
+        robot.server.receive(_long(GRIP), Peer(f"link {system}", 1, 1), 0.0)
+    assert len(robot.server._records) == LARGEST_CROWD
+    assert robot.server.in_progress == [(PEER, MOVE)]
+
+
+# The side that asks.
+
+
+@pytest.fixture
+def client() -> CommandClient:
+    return CommandClient(1, 1, via="link 1")
+
+
+def _sent(effects: list[object]) -> list[Message]:
+    return [each.message for each in effects if isinstance(each, Send) and isinstance(each.message, Message)]
+
+
+def test_an_unanswered_command_is_repeated_and_then_given_up(client: CommandClient) -> None:
+    effects: list[object] = [*client.send(GRIP, (1.0,), 0.0)]
+    for i in range(1, 60):
+        effects += client.tick(i * RESEND / 4)
+    confirmations = [message.confirmation for message in _sent(effects) if isinstance(message, CommandLong)]
+    assert confirmations == [*range(ATTEMPTS)]
+    assert effects[-1] == CommandDone(GRIP, None)
+    assert client.tick(100.0) == []
+
+
+def test_progress_is_waited_through(client: CommandClient) -> None:
+    client.send(MOVE, (), 0.0)
+    assert client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 255), 0.1) == [CommandProgress(MOVE, None)]
+    for i in range(1, 20):
+        assert client.tick(float(i)) == []
+        assert client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 5 * i), float(i)) == [
+            CommandProgress(MOVE, i / 20)
+        ]
+    end = client.receive(CommandAck(MOVE, MavResult.ACCEPTED, 0, 9), 20.0)
+    assert end == [CommandDone(MOVE, MavResult.ACCEPTED, 9)]
+    assert client.receive(CommandAck(MOVE, MavResult.ACCEPTED), 20.1) == []
+
+
+def test_silence_in_the_middle_is_not_waited_for_for_ever(client: CommandClient) -> None:
+    client.send(MOVE, (), 0.0)
+    client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 10), 1.0)
+    assert client.tick(1.0 + PATIENCE * 0.9) == []
+    assert client.tick(1.0 + PATIENCE) == [CommandDone(MOVE, None)]
+
+
+def test_commands_of_a_kind_wait_for_each_other_and_other_kinds_do_not(client: CommandClient) -> None:
+    assert len(client.send(GRIP, (1.0,), 0.0)) == 1
+    assert client.send(GRIP, (0.0,), 0.0) == []
+    assert len(client.send(MOVE, (), 0.0)) == 1
+    done, following = client.receive(CommandAck(GRIP, MavResult.ACCEPTED), 0.1)
+    assert done == CommandDone(GRIP, MavResult.ACCEPTED)
+    (message,) = _sent([following])
+    assert isinstance(message, CommandLong)
+    assert message.param1 == 0.0
+
+
+def test_a_cancel_is_repeated_until_the_end_is_heard(client: CommandClient) -> None:
+    assert client.cancel(MOVE, 0.0) == []
+    client.send(MOVE, (), 0.0)
+    client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 10), 0.1)
+    (cancel,) = _sent([*client.cancel(MOVE, 0.2)])
+    assert cancel == CommandCancel(1, 1, MOVE)
+    assert _sent([*client.tick(0.25 + RESEND)]) == [cancel]
+    assert client.receive(CommandAck(MOVE, MavResult.CANCELLED), 1.0) == [
+        CommandDone(MOVE, MavResult.CANCELLED)
+    ]
+
+
+def test_both_sides_agree_over_a_wire_that_loses_every_second_word(
+    robot: Robot, client: CommandClient
+) -> None:
+    odd, events = 0, list[object]()
+    under_way: list[object] = [*client.send(GRIP, (1.0,), 0.0)]
+    for i in range(1, 40):
+        for message in _sent(under_way):
+            odd += 1
+            if odd % 2 and isinstance(message, CommandLong):
+                for answer in _sent([*robot.server.receive(message, PEER, i * 0.25)]):
+                    if odd % 4 == 1 and i < 4:
+                        continue
+                    assert isinstance(answer, CommandAck)
+                    events += client.receive(answer, i * 0.25)
+        under_way = [*client.tick(i * 0.25)]
+        events += [each for each in under_way if isinstance(each, CommandDone)]
+    assert events == [CommandDone(GRIP, MavResult.ACCEPTED, 7)]
+    assert len(robot.done) == 1
