@@ -268,7 +268,9 @@ class GoalServer:
 
 
 def _content(goal: Goal) -> bytes:
-    """What makes two goals the same, to the bit; NaN equals NaN here."""
-    return Goal.codec.content(
-        msgspec.structs.replace(goal, key=0, epoch=0, target_system=0, target_component=0)
-    )
+    """What makes two goals the same, to the bit; NaN equals NaN here.
+
+    The time to live is not among it: who asks again, later, has less of the same time left.
+    """
+    asked = msgspec.structs.replace(goal, key=0, epoch=0, ttl_ms=0, target_system=0, target_component=0)
+    return Goal.codec.content(asked)

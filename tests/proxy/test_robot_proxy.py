@@ -243,9 +243,6 @@ async def test_a_stop_that_a_former_proxy_asked_for_can_be_released_by_the_next(
     await until(lambda: scene.controller.mode == ModeKind.READY, "the controller is released")
 
 
-@pytest.mark.xfail(
-    strict=False, reason="the goal server counts the time to live, which shrinks, as content of a goal"
-)
 async def test_a_command_that_a_restarted_proxy_gets_again_moves_once(
     make_controller: type[Controller],
 ) -> None:
