@@ -125,7 +125,8 @@ static struct goal *keep(struct goal goal) { /* in the place of the oldest one t
 }
 
 static bool same(const mavlink_robotree_goal_t *a, const mavlink_robotree_goal_t *b) {
-    return a->verb == b->verb && a->ttl_ms == b->ttl_ms && !memcmp(a->args, b->args, sizeof a->args);
+    /* To the bit, so that NaN is NaN; who asks again, later, may have a newer lease and less time left. */
+    return a->verb == b->verb && !memcmp(a->args, b->args, sizeof a->args);
 }
 
 static void on_goal(const mavlink_message_t *from, const mavlink_robotree_goal_t *asked) {

@@ -58,7 +58,7 @@ def test_a_move_is_active_then_reached_at_the_speed_asked_for(operator: Operator
 def test_the_same_key_replays_the_status_and_does_not_move_twice(operator: Operator) -> None:
     operator.ask(7, 0.1, 0.0, 1.0)
     first = operator.status(7, GoalState.SUCCEEDED)
-    assert operator.ask(7, 0.1, 0.0, 1.0, epoch=3) == GoalStatus(
+    assert operator.ask(7, 0.1, 0.0, 1.0, epoch=3, ttl=9000) == GoalStatus(
         7, 3, 1.0, first.sequence, 0, 255, 190, GoalState.SUCCEEDED, ""
     )
     other = operator.ask(7, 0.2, 0.0, 1.0)
