@@ -102,7 +102,7 @@ class CanListener:
         Raises:
             LinkRefused: it is another controller's.
         """
-        self._control(Control(Code.CLAIM, self._claim), target=EVERYBODY)
+        self._control(Control(Code.CLAIM, self._claim), target=EVERYBODY, fd=self._where.fd)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._refused.wait(), CLAIM_TIME)
             raise LinkRefused(self.address, f"another controller on this bus has node={self._where.node}")
@@ -156,7 +156,7 @@ class CanListener:
 
     def _controlled(self, control: Control, source: int, *, fd: bool) -> None:
         if source == self._where.node:
-            self._rival(control)
+            self._rival(control, fd=fd)
         elif source not in HOSTS:
             self._foreign += 1
         elif control.code == Code.OPEN:
@@ -164,16 +164,16 @@ class CanListener:
         elif (link := self._links.get(source)) is None or link.presence.session != control.session:
             self._unknown += 1
             if control.code != Code.CLOSE:  # whoever speaks for a session that has ended shall know
-                self._control(Control(Code.CLOSE, control.session), target=source)
+                self._control(Control(Code.CLOSE, control.session), target=source, fd=fd)
         elif control.code == Code.CLOSE:
             link.end(LinkClosed(link.address, by_us=False))
         else:
             link.alive()
 
-    def _rival(self, control: Control) -> None:
+    def _rival(self, control: Control, *, fd: bool) -> None:
         """Another controller has our number, or these are our own words."""
         if control.code == Code.CLAIM and control.session != self._claim:
-            self._control(Control(Code.REFUSE, control.session), target=self._where.node)
+            self._control(Control(Code.REFUSE, control.session), target=self._where.node, fd=fd)
         elif control.code == Code.REFUSE and control.session == self._claim:
             self._refused.set()
 
@@ -182,11 +182,11 @@ class CanListener:
         if older is not None and older.presence.session != session:
             age = asyncio.get_running_loop().time() - older.presence.heard
             if age < 2 * ALIVE_PERIOD:  # it lives, so the newcomer has its number by mistake
-                self._control(Control(Code.REFUSE, session), target=host)
+                self._control(Control(Code.REFUSE, session), target=host, fd=fd)
                 return
             older.end(LinkClosed(older.address, by_us=False))
         self._sessions[host] = session
-        self._control(Control(Code.ACCEPT, session), target=host)
+        self._control(Control(Code.ACCEPT, session), target=host, fd=fd)
         if host not in self._links:  # else the host did not hear our first answer
             self._link(host, session, fd=fd)
 
@@ -194,7 +194,7 @@ class CanListener:
         """A data frame of a host without a link: a link, if the host knows nothing of sessions."""
         self._unknown += 1
         if (session := self._sessions.get(host)) is not None:
-            self._control(Control(Code.CLOSE, session), target=host)
+            self._control(Control(Code.CLOSE, session), target=host, fd=message.is_fd)
             return None
         frame = decode(bytes(message.data))
         if not isinstance(frame, SingleFrame | FirstFrame) or frame.data[0] not in (MAGIC, MAGIC_V1):
@@ -237,9 +237,10 @@ class CanListener:
         self._port.send(self._broadcast_id, single(frame, width), fd=width > CLASSIC)
         return True
 
-    def _control(self, control: Control, *, target: int) -> None:
+    def _control(self, control: Control, *, target: int, fd: bool) -> None:
+        """Say something in the format that the other one speaks."""
         arbitration_id = identifier(Priority.FLOW, Kind.CONTROL, target=target, source=self._where.node)
-        self._port.send(arbitration_id, control.encode(), fd=self._where.fd)
+        self._port.send(arbitration_id, control.encode(), fd=fd and self._where.fd)
 
 
 async def listen(address: CanAddress, accept: Accept) -> CanListener:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -12,6 +13,9 @@ import isotp
 import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.canbus import first_port
+from robotree.protocol.canbus.records import Greeting
+from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkOverrun, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, Telemetry, connect, listen
 from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Priority, identifier
@@ -120,6 +124,30 @@ async def test_telemetry_that_waits_is_superseded_and_the_rest_is_not(here: CanA
         assert link.statistics.superseded == 4
 
 
+async def test_on_a_crowded_bus_order_is_kept_and_telemetry_superseded(here: CanAddress) -> None:
+    at_controller, at_host = Gathering(), Gathering()
+    async with listening(here, at_controller) as listener, connected(here, at_host):
+        link = at_controller.recorders[0].link
+        with socket.create_connection((HOST, first_port(here.channel))) as sleeper:
+            sleeper.sendall(Greeting(answer=False, channel=first_port(here.channel), token=1).encode())
+            await until(lambda: listener._port.bus.statistics.members == 2)  # type: ignore[attr-defined]
+            sent = 0
+            while not link.congested:
+                link.send(sent.to_bytes(4) + bytes(50))
+                sent += 1
+                if sent % 50 == 0:
+                    await asyncio.sleep(0)
+            for index in range(5):
+                link.send(b"telemetry %d" % index, "telemetry")
+            link.send(b"command")
+            expected = (
+                b"".join(index.to_bytes(4) + bytes(50) for index in range(sent)) + b"telemetry 4command"
+            )
+            await until(lambda: len(at_host.recorders[0].data) >= len(expected))
+            assert at_host.recorders[0].data == expected
+            assert link.statistics.superseded == 4
+
+
 async def test_several_hosts_and_controllers_share_a_bus(here: CanAddress) -> None:
     def echo(link: Link) -> Endpoint:
         def answer(frame: Frame) -> None:
@@ -151,6 +179,15 @@ async def test_several_hosts_and_controllers_share_a_bus(here: CanAddress) -> No
         for index, frames in enumerate(heard):
             texts = [frame.message.text for frame in frames if isinstance(frame.message, Statustext)]
             assert texts == [f"host {index} says {part}" + "!" * 20 for part in range(20)]
+
+
+async def test_a_controller_answers_each_host_in_the_format_that_it_speaks(channel: str) -> None:
+    both, classic = (CanAddress(interface="robotree", channel=channel, fd=fd) for fd in (True, False))
+    at_controller, at_modern, at_classic = Gathering(), Gathering(), Gathering()
+    async with listening(both, at_controller), connected(both, at_modern), connected(classic, at_classic):
+        for recorder in at_controller.recorders:
+            recorder.link.send(bytes(200))
+        await until(lambda: len(at_modern.recorders[0].data) == len(at_classic.recorders[0].data) == 200)
 
 
 async def test_telemetry_goes_to_all_while_there_is_one_host(here: CanAddress) -> None:

@@ -290,6 +290,23 @@ def greeted(channel: str, *, token: int = 42) -> socket.socket:
     return connection
 
 
+def test_a_member_with_two_connections_hears_everything_once(buses: Buses, channel: str) -> None:
+    """As after two members have joined at the same moment; when one connection ends, the other takes over."""
+    bus = buses()
+    message = can.Message(arbitration_id=1, data=b"once")
+    with greeted(channel, token=7) as first, greeted(channel, token=7) as second:
+        assert bus.statistics.members == 1
+        bus.send(message)
+        assert len(first.recv(100)) == 20
+        second.settimeout(0.05)
+        with pytest.raises(TimeoutError):
+            second.recv(100)
+        first.close()
+        assert bus.recv(0.1) is None
+        bus.send(message)
+        assert len(second.recv(100)) == 20
+
+
 def test_strangers_are_shown_the_door_and_counted(buses: Buses, channel: str) -> None:
     bus, other = buses(), buses()
     with socket.create_connection((HOST, first_port(channel))) as stranger:
