@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import os
 import subprocess
 import sys
 from typing import TYPE_CHECKING
+
+import pytest
 
 from robotree import protocol
 from robotree.protocol import messages
@@ -45,3 +49,10 @@ def test_opening_the_room_brings_in_no_generator_no_loop_and_no_other_room() -> 
     assert not [name for name in modules if name.split(".")[0] in unwanted]
     rooms = {name.split(".")[1] for name in modules if name.startswith("robotree.")}
     assert rooms == {"protocol"}
+
+
+@pytest.mark.parametrize("name", ["", ".links.url", ".services.version"])
+def test_the_examples_in_the_manual_run(name: str) -> None:
+    result = doctest.testmod(importlib.import_module(f"robotree.protocol{name}"))
+    assert result.attempted
+    assert not result.failed

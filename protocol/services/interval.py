@@ -1,0 +1,111 @@
+"""How often which message is sent to one connection, and what is sent on request.
+
+Every connection has its own rates: one client's wish does not change what another sees. A wish for a rate
+that is too high gets the highest there is, which GET_MESSAGE_INTERVAL then tells; a refusal would leave the
+client with nothing.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import MavCmd, MavResult, Message, MessageInterval
+from robotree.protocol.services.command import Answer, Handler, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping
+
+FASTEST = 0.002
+"""[s]"""
+_MICRO = 1e6
+_OFF = -1
+_DEFAULT = 0
+_LARGEST = 2**31 - 1
+
+
+class _Beat(msgspec.Struct):
+    interval: float | None
+    due: float
+
+
+class Intervals:
+    """The rates of one connection.
+
+    Args:
+        defaults: the interval of every message that can be sent regularly, [s]; None: not unless asked for.
+        fastest: the shortest interval, [s].
+    """
+
+    def __init__(self, defaults: Mapping[int, float | None], fastest: float = FASTEST) -> None:
+        self._defaults, self._fastest = dict(defaults), fastest
+        self._beats = {msgid: _Beat(interval, float("-inf")) for msgid, interval in defaults.items()}
+
+    def due(self, now: float) -> list[int]:
+        """The messages whose time has come, by id. A long sleep is not made up for."""
+        ready: list[int] = []
+        for msgid, beat in self._beats.items():
+            if beat.interval is not None and now >= beat.due:
+                late = now - beat.due
+                beat.due = now + beat.interval - (late if late < beat.interval else 0.0)
+                ready.append(msgid)
+        return ready
+
+    def set(self, msgid: int, interval_us: float, now: float) -> bool:
+        """Change a rate as SET_MESSAGE_INTERVAL says; False: no such message or interval."""
+        beat = self._beats.get(msgid)
+        if beat is None or not (isfinite(interval_us) and interval_us >= _OFF):
+            return False
+        if interval_us == _DEFAULT:
+            beat.interval = self._defaults[msgid]
+        else:
+            beat.interval = max(interval_us / _MICRO, self._fastest) if interval_us > 0 else None
+        beat.due = now + (beat.interval or 0.0)
+        return True
+
+    def get(self, msgid: int) -> MessageInterval:
+        """How often a message is sent, as GET_MESSAGE_INTERVAL asks."""
+        beat = self._beats.get(msgid)
+        if beat is None:
+            return MessageInterval(msgid & 0xFFFF, _DEFAULT)
+        interval = _OFF if beat.interval is None else min(round(beat.interval * _MICRO), _LARGEST)
+        return MessageInterval(msgid & 0xFFFF, interval)
+
+
+def handlers(
+    intervals: Callable[[Hashable], Intervals], produce: Callable[[int, Request], Message | None]
+) -> dict[int, Handler]:
+    """The commands of this service, for `CommandServer(always=…)`.
+
+    Args:
+        intervals: the rates of a link.
+        produce: one message that is asked for, by id; None: there is none.
+    """
+
+    def set_interval(request: Request, now: float) -> Answer:
+        rates = intervals(request.peer.via)
+        done = rates.set(_msgid(request), request.param(2), now)
+        return Answer(MavResult.ACCEPTED if done else MavResult.DENIED)
+
+    def get_interval(request: Request, _: float) -> Answer:
+        told = intervals(request.peer.via).get(_msgid(request))
+        return Answer(MavResult.ACCEPTED if told.interval_us else MavResult.DENIED, messages=(told,))
+
+    def request_message(request: Request, _: float) -> Answer:
+        message = produce(_msgid(request), request)
+        return (
+            Answer(MavResult.DENIED) if message is None else Answer(MavResult.ACCEPTED, messages=(message,))
+        )
+
+    return {
+        MavCmd.SET_MESSAGE_INTERVAL: set_interval,
+        MavCmd.GET_MESSAGE_INTERVAL: get_interval,
+        MavCmd.REQUEST_MESSAGE: request_message,
+    }
+
+
+def _msgid(request: Request) -> int:
+    wanted = request.param(1, default=-1.0)
+    return int(wanted) if isfinite(wanted) else -1

@@ -1,0 +1,165 @@
+"""Parameters: numbers that can be read and set by name, the side that has them.
+
+Every parameter is a REAL32, because the field's tools disagree on how whole numbers are packed into the
+wire's float. A request that fails is answered by PARAM_ERROR, so that nobody has to wait for a silence. The
+whole list is sent a few at a time.
+"""
+
+from __future__ import annotations
+
+import struct
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.errors import InvalidMessage
+from robotree.protocol.messages import (
+    MavParamError,
+    MavParamType,
+    ParamError,
+    ParamRequestList,
+    ParamRequestRead,
+    ParamSet,
+    ParamValue,
+)
+from robotree.protocol.services.peer import Peer, Send
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+LONGEST_NAME = 16
+PACE = 0.02
+"""[s] between two parameters of a list: about 2 kB/s, which leaves room on a slow link."""
+LARGEST_CROWD = 32
+"""Lists that are sent at a time; one more peer has to ask again."""
+
+
+class Parameter(msgspec.Struct, frozen=True, kw_only=True):
+    """One parameter.
+
+    Raises:
+        InvalidMessage: its name does not fit the wire, or its value lies outside its range.
+    """
+
+    name: str
+    """At most 16 bytes."""
+    value: float
+    lower: float = float("-inf")
+    upper: float = float("inf")
+    read_only: bool = False
+    text: str = ""
+    """What it means, with its unit."""
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.name.encode()) <= LONGEST_NAME:
+            problem = f"holds 1 to {LONGEST_NAME} bytes, not {self.name!r}"
+            raise InvalidMessage("PARAM_VALUE", "param_id", problem)
+        if not self.lower <= self.value <= self.upper:
+            problem = f"of {self.name} lies between {self.lower} and {self.upper}, not at {self.value}"
+            raise InvalidMessage("PARAM_VALUE", "param_value", problem)
+
+
+class Changed(msgspec.Struct, frozen=True):
+    """A parameter has a new value."""
+
+    name: str
+    value: float
+
+
+Effect = Send | Changed
+
+
+class ParameterServer:
+    """The parameters of one component.
+
+    Args:
+        parameters: in the order of their indices.
+        may_set: whether a peer may set parameters now.
+    """
+
+    def __init__(
+        self, parameters: Iterable[Parameter], may_set: Callable[[Peer], bool] = lambda _: True
+    ) -> None:
+        self._parameters = {each.name: each for each in parameters}
+        self._names = list(self._parameters)
+        self._may_set = may_set
+        self._lists: dict[Peer, int] = {}
+        self._due = float("-inf")
+
+    def __getitem__(self, name: str) -> float:
+        """The value of a parameter."""
+        return self._parameters[name].value
+
+    def receive(
+        self, message: ParamRequestRead | ParamRequestList | ParamSet, peer: Peer, now: float
+    ) -> list[Effect]:
+        """Take a message that is addressed to this component."""
+        if isinstance(message, ParamRequestList):
+            if peer in self._lists or len(self._lists) < LARGEST_CROWD:
+                self._lists[peer] = 0
+            return self.tick(now)
+        if isinstance(message, ParamSet):
+            return self._set(message, peer)
+        index = message.param_index
+        if index < 0:
+            known = message.param_id in self._parameters
+            name = message.param_id
+        else:
+            known = index < len(self._names)
+            name = self._names[index] if known else ""
+        return [self._tell(name, peer) if known else _error(peer, name, MavParamError.DOES_NOT_EXIST, index)]
+
+    def tick(self, now: float) -> list[Effect]:
+        """The next parameter of every list that is being sent."""
+        if not self._lists or now < self._due:
+            return []
+        self._due = now + PACE
+        effects: list[Effect] = []
+        for peer, index in list(self._lists.items()):
+            if index < len(self._names):
+                effects.append(self._tell(self._names[index], peer))
+            if index + 1 < len(self._names):
+                self._lists[peer] = index + 1
+            else:
+                del self._lists[peer]
+        return effects
+
+    def link_closed(self, via: object) -> None:
+        """A link ended, and with it the lists that were sent on it."""
+        self._lists = {peer: index for peer, index in self._lists.items() if peer.via != via}
+
+    def _set(self, message: ParamSet, peer: Peer) -> list[Effect]:
+        name, value = message.param_id, message.param_value
+        parameter = self._parameters.get(name)
+        if parameter is None:
+            return [_error(peer, name, MavParamError.DOES_NOT_EXIST)]
+        if not self._may_set(peer):
+            return [_error(peer, name, MavParamError.PERMISSION_DENIED)]
+        if parameter.read_only:
+            return [_error(peer, name, MavParamError.READ_ONLY)]
+        if message.param_type != MavParamType.REAL32:
+            return [_error(peer, name, MavParamError.TYPE_MISMATCH)]
+        lower, upper = _on_the_wire(parameter.lower), _on_the_wire(parameter.upper)
+        if not isfinite(value) or not lower <= value <= upper:
+            return [_error(peer, name, MavParamError.VALUE_OUT_OF_RANGE)]
+        value = min(max(value, parameter.lower), parameter.upper)
+        changed = msgspec.structs.replace(parameter, value=value)
+        self._parameters[name] = changed
+        return [Changed(name, value), self._tell(name, peer)]
+
+    def _tell(self, name: str, peer: Peer) -> Send:
+        value = self._parameters[name].value
+        index = self._names.index(name)
+        return Send(ParamValue(name, value, MavParamType.REAL32, len(self._names), index), peer.via)
+
+
+def _on_the_wire(value: float) -> float:
+    """The nearest number of 32 bits: 0.1 comes back as a little more than 0.1."""
+    (narrow,) = struct.unpack("<f", struct.pack("<f", value))
+    return float(narrow)
+
+
+def _error(peer: Peer, name: str, error: MavParamError, index: int = -1) -> Send:
+    name = name.encode()[:LONGEST_NAME].decode(errors="ignore")
+    return Send(ParamError(peer.system, peer.component, name, index, error), peer.via)

@@ -1,0 +1,118 @@
+"""Set-points: a stream that dries up ends, and what comes late does not move anything."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol import Frame
+from robotree.protocol.messages import Setpoint, SetpointKind
+from robotree.protocol.services.goal_server import GoalServer
+from robotree.protocol.services.setpoint import LONGEST_TTL, SetpointReceiver
+
+POSE = (0.5, 0.0, 0.3, 0.0, math.nan, math.nan, math.nan)
+
+
+def _setpoint(
+    number: int = 1,
+    *,
+    made: float = 0.0,
+    ttl: float = 0.2,
+    epoch: int = 1,
+    kind: int = SetpointKind.TOOL_POSE,
+    args: tuple[float, ...] = POSE,
+) -> Setpoint:
+    return Setpoint(round(made * 1000), epoch, number, args, round(ttl * 1000), 1, 1, kind)
+
+
+@pytest.fixture
+def receiver() -> SetpointReceiver:
+    return SetpointReceiver([SetpointKind.TOOL_POSE], GoalServer([], lambda _: None).fence)
+
+
+def test_a_set_point_is_followed_for_its_time_to_live(receiver: SetpointReceiver) -> None:
+    assert receiver.active(0.0) is None
+    setpoint = _setpoint(ttl=0.2)
+    assert receiver.receive(setpoint, 10.0)
+    assert receiver.active(10.19) == setpoint
+    assert receiver.active(10.2) is None
+    assert receiver.active(10.1) is None, "what has ended does not come back"
+
+
+def test_a_sender_that_dies_moves_nothing_for_longer_than_it_said(receiver: SetpointReceiver) -> None:
+    for i in range(10):
+        receiver.receive(_setpoint(i, ttl=0.1), i * 0.05)
+    assert receiver.active(0.54) is not None
+    assert receiver.active(0.56) is None
+
+
+@given(delay=st.floats(0.0, 5.0), ttl=st.floats(0.01, 1.5))
+def test_a_delay_in_a_queue_counts_against_the_time_to_live(delay: float, ttl: float) -> None:
+    receiver = SetpointReceiver([SetpointKind.TOOL_POSE], lambda _: True)
+    made = 100.0
+    setpoint = _setpoint(made=made, ttl=ttl)
+    lives_until = made + setpoint.ttl_ms / 1000
+    assert receiver.receive(setpoint, made + delay) == (made + delay < lives_until)
+    assert receiver.active(max(lives_until, made + delay)) is None
+    assert receiver.statistics.late == (made + delay >= lives_until)
+
+
+def test_a_time_from_the_far_future_is_not_believed(receiver: SetpointReceiver) -> None:
+    assert not receiver.receive(_setpoint(made=50.0), 10.0)
+    assert receiver.statistics.late == 1
+
+
+def test_no_set_point_lives_longer_than_the_longest(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(ttl=60.0), 10.0)
+    assert receiver.active(10.0 + LONGEST_TTL) is None
+
+
+def test_one_that_was_overtaken_is_dropped(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(5), 0.0)
+    assert not receiver.receive(_setpoint(4), 0.0)
+    assert not receiver.receive(_setpoint(5), 0.0)
+    assert receiver.receive(_setpoint(6), 0.0)
+    assert receiver.statistics.overtaken == 2
+
+
+def test_numbers_may_wrap(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(2**32 - 1), 0.0)
+    assert receiver.receive(_setpoint(0), 0.0)
+
+
+def test_a_new_lease_counts_anew_and_the_old_one_is_over(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(500, epoch=1), 0.0)
+    assert receiver.receive(_setpoint(1, epoch=2), 0.0)
+    assert not receiver.receive(_setpoint(501, epoch=1), 0.0)
+    assert receiver.statistics.stale == 1
+
+
+@pytest.mark.parametrize(
+    "setpoint",
+    [
+        _setpoint(kind=SetpointKind.JOINTS),
+        _setpoint(kind=99),
+        _setpoint(ttl=0.0),
+        _setpoint(args=(math.inf,) * 7),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_obeys_no_epoch(setpoint: Setpoint) -> None:
+    epochs: list[int] = []
+    receiver = SetpointReceiver([SetpointKind.TOOL_POSE], lambda epoch: bool(epochs.append(epoch)) or True)
+    assert not receiver.receive(setpoint, 0.0)
+    assert receiver.statistics.refused == 1
+    assert epochs == []
+
+
+def test_a_stop_ends_the_stream(receiver: SetpointReceiver) -> None:
+    receiver.receive(_setpoint(1), 0.0)
+    receiver.drop()
+    assert receiver.active(0.0) is None
+    assert receiver.statistics.obeyed == 1
+
+
+def test_a_set_point_fits_one_can_fd_frame() -> None:
+    assert len(Frame.of(_setpoint(2**32 - 1, epoch=2**32 - 1, made=4e6)).raw) <= 62
