@@ -1,17 +1,15 @@
 """MoveSquare: the first example of the thesis, a rover that drives in squares.
 
-robotree create examples/move_square.py as square
-robotree enslave square.rover rover-1
-robotree call square.move_square length=20
+    robotree create examples/move_square.py as square
+    robotree enslave square.rover rover-1
+    robotree call square.move_square length="50 cm"
 """
 
 from typing import Annotated
 
 from robotree.vr import Child, Range, Unit, VirtualRobot, command
 
-Inches = Annotated[float, Unit("in"), Range(1, 40), "of one side"]
-METRE = 39.37
-"""[in]"""
+Metres = Annotated[float, Unit("m"), Range(0.02, 1.0), "of one side"]
 
 
 class MoveSquare(VirtualRobot):
@@ -20,10 +18,9 @@ class MoveSquare(VirtualRobot):
     rover = Child("Rover", "the rover that drives")
 
     @command
-    def move_square(self, length: Inches) -> None:
+    def move_square(self, length: Metres) -> None:
         """Drive one square, counterclockwise, and end where it began."""
-        side = length / METRE
-        for x, y in ((side, 0), (0, side), (-side, 0), (0, -side)):
+        for x, y in ((length, 0), (0, length), (-length, 0), (0, -length)):
             self.rover.move(x=x, y=y)  # waits; .tell(...) is one-way, .start(...) gives a future
 
     move = rover.exposed()  # what is not exposed cannot be called from above

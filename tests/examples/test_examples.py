@@ -116,7 +116,7 @@ async def test_a_rover_drives_a_square_and_ends_where_it_began(workshop: Worksho
     rover = await workshop.proxy("rover", "rover-1")
     square = await workshop.create("move_square.py", "square", rover="rover-1")
     before = rover.readings()
-    await square.call("move_square", {"length": 12})
+    await square.call("move_square", {"length": "12 in"})
     after = rover.readings()
     assert [after["x"] - before["x"], after["y"] - before["y"]] == pytest.approx([0, 0], abs=0.01)
     assert (await workshop.client("rover-1").describe()).calls["move"] == 4

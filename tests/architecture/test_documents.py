@@ -1,0 +1,54 @@
+"""The documents run: what they show is what there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from robotree.tui import grammar
+from robotree.tui.actions import Where, shapes
+from robotree.tui.manual import EVERYWHERE
+from robotree.tui.session import read
+from robotree.vr.bundle import Bundle
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    """Return the fenced blocks of a language; fences come in pairs, so every second part is one."""
+    parts = re.split(r"^```", path.read_text(), flags=re.MULTILINE)[1::2]
+    return [body for head, _, body in (part.partition("\n") for part in parts) if head == language]
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_every_link_leads_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", path.read_text()):
+        assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_every_command_line_is_understood(path: Path) -> None:
+    for block in blocks(path, ""):
+        for line in block.splitlines():
+            words = grammar.split(re.split(r"\s{3,}", line)[0])
+            if words[:1] == ("robotree",) and len(words) > 1:
+                grammar.parse(words[1:], shapes(Where.SHELL), EVERYWHERE)
+
+
+def test_the_guide_s_virtual_robot_loads() -> None:
+    (page,) = blocks(ROOT / "docs" / "virtual-robots.md", "python")
+    robot = Bundle(page, "wave.py").load()
+    assert robot.__name__ == "Wave"
+
+
+def test_the_readme_shows_the_example_as_it_is() -> None:
+    (page,) = blocks(ROOT / "README.md", "python")
+    assert page == (ROOT / "examples" / "move_square.py").read_text()
+
+
+def test_the_guide_s_session_is_understood() -> None:
+    script = next(block for block in blocks(ROOT / "docs" / "operating.md", "") if "expect" in block)
+    assert len(read(script, "operating.md").steps) == 6
