@@ -1,8 +1,8 @@
 """MoveSquare: the first example of the thesis, a rover that drives in squares.
 
-    robotree create examples/move_square.py as square
-    robotree enslave square.rover rover-1
-    robotree call square.move_square length="50 cm"
+robotree create examples/move_square.py as square
+robotree enslave square.rover rover-1
+robotree call square.move_square length="50 cm"
 """
 
 from typing import Annotated
