@@ -73,6 +73,7 @@ class Membership:
         self._wires: dict[int, Wire] = {}
         self._strangers: dict[int, Stranger] = {}
         self._open = True
+        self._delayed = False
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         try:
             self._seat, self.port = self._sit()
@@ -89,7 +90,7 @@ class Membership:
     @property
     def crowded(self) -> bool:
         """Whether somebody has no room for another frame, and may still make some."""
-        return any(wire.full for wire in self.outlets)
+        return self._delayed and any(wire.full for wire in self.outlets)
 
     def wire(self, descriptor: int) -> Wire | None:
         """The connection with this descriptor."""
@@ -97,13 +98,14 @@ class Membership:
 
     def say(self, record: bytes) -> None:
         """Send a record to every other member. Under the lock."""
-        now, delayed = monotonic(), False
+        now, begins = monotonic(), False
         for wire in self.outlets:
             try:
-                delayed |= wire.put(record, now)
+                begins |= wire.put(record, now)
             except OSError:
                 self.lose(wire)
-        if delayed:
+        if begins:
+            self._delayed = True
             os.eventfd_write(self._bell, 1)
 
     def lose(self, wire: Wire, *, malformed: bool = False) -> None:
@@ -264,6 +266,7 @@ class Membership:
                     wire.flush(now)
                 except OSError:
                     self.lose(wire)
+        self._delayed = any(wire.waits for wire in self.outlets)
         for stranger in list(self._strangers.values()):
             if now - stranger.since > MANNERS:
                 del self._strangers[stranger.connection.fileno()]

@@ -4,31 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from itertools import count
-from pathlib import Path
 from subprocess import PIPE, Popen
 
 import can
-import can.interfaces
-import can.util
 import pytest
-
-if "robotree" not in can.VALID_INTERFACES:
-    # An installation older than the entry point: tell this process and its children by hand.
-    _METADATA = Path(tempfile.mkdtemp()) / "canbus-0.dist-info"
-    _METADATA.mkdir()
-    (_METADATA / "METADATA").write_text("Metadata-Version: 2.1\nName: canbus\nVersion: 0\n")
-    (_METADATA / "entry_points.txt").write_text(
-        "[can.interface]\nrobotree = robotree.protocol.canbus:LoopbackBus\n"
-    )
-    os.environ["PYTHONPATH"] = os.pathsep.join(
-        filter(None, [str(_METADATA.parent), os.environ.get("PYTHONPATH")])
-    )
-    can.interfaces.BACKENDS["robotree"] = ("robotree.protocol.canbus", "LoopbackBus")
-    for module in (can, can.interfaces, can.util):
-        vars(module)["VALID_INTERFACES"] = frozenset(can.interfaces.BACKENDS)
 
 _COUNT = count()
 Spawn = Callable[..., "Popen[str]"]
