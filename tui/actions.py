@@ -258,6 +258,23 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("wire decode flight.tlog", "wire decode - --json"),
     ),
+    Action(
+        usage="wire record --connect URL FILE [--for TIME]",
+        help="Keep what a link says in a FILE.tlog, or FILE.mcap for Foxglove.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
+    ),
+    Action(
+        usage="wire replay FILE [--connect URL] [--listen URL] [--speed SPEED]",
+        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire replay arm.tlog --listen tcp:127.0.0.1:5770",
+            "wire replay arm.tlog --connect tcp:5780",
+        ),
+    ),
     # -- the screen alone
     Action(
         "panel",

@@ -7,8 +7,8 @@ A verb's usage string is both its help and its parser:
     wire decode FILE
 
 The lower-case words at the beginning are the verb. UPPER CASE is a value to fill in, lower case a word to
-type as it is, `[…]` may be left out, `…` repeats the value before it, `--option` may stand anywhere behind the
-verb. Values that begin with `--` are given after a bare `--`.
+type as it is, `[…]` may be left out, `…` repeats the value before it, `--option` may stand anywhere behind
+the verb. Values that begin with `--` are given after a bare `--`.
 Pure: text in, values out.
 """
 

@@ -120,7 +120,7 @@ class CandumpReader:
         now, payload = time / 1e6, None
         match decode(field):
             case SingleFrame() as frame:
-                payload = receiver.single(frame, now)
+                payload = receiver.single(frame)
             case FirstFrame() as frame:
                 receiver.first(frame, now)
             case ConsecutiveFrame() as frame:

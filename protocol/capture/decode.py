@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
+from robotree.protocol.capture import mcap
 from robotree.protocol.capture.candump import CandumpReader, CandumpStatistics
 from robotree.protocol.capture.captured import Captured
+from robotree.protocol.capture.mcap import McapReader
 from robotree.protocol.capture.tlog import STAMP_BYTES, TlogReader, plausible
 from robotree.protocol.messages import fields_of
 from robotree.protocol.parser import Parser
@@ -53,8 +55,13 @@ class RawReader:
         return []
 
 
-READERS: dict[str, type[Reader]] = {"raw": RawReader, "tlog": TlogReader, "candump": CandumpReader}
-"""Every format that is read piece by piece."""
+READERS: dict[str, type[Reader]] = {
+    "raw": RawReader,
+    "tlog": TlogReader,
+    "mcap": McapReader,
+    "candump": CandumpReader,
+}
+"""Every format that is read."""
 
 
 def detect(head: bytes, name: str = "") -> str:
@@ -66,6 +73,8 @@ def detect(head: bytes, name: str = "") -> str:
     """
     if name.endswith(".tlog") or plausible(head):
         return "tlog"
+    if head.startswith(mcap.MAGIC):
+        return "mcap"
     text = head.lstrip()
     return "candump" if text[:1] == b"(" and text[1:2].isdigit() else "raw"
 
@@ -99,7 +108,7 @@ class Decoded(msgspec.Struct, frozen=True, gc=False):
         return data
 
 
-class DecoderStatistics(msgspec.Struct, frozen=True):
+class DecoderStatistics(msgspec.Struct, frozen=True, omit_defaults=True):
     """One reading of a decoder's gauges. Those of the parser mean what they mean there."""
 
     format: str
@@ -131,8 +140,8 @@ class Decoder:
     """Turns a recording into frames. The memory that it takes has a bound, whatever it is fed.
 
     Args:
-        form: one of `READERS`, or another name when `reader` is given.
-        reader: takes the format apart.
+        form: one of `READERS`.
+        reader: takes it apart; None: a new one.
         verifier: asked about every intact frame.
     """
 

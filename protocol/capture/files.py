@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from robotree.protocol.capture.decode import HEAD_BYTES, READERS, Decoder, detect
 from robotree.protocol.capture.errors import BadRecording
 
 if TYPE_CHECKING:
     from collections.abc import Generator
+    from io import BufferedReader
 
     from robotree.protocol.capture.captured import Captured
     from robotree.protocol.capture.decode import Decoded, DecoderStatistics, Reader
@@ -33,11 +34,10 @@ def pieces(name: str) -> Generator[bytes]:
     """
     try:
         with ExitStack() as stack:
-            if name == STANDARD_INPUT:
-                read = sys.stdin.buffer.read1
-            else:
-                read = stack.enter_context(Path(name).open("rb")).read1
-            while piece := read(PIECE):
+            source = (
+                sys.stdin.buffer if name == STANDARD_INPUT else stack.enter_context(Path(name).open("rb"))
+            )
+            while piece := cast("BufferedReader", source).read1(PIECE):
                 yield piece
     except OSError as error:
         raise BadRecording(name, f"cannot be read: {error.strerror or error}") from error

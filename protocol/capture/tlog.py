@@ -11,6 +11,8 @@ for the next intact frame and believes the 8 bytes before it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from robotree.protocol.capture.captured import Captured
 from robotree.protocol.capture.framing import (
     INCOMPLETE,
@@ -19,6 +21,9 @@ from robotree.protocol.capture.framing import (
     find_magic,
     intact,
 )
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
 
 STAMP_BYTES = 8
 _LINK = 0b11
@@ -42,6 +47,20 @@ def plausible(head: bytes) -> bool:
     if len(head) <= STAMP_BYTES or head[STAMP_BYTES] not in MAGICS:
         return False
     return 946_684_800 <= int.from_bytes(head[:STAMP_BYTES], "big") / 1e6 < 4_102_444_800
+
+
+class TlogWriter:
+    """Writes records to a stream."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def write(self, time: int, frame: bytes) -> None:
+        """Append one frame that came at `time`, [us] since 1970."""
+        self._stream.write(encode(time, frame))
+
+    def close(self) -> None:
+        """Nothing more follows; a tlog has no end mark."""
 
 
 class TlogReader:

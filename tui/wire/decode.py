@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -58,7 +59,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}" if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
-        return f"[{' '.join(value_text(each) for each in value)}]"
+        return f"[{' '.join(map(value_text, cast('Sequence[Any]', value)))}]"
     return repr(value) if isinstance(value, str) else str(value)
 
 

@@ -1,0 +1,188 @@
+"""Recordings in MCAP, the format of Foxglove (https://mcap.dev/spec): the frames, and what they say as JSON.
+
+Each frame is kept twice: as it came, on the channel `/mavlink`, which is what we read again; and its fields
+as a JSON object on the channel `/SYSTEM/COMPONENT/MESSAGE`, with a schema made from the dialect, which is
+what Foxglove plots. Times are [ns] since 1970.
+"""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from robotree.protocol.capture.captured import Captured
+from robotree.protocol.messages import fields_of
+from robotree.protocol.parser import Parser
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from mcap.records import Chunk
+
+    from robotree.protocol.dialect import Definition, Field
+    from robotree.protocol.frame import Frame
+
+MAGIC = b"\x89MCAP0\r\n"
+TOPIC = "/mavlink"
+ENCODING = "mavlink"
+"""How the messages of our own channel are encoded: each is one frame."""
+CHUNK = 128 * 1024
+"""[bytes] that are compressed and written together."""
+LARGEST_RECORD = 8 * 1024 * 1024
+"""[bytes] of a record that we read, compressed or not: a forged length must not fill the memory."""
+_RECORD_HEADER = 9
+_LARGEST_CROWD = 4096
+
+
+class McapWriter:
+    """Writes a recording to a stream."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        from mcap.writer import Writer
+
+        self._writer = Writer(stream, chunk_size=CHUNK)
+        self._writer.start(library="robotree")
+        self._frames = self._writer.register_channel(TOPIC, ENCODING, 0)
+        self._parser = Parser()
+        self._schemas: dict[int, int] = {}
+        self._channels: dict[tuple[int, int, int], int] = {}
+
+    def write(self, time: int, frame: bytes) -> None:
+        """Append one frame that came at `time`, [us] since 1970."""
+        nanoseconds = time * 1000
+        self._writer.add_message(self._frames, nanoseconds, frame, nanoseconds)
+        for each in self._parser.feed(frame) + self._parser.flush():
+            channel = self._channel(each)
+            said = msgspec.json.encode(_plain(each))
+            self._writer.add_message(channel, nanoseconds, said, nanoseconds, each.sequence)
+
+    def close(self) -> None:
+        """Write the index; without it the file can still be read from its beginning."""
+        self._writer.finish()  # type: ignore[no-untyped-call]  # the library's gap
+
+    def _channel(self, frame: Frame) -> int:
+        key = frame.system, frame.component, frame.msgid
+        if (channel := self._channels.get(key)) is None:
+            if len(self._channels) >= _LARGEST_CROWD:
+                return self._frames
+            topic = f"/{frame.system}/{frame.component}/{frame.name}"
+            channel = self._writer.register_channel(topic, "json", self._schema(frame.codec.definition))
+            self._channels[key] = channel
+        return channel
+
+    def _schema(self, definition: Definition) -> int:
+        if (schema := self._schemas.get(definition.id)) is None:
+            text = json.dumps(schema_of(definition)).encode()
+            schema = self._writer.register_schema(definition.name, "jsonschema", text)
+            self._schemas[definition.id] = schema
+        return schema
+
+
+def schema_of(definition: Definition) -> dict[str, Any]:
+    """The JSON schema of a message's fields."""
+    return {
+        "title": definition.name,
+        "type": "object",
+        "properties": {field.name: _type_of(field) for field in definition.fields},
+    }
+
+
+def _type_of(field: Field) -> dict[str, Any]:
+    if field.type == "char":
+        return {"type": "string"}
+    one = {"type": "number" if field.type in ("float", "double") else "integer"}
+    return {"type": "array", "items": one} if field.length else one
+
+
+def _plain(frame: Frame) -> dict[str, Any]:
+    fields = fields_of(frame.message)
+    return {name: [*value] if isinstance(value, bytes) else value for name, value in fields.items()}
+
+
+class McapReader:
+    """Reads the frames of a recording of ours, whatever it is. Keeps at most one record.
+
+    What lies behind a broken record is skipped: lengths and places can no longer be believed.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._begun = self._broken = False
+        self._ours: set[int] = set()
+        self.skipped = 0
+        """[bytes] of a file that is broken, or none at all."""
+
+    def feed(self, data: bytes) -> list[Captured]:
+        """Take some bytes and hand out the frames that they complete."""
+        self._rest += data
+        found: list[Captured] = []
+        if not self._begun and len(self._rest) >= len(MAGIC):
+            self._begun, self._broken = True, not self._rest.startswith(MAGIC)
+            self._rest = self._rest[0 if self._broken else len(MAGIC) :]
+        while not self._broken and self._begun and len(self._rest) >= _RECORD_HEADER:
+            length = int.from_bytes(self._rest[1:_RECORD_HEADER], "little")
+            end = _RECORD_HEADER + length
+            if self._rest.startswith(MAGIC):  # the end mark, or another file behind this one
+                self._rest = self._rest[len(MAGIC) :]
+                continue
+            if length > LARGEST_RECORD:
+                self._broken = True
+            elif len(self._rest) < end:
+                break
+            else:
+                found += self._record(self._rest[0], self._rest[_RECORD_HEADER:end])
+                self._rest = self._rest[end:]
+        if self._broken:
+            self.skipped += len(self._rest)
+            self._rest = b""
+        return found
+
+    def flush(self) -> list[Captured]:
+        """The file ended."""
+        if self._rest != MAGIC:
+            self.skipped += len(self._rest)
+        self._rest = b""
+        return []
+
+    def _record(self, code: int, body: bytes) -> list[Captured]:
+        from mcap.data_stream import ReadDataStream
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, Chunk, McapRecord, Message
+        from mcap.stream_reader import breakup_chunk
+
+        stream, records = ReadDataStream(BytesIO(body)), list[McapRecord]()
+        try:
+            match code:
+                case Opcode.CHUNK:
+                    records = breakup_chunk(_inflated(Chunk.read(stream)))
+                case Opcode.CHANNEL:
+                    records = [Channel.read(stream)]
+                case Opcode.MESSAGE:
+                    records = [Message.read(stream, len(body))]
+                case _:
+                    pass
+        except Exception:  # noqa: BLE001  the library raises what it likes at forged bytes
+            self.skipped += len(body)
+        for record in records:
+            if isinstance(record, Channel) and record.message_encoding == ENCODING:
+                self._ours.add(record.id)
+        return [
+            Captured(record.data, record.log_time // 1000)
+            for record in records
+            if isinstance(record, Message) and record.channel_id in self._ours
+        ]
+
+
+def _inflated(chunk: Chunk) -> Chunk:
+    """A chunk that is not compressed; the library would inflate it to any size."""
+    import zstandard
+
+    if chunk.compression == "zstd":
+        inflate = zstandard.ZstdDecompressor(max_window_size=LARGEST_RECORD).stream_reader(chunk.data)
+        chunk.data, chunk.compression = inflate.read(LARGEST_RECORD), ""
+    if chunk.compression:
+        raise ValueError(f"a chunk is compressed by {chunk.compression}, which we never do")
+    return chunk

@@ -1,0 +1,131 @@
+"""`robotree wire replay FILE --connect|--listen URL`: send a recording again, in its own time or faster."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections.abc import Generator
+
+from robotree.protocol.capture.errors import BadRecording
+from robotree.protocol.capture.files import Recording
+from robotree.protocol.capture.replay import schedule
+from robotree.protocol.errors import LinkError
+from robotree.protocol.links.link import Link, Listener
+from robotree.protocol.links.url import connect, listen
+from robotree.tui.errors import BadLine, ValueRefused
+from robotree.tui.grammar import Line
+from robotree.tui.terminal import note, put
+from robotree.tui.wire.lasting import Lasting, lasting
+
+BREATH = 0.005
+"""[s] between two looks whether a far end has read."""
+LAST_WORDS = 2.0
+"""[s] in which what waits may still leave after the last frame."""
+
+
+class Listeners:
+    """Everyone who hears the replay."""
+
+    def __init__(self, here: Lasting) -> None:
+        """Nobody yet."""
+        self._here = here
+        self.links: set[Link] = set()
+        self.somebody = asyncio.Event()
+
+    def accept(self, link: Link) -> _Deaf:
+        """Somebody has come."""
+        self.links.add(link)
+        self.somebody.set()
+        return _Deaf(self, link)
+
+    def gone(self, link: Link, reason: LinkError) -> None:
+        """Somebody has left; with the last one the replay ends."""
+        self.links.discard(link)
+        if not self.links:
+            self._here.end(reason)
+
+    @property
+    def congested(self) -> bool:
+        """Whether somebody has not read what was sent."""
+        return any(link.congested for link in self.links)
+
+
+class _Deaf:
+    """A handler: a recording does not answer."""
+
+    def __init__(self, crowd: Listeners, link: Link) -> None:
+        self._crowd, self._link = crowd, link
+
+    def received(self, data: bytes) -> None:
+        pass
+
+    def closed(self, reason: LinkError) -> None:
+        self._crowd.gone(self._link, reason)
+
+
+def run(line: Line) -> int:
+    """Replay the file once."""
+    recording = Recording(line.text("FILE"))
+    if recording.form == "raw":
+        raise BadRecording(recording.name, "has no times; replay a .tlog, an .mcap or a candump log")
+    if bool(line.text("--connect")) == bool(line.text("--listen")):
+        raise BadLine("wire replay: give either --connect URL or --listen URL", "")
+    return asyncio.run(_replay(line, schedule(recording.captured(), speed(line.text("--speed")))))
+
+
+def speed(text: str) -> float:
+    """Read `2`, `0.5`, or `max`: as fast as it goes.
+
+    Raises:
+        ValueRefused: it is no speed.
+    """
+    if text == "max":
+        return math.inf
+    try:
+        number = float(text or "1")
+    except ValueError:
+        number = 0.0
+    if not (number > 0 and math.isfinite(number)):
+        raise ValueRefused("SPEED", f"{text!r} is no speed; write a factor above 0, or max")
+    return number
+
+
+async def _replay(line: Line, moments: Generator[tuple[float, bytes]]) -> int:
+    listener: Listener | None = None
+    async with lasting(line) as here:
+        crowd = Listeners(here)
+        if line.text("--connect"):
+            await connect(line.text("--connect"), crowd.accept)
+        else:
+            listener = await listen(line.text("--listen"), crowd.accept)
+            put(f"ready {listener.address}")
+            note("the replay begins when somebody connects")
+            await here.until(crowd.somebody.wait())
+        sent = await _send(moments, crowd, here)
+        here.end()
+        for link in [*crowd.links]:
+            link.close()
+        if listener is not None:
+            await listener.close()
+    put(json.dumps({"frames": sent}) if line.flag("--json") else f"{sent} frames were sent")
+    return here.exit_code()
+
+
+async def _send(moments: Generator[tuple[float, bytes]], crowd: Listeners, here: Lasting) -> int:
+    """Send everything when it is due, but not faster than it is read; return how many frames it was."""
+    loop = asyncio.get_running_loop()
+    began, sent = loop.time(), 0
+    for due, data in moments:
+        await here.wait(max(began + due - loop.time(), 0))
+        while crowd.congested and not here.over:
+            await here.wait(BREATH)
+        if here.over:
+            break
+        for link in crowd.links:
+            link.send(data)
+        sent += 1
+    left = loop.time() + LAST_WORDS
+    while crowd.congested and loop.time() < left:
+        await here.wait(BREATH)
+    return sent
