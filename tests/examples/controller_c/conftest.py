@@ -35,6 +35,8 @@ from robotree.protocol.messages import (
 from robotree.protocol.parser import Parser
 
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
+OWN = os.environ.get("ROBOTREE_CONTROLLER")
+"""A program that takes the same words, to be examined in place of the example."""
 COMPILER = shutil.which(os.environ.get("CC", "cc"))
 SANITIZERS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
 T = TypeVar("T", bound=Message)
@@ -56,6 +58,8 @@ def compiled(folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if OWN:
+        return Path(OWN).resolve()
     if COMPILER is None or shutil.which("make") is None:
         pytest.skip("there is no C compiler or no make here")
     return compiled(tmp_path_factory.mktemp("controller_c"))
