@@ -127,7 +127,7 @@ class RobotAgent:
     # -- life -------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Serve requests, then be present, then enter the lookup; returns when it is listed.
+        """Serve requests, then be present, then enter the lookup.
 
         Raises:
             DuplicateName: a living robot has this name.
@@ -144,6 +144,9 @@ class RobotAgent:
             raise
         self._publishing = self._loop.create_task(self._news.run())
         self._changed()
+
+    async def listed(self) -> None:
+        """Wait until the lookup services know what they should, or as many of them as answer."""
         await self._listed.settled()
 
     async def close(self) -> None:

@@ -136,6 +136,7 @@ class Host:
         if not self._open:  # the host has ended meanwhile
             await agent.close()
             raise Unreachable(key=self.address.key)
+        await agent.listed()
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
