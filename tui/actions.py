@@ -275,6 +275,20 @@ ACTIONS: tuple[Action, ...] = (
             "wire replay arm.tlog --connect tcp:5780",
         ),
     ),
+    Action(
+        usage="wire dissector [FILE] [--port PORT]",
+        help="Write the Lua that makes Wireshark and tshark understand the wire.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire dissector robotree.lua",),
+    ),
+    Action(
+        usage="wire dialect --lang LANGUAGE OUT",
+        help="Write the dialect for programs in c, c++, csharp, java, lua, objc, python, swift, or as xml.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire dialect --lang c include/mavlink",),
+    ),
     # -- the screen alone
     Action(
         "panel",

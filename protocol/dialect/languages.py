@@ -1,0 +1,92 @@
+"""The dialect in other languages, by pymavlink's generator, with the base headers it needs.
+
+Only languages whose output was compiled or run are offered: the generator also knows Ada, JavaScript and
+TypeScript, but its output there does not build, needs other packages, or has wrong types.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import msgspec
+
+from robotree.protocol.dialect import compile as compiler
+from robotree.protocol.dialect.errors import TargetTaken, UnknownLanguage
+
+
+class Language(msgspec.Struct, frozen=True):
+    """One language that the dialect can be had in."""
+
+    generator: str
+    """Its name in pymavlink."""
+    suffix: str = ""
+    """Of the one file that is made; empty: it is a folder."""
+
+
+LANGUAGES = {
+    "c": Language("C"),
+    "c++": Language("C++11"),
+    "csharp": Language("CS"),
+    "java": Language("Java"),
+    "lua": Language("Lua"),
+    "objc": Language("ObjC"),
+    "python": Language("Python3", ".py"),
+    "swift": Language("Swift"),
+    "wireshark": Language("WLua", ".lua"),
+}
+"""Every language, by the name that people use."""
+XML = "xml"
+"""No language: the dialect itself and all that it includes, for generators of other people."""
+
+
+def names() -> tuple[str, ...]:
+    """What `write` takes."""
+    return (*LANGUAGES, XML)
+
+
+def write(name: str, target: Path, dialect: Path = compiler.DIALECT) -> list[Path]:
+    """Write the dialect in one language.
+
+    Args:
+        name: one of `names()`.
+        target: the folder to make; for a language of one file that file.
+        dialect: the XML.
+
+    Returns:
+        What was written, sorted.
+
+    Raises:
+        UnknownLanguage: it is not offered.
+        TargetTaken: there is something at the target already.
+        DialectError: the XML is wrong.
+    """
+    if name not in names():
+        raise UnknownLanguage(name, names())
+    if target.is_file() or (target.is_dir() and any(target.iterdir())):
+        raise TargetTaken(target)
+    if name == XML:
+        return _write_xml(target, dialect)
+    language = LANGUAGES[name]
+    with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as folder:
+        made = Path(folder) / f"out{language.suffix}"
+        compiler.generate(made, xml=dialect, language=language.generator)
+        return _place(made, target)
+
+
+def _place(made: Path, target: Path) -> list[Path]:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if made.is_file():
+        shutil.copyfile(made, target)
+        return [target]
+    shutil.copytree(made, target, dirs_exist_ok=True)
+    return sorted(path for path in target.rglob("*") if path.is_file())
+
+
+def _write_xml(target: Path, dialect: Path) -> list[Path]:
+    """Copy the dialect and what it includes, and no more."""
+    names = [Path(parsed.filename).name for parsed in compiler.parse(dialect)]
+    target.mkdir(parents=True, exist_ok=True)
+    with compiler.workspace(dialect) as copy:
+        return sorted(Path(shutil.copyfile(copy.parent / name, target / name)) for name in names)

@@ -1,0 +1,24 @@
+"""`robotree wire dialect --lang LANGUAGE OUT`: the dialect for programs in other languages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from robotree.protocol.dialect import languages
+from robotree.tui import exit_codes
+from robotree.tui.errors import BadLine
+from robotree.tui.grammar import Line
+from robotree.tui.terminal import put
+
+
+def run(line: Line) -> int:
+    """Write the dialect, and say what was written."""
+    if not line.text("--lang"):
+        raise BadLine(f"wire dialect: say --lang with one of {', '.join(languages.names())}", "")
+    written = languages.write(line.text("--lang"), Path(line.text("OUT")))
+    if line.flag("--json"):
+        put(json.dumps({"files": [str(path) for path in written]}))
+    else:
+        put(f"{line.text('OUT')}: {len(written)} file{'s' * (len(written) != 1)}")
+    return exit_codes.DONE

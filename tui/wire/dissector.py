@@ -1,0 +1,32 @@
+"""`robotree wire dissector [FILE]`: the Lua that makes Wireshark and tshark understand the wire."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from robotree.protocol.dialect.dissector import dissector
+from robotree.protocol.dialect.errors import TargetTaken
+from robotree.tui import exit_codes
+from robotree.tui.errors import ValueRefused
+from robotree.tui.grammar import Line
+from robotree.tui.terminal import note
+
+
+def run(line: Line) -> int:
+    """Write the dissector to the file, or to standard output."""
+    port = line.text("--port")
+    if port and not (port.isdecimal() and 0 < int(port) <= 0xFFFF):
+        raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
+    text = dissector([int(port)] if port else [])
+    if not line.text("FILE"):
+        sys.stdout.write(text)
+        return exit_codes.DONE
+    path = Path(line.text("FILE"))
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise TargetTaken(path) from None
+    note(f"{path}: use it as `wireshark -X lua_script:{path}`")
+    return exit_codes.DONE
