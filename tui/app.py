@@ -123,7 +123,9 @@ class Supervisor(Fenced, App[int]):
         Returns:
             Why it was refused or failed; empty: it was done.
         """
-        _, refusal = await self._carry_out(line)
+        text, refusal = await self._carry_out(line)
+        if text:
+            self.tell(text, "good")
         return refusal
 
     async def _carry_out(self, line: Line) -> tuple[str, str]:

@@ -87,6 +87,7 @@ class PanelPage(Page):
             form = CommandForm(spec, self._readings)
             form.id = wanted
             form.gone = self._gone
+            form.display = False  # until all of it is there
             form.border_title = Text(wording.signature(spec))
             await forms.mount(form)
         forms.current = wanted
@@ -193,7 +194,9 @@ class PanelPage(Page):
     @work(exclusive=True, exit_on_error=False, group="rebuild")
     async def _rebuild(self) -> None:
         """Make the forms anew, of the commands that the robot has now."""
-        await self.query_one("#forms", ContentSwitcher).remove_children()
+        forms = self.query_one("#forms", ContentSwitcher)
+        forms.current = None
+        await forms.remove_children()
         commands = self.query_one("#commands", OptionList)
         at = commands.highlighted or 0
         commands.clear_options()

@@ -32,6 +32,9 @@ MOVE_LIMIT = 20.0
 GAUGES = 0.1
 """[s] between two drawings of the readings."""
 
+OLD_NEWS = 1.5
+"""[s] after our own movement in which the robot's state may still speak of it."""
+
 PAD = (
     ("", "↑ +x", "", "⇞ +z"),
     ("← +y", "", "→ -y", ""),
@@ -71,6 +74,8 @@ class TeleopPage(Page):
         self.robot = robot
         self.jog = Jog(bounds)
         self._refusal = ""
+        self._rested_at = 0.0
+        """[s] When the last of our movements ended."""
 
     def title_of_page(self) -> str:
         """Return the robot's name."""
@@ -131,7 +136,8 @@ class TeleopPage(Page):
         if actual is None:
             return
         state = self.app.store.state(self.robot.name)
-        if state and state.busy and not self.jog.moving:
+        rested = self.app.now() - self._rested_at > OLD_NEWS
+        if state and state.busy and rested and not self.jog.moving:
             self.jog.drop()  # somebody else moves it: the next step starts where that ends
         self.jog.press(axis, direction, actual)
         self._go()
@@ -157,6 +163,7 @@ class TeleopPage(Page):
         """Carry out the newest wish, then the one that came meanwhile; never two at a time."""
         while target := self.jog.take():
             refusal = await self._ask(GO_TO, target)
+            self._rested_at = self.app.now()
             if refusal:
                 self.jog.drop()
             else:

@@ -148,4 +148,6 @@ class CommandForm(Fenced, VerticalScroll):
         lines = Text.assemble((f"{sign} ", style), (text, style if colour == "error" else ""))
         if body:
             lines.append(f"\n{body}")
-        self.query_one("#outcome", Static).update(lines)
+        outcome = self.query_one("#outcome", Static)
+        outcome.update(lines)
+        outcome.scroll_visible(animate=False)

@@ -72,6 +72,8 @@ class FieldRow(Fenced, Vertical):
         if not self._options and not self._touched and not self.text:
             with self.prevent(Input.Changed):
                 self.query_one(Input).value = entry.first_text(self.spec, readings)
+            if self.text:
+                self.complain("")
 
     def complain(self, reason: str) -> None:
         """Show why the field is refused; empty: nothing is wrong."""

@@ -11,6 +11,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
+from textual.widgets import Input
 
 from robotree.tui.app import Supervisor
 
@@ -44,7 +45,7 @@ class Operator:
     async def obey(self, text: str) -> None:
         """Type a verb at the prompt."""
         await self.press("colon")
-        await self.type(text)
+        self.one(Input, "#line").value = text
         await self.press("enter")
 
     async def until(self, holds: Callable[[], bool], what: str = "it", within: float = 10.0) -> None:

@@ -158,7 +158,7 @@ async def test_delete_asks_back_with_cancel_first_and_focused(realm: Realm, oper
 
 async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        await operator.sees("An arm of paper")
         await operator.press("d")
         await operator.sees("arm-1 stands for a real robot")
         await operator.press("r")

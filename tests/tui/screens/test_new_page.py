@@ -1,0 +1,157 @@
+"""Creating a virtual robot: choose its file, see what is in it, name it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, Input
+
+from robotree.tui.screens.main import MainPage
+from robotree.tui.screens.new import NewPage, SourceTree
+from robotree.tui.widgets.choice import Choice
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+GOOD = '''
+"""A file."""
+from robotree.vr import Child, VirtualRobot, command
+
+class Painter(VirtualRobot):
+    """Paints [/x]."""
+    arm = Child("Arm")
+    @command
+    def paint(self) -> None:
+        """Paint."""
+
+class Finisher(Painter):
+    """Finishes."""
+'''
+
+
+@pytest.fixture(autouse=True)
+def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    (folder / "good.py").write_text(GOOD)
+    (folder / "empty.py").write_text("x = 1\n")
+    (folder / "wrong.py").write_text("def (:\n")
+    (folder / "raises.py").write_text(
+        "from robotree.vr import VirtualRobot\nclass R(VirtualRobot): ...\n1 / 0\n"
+    )
+    (folder / "binary.py").write_bytes(b"\xff\xfe\x00")
+    (folder / "notes [red].py").write_text(GOOD)
+    (folder / "notes.txt").write_text("no source")
+    (folder / ".hidden.py").write_text(GOOD)
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("robotree.tui.screens.new.places", lambda: [("this folder", folder)])
+
+
+async def pick(operator: Operator, name: str) -> NewPage:
+    await operator.until(lambda: bool(operator.app.store.hosts), "a host")
+    await operator.press("n")
+    page = await operator.at(NewPage)
+    tree = operator.one(SourceTree)
+    await operator.sees("good.py")
+    tree.focus()
+    await operator.press("home")
+    for _ in range(12):
+        node = tree.cursor_node
+        if node and node.data and node.data.path.name == name:
+            break
+        await operator.press("down")
+    await operator.press("enter")
+    await operator.until(lambda: page.path is not None and page.path.name == name, name)
+    return page
+
+
+async def test_a_robot_is_created_from_a_file_and_appears_by_itself(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "good.py")
+        await operator.sees("Finishes.", "finisher")
+        page.query_one("#class", Choice).value = "Painter"
+        await operator.sees("Paints [/x].", "slot arm: Arm", "commands paint")
+        assert page.query_one("#name", Input).value == "painter"
+        page.query_one("#name", Input).focus()
+        await operator.press("enter")
+        await operator.at(MainPage)
+        await operator.sees("painter (Painter) runs on host-1")
+        await operator.until(lambda: "painter" in operator.app.store.robots, "it is listed")
+
+
+async def test_sources_alone_are_offered(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await pick(operator, "good.py")
+        await operator.sees("notes [red].py", "wrong.py")
+        assert "notes.txt" not in operator.text
+        assert ".hidden.py" not in operator.text
+
+
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [
+        ("empty.py", "It defines no virtual robot"),
+        ("wrong.py", "It is no Python that can be read: line 1"),
+        ("binary.py", "It cannot be read"),
+    ],
+)
+async def test_a_file_that_offers_nothing_says_why(
+    realm: Realm, operate: Operate, file: str, says: str
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, file)
+        await operator.sees(says)
+        assert page.query_one("#create", Button).disabled
+
+
+async def test_a_file_that_raises_when_it_is_loaded_keeps_the_page_and_says_why(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "raises.py")
+        await operator.until(lambda: not page.query_one("#create", Button).disabled, "it can be tried")
+        page.query_one("#create", Button).press()
+        await operator.sees("cannot be loaded", "division by zero")
+        assert isinstance(operator.app.screen, NewPage)
+        assert set(operator.app.store.robots) == {"arm-1", "rover-1"}
+
+
+async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "good.py")
+        entry = page.query_one("#name", Input)
+        await operator.until(lambda: entry.value == "finisher", "a suggestion")
+        for text, says in (
+            ("arm-1", "already running"),
+            ("a.b", "cannot be a name"),
+            ("[/x]", "cannot be a name"),
+        ):
+            entry.value = text
+            await operator.sees(says)
+            assert page.query_one("#create", Button).disabled
+        entry.value = "right"
+        await operator.until(lambda: not page.query_one("#create", Button).disabled, "it can be created")
+
+
+async def test_a_name_typed_by_hand_stays_when_another_class_is_chosen(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "good.py")
+        entry = page.query_one("#name", Input)
+        await operator.until(lambda: entry.value == "finisher", "a suggestion")
+        entry.value = "mine"
+        page.query_one("#class", Choice).value = "Painter"
+        await operator.sees("Paints")
+        assert entry.value == "mine"
+
+
+async def test_escape_leaves_without_creating(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await pick(operator, "good.py")
+        await operator.press("escape")
+        await operator.at(MainPage)
+        assert set(operator.app.store.robots) == {"arm-1", "rover-1"}

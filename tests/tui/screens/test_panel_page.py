@@ -1,0 +1,261 @@
+"""The panel: a form for each command, made from its types; wrong input is explained beside its field."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import pytest
+from textual.widgets import Button, Input, OptionList, ProgressBar
+
+from robotree.tui.screens.main import MainPage
+from robotree.tui.screens.panel import PanelPage
+from robotree.tui.widgets.choice import Choice
+from robotree.tui.widgets.command_form import CommandForm
+from robotree.tui.widgets.field_row import FieldRow
+from robotree.tui.widgets.robot_table import RobotTable
+from robotree.vr import Robot, command
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+async def open_panel(operator: Operator, name: str) -> PanelPage:
+    await operator.until(lambda: name in operator.app.store.descriptions, name)
+    table = operator.one(RobotTable)
+    await operator.until(lambda: table.row_count == len(operator.app.store.robots), "the list")
+    await operator.press("home")
+    while table.selected != name:
+        await operator.press("down")
+    await operator.until(lambda: operator.app.store.state(name) is not None, "its state")
+    await operator.press("enter")
+    return await operator.at(PanelPage)
+
+
+async def choose(operator: Operator, page: PanelPage, name: str) -> CommandForm:
+    """Open the form of a command."""
+    commands = page.query_one("#commands", OptionList)
+    commands.focus()
+    commands.highlighted = [command.name for command in page.robot.commands].index(name)
+    forms = page.query_one("#forms")
+    await operator.until(
+        lambda: any(form.spec.name == name and form.display for form in forms.query(CommandForm)), name
+    )
+    return next(form for form in forms.query(CommandForm) if form.spec.name == name)
+
+
+def row(form: CommandForm, name: str) -> FieldRow:
+    return {one.spec.name: one for one in form.query(FieldRow)}[name]
+
+
+async def fill(operator: Operator, form: CommandForm, name: str, text: str) -> None:
+    entry = row(form, name).query_one(Input)
+    entry.focus()
+    await operator.press("home", "shift+end", "delete")
+    entry.value = text
+
+
+def complaint(form: CommandForm, name: str) -> str:
+    return str(row(form, name).query_one(".field-complaint").render())
+
+
+async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        await operator.sees("-0.8 … 0.8 m · now 0.35", "rad · now 0", "m/s · default 0.1", "Move the gripper")
+        assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
+        assert row(form, "speed").text == "0.1"
+
+
+async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        realm.arm.pace = 0.03
+        await fill(operator, form, "x", "45 cm")
+        await operator.press("enter")
+        await operator.until(lambda: form.query_one(ProgressBar).display, "the bar")
+        await operator.until(lambda: (form.query_one(ProgressBar).percentage or 0) > 0, "progress")
+        await operator.sees("◐ go_to")
+        await operator.sees("done in")
+        assert realm.arm.pose["x"] == pytest.approx(0.45)
+        assert not form.query_one(ProgressBar).display
+        form = await choose(operator, page, "get_info")
+        await operator.press("enter", "enter")
+        await operator.sees("twist", "0.45", "fz", "-20")
+
+
+async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        for name, text in (("x", "9"), ("y", "near"), ("z", ""), ("twist", "3 kg"), ("speed", "nan")):
+            await fill(operator, form, name, text)
+        await operator.press("enter")
+        await operator.until(lambda: "9 is out of range" in complaint(form, "x"), "a complaint")
+        assert "is not a number in m" in complaint(form, "y")
+        assert "needs a number in m" in complaint(form, "z")
+        assert "give it in rad" in complaint(form, "twist")
+        assert "not a number" in complaint(form, "speed")
+        assert realm.arm.calls == []
+        assert row(form, "x").query_one(Input).has_focus, "the first wrong field has the cursor"
+        await fill(operator, form, "x", "0.4")
+        await operator.until(lambda: complaint(form, "x") == "", "the complaint goes while one types")
+
+
+async def test_a_field_that_is_left_wrong_complains_at_once(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        await fill(operator, form, "x", "far")
+        await operator.press("tab")
+        await operator.until(lambda: "is not a number" in complaint(form, "x"), "a complaint")
+
+
+async def test_choices_and_truths_are_chosen_and_texts_stay_texts(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "grip")
+        await operator.press("enter")
+        row(form, "width").focus_entry()
+        await operator.press("enter")
+        await operator.until(lambda: "one of open, close, width" in complaint(form, "action"), "a complaint")
+        row(form, "action").query_one(Choice).value = "close"
+        form.query_one("#run", Button).press()
+        await operator.until(lambda: realm.arm.width == 0.0, "the gripper is closed")
+        form = await choose(operator, page, "shout")
+        await fill(operator, form, "text", "[/x] hey")
+        row(form, "loud").query_one(Choice).value = "yes"
+        form.query_one("#run", Button).press()
+        await operator.sees("[/X] HEY")
+
+
+async def test_a_failure_is_told_where_the_command_was_given(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "stumble")
+        await operator.press("enter", "enter")
+        await operator.until(
+            lambda: "a stone [/x] lay there" in str(form.query_one("#outcome").render()), "the failure"
+        )
+
+
+async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        realm.arm.pace = 2.0
+        row(form, "x").focus_entry()
+        await operator.press("enter")
+        await operator.until(lambda: form.running, "it runs")
+        await choose(operator, page, "get_info")
+        await operator.press("enter", "enter")
+        await operator.sees("0.35", "done in")
+        assert form.running
+        await choose(operator, page, "go_to")
+        form.query_one("#cancel", Button).press()
+        await operator.until(lambda: not form.running, "it was cancelled")
+        await operator.sees("was cancelled")
+
+
+async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "mover")
+        form = await choose(operator, page, "go_to")
+        await operator.sees("the slot arm is empty")
+        assert form.query_one("#run", Button).disabled
+        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await operator.until(
+            lambda: any(
+                form.spec.name == "go_to" and not button.disabled
+                for form in page.query(CommandForm)
+                for button in form.query("#run").results(Button)
+            ),
+            "the panel follows",
+        )
+        await operator.sees("now 0.35")
+
+
+async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        realm.arm.pace = 2.0
+        row(form, "x").focus_entry()
+        await operator.press("enter")
+        await operator.until(lambda: form.running, "it runs")
+        realm.network.kill(realm.members["arm-1"])
+        await operator.sees("✗ has gone")
+        await operator.until(lambda: not form.running, "the call has ended")
+        assert form.query_one("#run", Button).disabled
+        await operator.press("escape", "escape")
+        await operator.at(MainPage)
+        await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
+
+
+async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        late = await realm.robot(Odd("odd-1"))
+        page = await open_panel(operator, "odd-1")
+        await late.close()
+        await operator.sees("✗ has gone")
+        await realm.robot(Odd("odd-1"))
+        await operator.until(lambda: not page._gone, "it is back")
+        await choose(operator, page, "poke")
+        await operator.press("enter")
+        form = next(form for form in page.query(CommandForm) if form.spec.name == "poke")
+        await fill(operator, form, "bracket", "[bold]")
+        await operator.press("enter")
+        await operator.sees("{[bold]}")
+
+
+async def test_an_enslaved_robot_says_who_commands_it(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        operator.app.ask_for("panel", "arm-1")
+        page = await operator.at(PanelPage)
+        await operator.sees("under mover")
+        await choose(operator, page, "hold")
+        await operator.press("enter", "enter")
+        await operator.sees("arm-1 is commanded by mover")
+
+
+class Odd(Robot):
+    """A robot [/b] with [red]odd[/red] words :warning:."""
+
+    @command(effect="read")
+    def poke(self, bracket: Annotated[str, "a [/ bracket"] = "[/") -> str:
+        """Poke it [/x]."""
+        return "{" + bracket + "}"
+
+    @command
+    def nothing(self) -> None:
+        pass
+
+    def readings(self) -> dict[str, float]:
+        return {"[/x]": 1.0, "": 2.0, "nan": float("nan"), "inf": float("inf"), "a" * 60: -1e300}
+
+
+async def test_odd_words_are_shown_as_they_are_and_break_nothing(realm: Realm, operate: Operate) -> None:
+    await realm.robot(Odd("odd-1"))
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "odd-1")
+        await operator.sees("A robot [/b] with [red]odd[/red] words :warning:", "[/x]")
+        await choose(operator, page, "poke")
+        await operator.sees("Poke it [/x].", "a [/ bracket")
+        await choose(operator, page, "nothing")
+        await operator.sees("No description.")
+        await operator.press("i")
+        await operator.sees("kinds", "Odd < Robot")
+        await operator.press("escape", "escape", "t")
+        await operator.sees("odd-1  Odd")
