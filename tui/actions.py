@@ -284,7 +284,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire dialect --lang LANGUAGE OUT",
-        help="Write the dialect for programs in c, c++, csharp, java, lua, objc, python, swift, or as xml.",
+        help="Write the dialect for programs in c, c++, csharp, java, objc, python, swift, or as xml.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire dialect --lang c include/mavlink",),
