@@ -7,13 +7,13 @@ so that telemetry which waits is superseded here instead of growing old there.
 from __future__ import annotations
 
 import asyncio
-import os
 import socket
 from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
 from robotree.protocol.links.link import LinkStatistics
 from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.links.sockets import cause, name
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
@@ -93,8 +93,7 @@ class TcpLink(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Asyncio tells: the connection stands."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
-        host, port = transport.get_extra_info("peername")[:2]
-        self.address = f"tcp:[{host}]:{port}" if ":" in host else f"tcp:{host}:{port}"
+        self.address = name("tcp", transport.get_extra_info("peername"))
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
@@ -152,8 +151,7 @@ class TcpListener:
 
     def __init__(self, server: asyncio.Server, crowd: set[Link]) -> None:
         self._server, self._crowd = server, crowd
-        host, port = server.sockets[0].getsockname()[:2]
-        self.address = f"tcp:[{host}]:{port}" if ":" in host else f"tcp:{host}:{port}"
+        self.address = name("tcp", server.sockets[0].getsockname())
 
     @property
     def links(self) -> frozenset[Link]:
@@ -184,7 +182,7 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     except TimeoutError as error:
         raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
     except OSError as error:
-        raise LinkRefused(address, _cause(error)) from error
+        raise LinkRefused(address, cause(error)) from error
     return link
 
 
@@ -208,12 +206,8 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     try:
         server = await loop.create_server(lambda: TcpLink(accept, crowd), host, port, reuse_address=True)
     except OSError as error:
-        raise LinkRefused(address, _cause(error)) from error
+        raise LinkRefused(address, cause(error)) from error
     return TcpListener(server, crowd)
-
-
-def _cause(error: OSError) -> str:
-    return os.strerror(error.errno) if error.errno is not None and error.errno > 0 else str(error)
 
 
 async def connect_url(url: Url, accept: Accept) -> Link:

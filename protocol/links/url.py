@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Link, Listener
 
 LOOPBACK = "127.0.0.1"
-SCHEMES = {"can": "robotree.protocol.links.can", "tcp": "robotree.protocol.links.tcp"}
+SCHEMES = {
+    "can": "robotree.protocol.links.can",
+    "tcp": "robotree.protocol.links.tcp",
+    "udp": "robotree.protocol.links.udp",
+}
 """The module of each scheme, imported when first used. It has the functions of `Scheme`."""
 
 

@@ -1,0 +1,246 @@
+"""MAVLink over UDP: one frame per datagram.
+
+A datagram link knows no beginning and no end. Who connects speaks into the void until somebody answers; who
+listens opens a link for every address that speaks, and ends it when it has been silent for a minute.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, cast
+
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
+from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.links.sockets import cause, name
+from robotree.protocol.links.url import require_loopback
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.url import Url
+
+SILENCE = 60.0
+"""[s] after which a listener takes a silent address for gone."""
+SWEEP = 5.0
+"""[s] between two looks for silent addresses."""
+HARD_BOUND = 1024 * 1024
+"""[bytes] that may wait for the system to take them."""
+LARGEST_CROWD = 128
+"""Links of one listener; datagrams from further addresses are passed over."""
+
+
+Address = tuple[Any, ...]
+"""A socket's address: host, port, and what IPv6 adds."""
+
+
+class UdpLink:
+    """One address that we exchange datagrams with. Made by `connect` and `listen`."""
+
+    def __init__(self, carrier: _Carrier, remote: Address | None, address: str, accept: Accept) -> None:
+        self.address = address
+        self._carrier, self._remote = carrier, remote
+        self._outbox = Outbox()
+        self._over = False
+        self._sent = self._received = self._dropped = 0
+        self.heard = asyncio.get_running_loop().time()
+        """When the last datagram came, [s] on the loop's clock."""
+        self._handler: Handler = accept(self)
+
+    @property
+    def congested(self) -> bool:
+        """Whether frames wait for the system to take them."""
+        return self._carrier.paused
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The gauges now."""
+        return LinkStatistics(
+            sent=self._sent,
+            received=self._received,
+            waiting=self._outbox.waiting,
+            superseded=self._outbox.superseded,
+            dropped=self._dropped,
+        )
+
+    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+        """Send one whole frame, or queue it."""
+        if self._over:
+            self._dropped += 1
+        elif self._carrier.paused:
+            self._outbox.put(frame, topic)
+            if self._outbox.waiting > HARD_BOUND:
+                self.end(LinkOverrun(self.address, self._outbox.waiting))
+        else:
+            self._sent += len(frame)
+            self._carrier.send(frame, self._remote)
+
+    def flush(self) -> None:
+        """The system takes datagrams again."""
+        while not self._carrier.paused and (frame := self._outbox.pop()) is not None:
+            self._sent += len(frame)
+            self._carrier.send(frame, self._remote)
+
+    def receive(self, data: bytes, now: float) -> None:
+        """A datagram came from our address."""
+        self.heard = now
+        self._received += len(data)
+        self._handler.received(data)
+
+    def close(self) -> None:
+        """End the link; the far end is not told."""
+        self.end(LinkClosed(self.address, by_us=True))
+
+    def end(self, reason: LinkError) -> None:
+        """End the link with a reason."""
+        if not self._over:
+            self._over = True
+            self._carrier.forget(self, self._remote)
+            self._handler.closed(reason)
+
+
+class _Carrier(asyncio.DatagramProtocol):
+    """One socket and its links, by remote address; None is the address of a connected socket."""
+
+    def __init__(self, accept: Accept, *, connected: bool) -> None:
+        self._accept, self._connected = accept, connected
+        self._transport: asyncio.DatagramTransport | None = None
+        self._sweep: asyncio.TimerHandle | None = None
+        self.links: dict[Address | None, UdpLink] = {}
+        self.paused = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.DatagramTransport", transport)
+        if not self._connected:
+            self._look_for_silence()
+
+    def open(self, address: str) -> UdpLink:
+        """The only link of a connected socket."""
+        link = self.links[None] = UdpLink(self, None, address, self._accept)
+        return link
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        key = None if self._connected else addr
+        link = self.links.get(key)
+        if link is None:
+            if self._connected or len(self.links) >= LARGEST_CROWD:
+                return
+            link = self.links[key] = UdpLink(self, addr, name("udp", addr), self._accept)
+        link.receive(data, asyncio.get_running_loop().time())
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there now; somebody may later."""
+
+    def pause_writing(self) -> None:
+        self.paused = True
+
+    def resume_writing(self) -> None:
+        self.paused = False
+        for link in list(self.links.values()):
+            link.flush()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        for link in list(self.links.values()):
+            link.end(LinkBroken(link.address, str(exc)) if exc else LinkClosed(link.address, by_us=True))
+
+    def send(self, frame: bytes, remote: Address | None) -> None:
+        if self._transport is not None:
+            self._transport.sendto(frame, remote)
+
+    def forget(self, link: UdpLink, remote: Address | None) -> None:
+        if self.links.get(remote) is link:
+            del self.links[remote]
+        if self._connected:
+            self.close()
+
+    def close(self) -> None:
+        if self._sweep is not None:
+            self._sweep.cancel()
+        if self._transport is not None:
+            self._transport.close()
+
+    def _look_for_silence(self) -> None:
+        loop = asyncio.get_running_loop()
+        for link in list(self.links.values()):
+            if loop.time() - link.heard >= SILENCE:
+                link.end(LinkBroken(link.address, f"silent for {SILENCE:g} s"))
+        self._sweep = loop.call_later(SWEEP, self._look_for_silence)
+
+
+class UdpListener:
+    """Waits for datagrams. Made by `listen`."""
+
+    def __init__(self, carrier: _Carrier, local: Address) -> None:
+        self._carrier = carrier
+        self.address = name("udp", local)
+
+    @property
+    def links(self) -> frozenset[Link]:
+        """The addresses that speak now."""
+        return frozenset(self._carrier.links.values())
+
+    async def close(self) -> None:
+        """Listen no more and end all links."""
+        for link in list(self._carrier.links.values()):
+            link.close()
+        self._carrier.close()
+        await asyncio.sleep(0)
+
+
+async def connect(host: str, port: int, accept: Accept) -> Link:
+    """Open a link to an address, whether or not somebody is there.
+
+    Raises:
+        LinkRefused: there can be no such address.
+    """
+    address = f"udp:{host}:{port}"
+    loop = asyncio.get_running_loop()
+    try:
+        _, carrier = await loop.create_datagram_endpoint(
+            lambda: _Carrier(accept, connected=True), remote_addr=(host, port)
+        )
+    except OSError as error:
+        raise LinkRefused(address, cause(error)) from error
+    try:
+        return carrier.open(address)
+    except BaseException:
+        carrier.close()
+        raise
+
+
+async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False) -> Listener:
+    """Wait for datagrams.
+
+    Args:
+        host: loopback, unless `exposed`.
+        port: 0 takes a free one; `Listener.address` tells which.
+        accept: hears of every address that speaks.
+        exposed: allow an address that other machines reach.
+
+    Raises:
+        LinkRefused: the port is taken, or the address is not ours.
+        BadUrl: the address is not loopback and nobody asked for that.
+    """
+    address = f"udp:{host}:{port}"
+    require_loopback(address, host, exposed=exposed)
+    loop = asyncio.get_running_loop()
+    try:
+        transport, carrier = await loop.create_datagram_endpoint(
+            lambda: _Carrier(accept, connected=False), local_addr=(host, port)
+        )
+    except OSError as error:
+        raise LinkRefused(address, cause(error)) from error
+    return UdpListener(carrier, transport.get_extra_info("sockname"))
+
+
+async def connect_url(url: Url, accept: Accept) -> Link:
+    """`udp:HOST:PORT`."""
+    url.only()
+    return await connect(*url.host_and_port(), accept)
+
+
+async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
+    """`udp:PORT` or `udp:HOST:PORT`."""
+    url.only()
+    return await listen(*url.host_and_port(), accept, exposed=exposed)

@@ -1,0 +1,168 @@
+"""UDP: every address that speaks is a link, until it has been silent for long."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame
+from robotree.protocol.errors import BadUrl, LinkBroken, LinkError, LinkOverrun, LinkRefused
+from robotree.protocol.links import udp
+from robotree.protocol.links.url import connect, listen
+from robotree.protocol.messages import Heartbeat, Timesync
+from robotree.protocol.testing import Recorder, check_link
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from robotree.protocol.links.link import Accept, Link, Listener
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Let the loop turn until something is the case."""
+    async with asyncio.timeout(10):
+        while not condition():  # noqa: ASYNC110  sockets have no event for this
+            await asyncio.sleep(0.001)
+
+
+async def test_udp_keeps_the_contract_of_links() -> None:
+    listeners: list[Listener] = []
+
+    async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
+        listeners.append(await listen("udp:0", far))
+        link = await connect(listeners[0].address, near)
+        link.send(b"a word, for nobody is known before")
+        await until(lambda: listeners[0].links)
+        return link, next(iter(listeners[0].links))
+
+    async def settle() -> None:
+        await asyncio.sleep(0.005)
+
+    await check_link(make_pair, settle, tells_the_end=False)
+    await listeners[0].close()
+
+
+async def test_a_controller_answers_several_clients_each_on_its_own_link() -> None:
+    endpoints: list[Endpoint] = []
+
+    def accept(link: Link) -> Endpoint:
+        def answer(frame: Frame) -> None:
+            endpoint.send(Timesync(tc1=1, ts1=frame.system))
+
+        endpoint = Endpoint(link, system=1, component=1, on_frame=answer)
+        endpoints.append(endpoint)
+        return endpoint
+
+    listener = await listen("udp:0", accept)
+    heard: dict[int, list[Frame]] = {system: [] for system in (10, 11, 12)}
+    links: list[Link] = []
+    for system, frames in heard.items():
+
+        def client(link: Link, system: int = system, frames: list[Frame] = frames) -> Endpoint:
+            endpoint = Endpoint(link, system=system, component=1, on_frame=frames.append)
+            endpoint.send(Heartbeat(6, 8, 0, 0, 4))
+            return endpoint
+
+        links.append(await connect(listener.address, client))
+    await until(lambda: all(heard.values()))
+    for system, frames in heard.items():
+        assert [frame.message for frame in frames] == [Timesync(1, system)]
+    assert len({link.address for link in listener.links}) == 3
+    for link in links:
+        link.close()
+    await listener.close()
+    assert listener.links == frozenset()
+
+
+async def test_a_client_may_come_before_its_controller() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as place:
+        place.bind(("127.0.0.1", 0))
+        address = f"udp:127.0.0.1:{place.getsockname()[1]}"
+    link = await connect(address, Recorder)
+    link.send(b"anybody there?")
+    await asyncio.sleep(0.01)
+    heard: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        heard.append(Recorder(link))
+        return heard[-1]
+
+    listener = await listen(address, accept)
+    link.send(b"now?")
+    await until(lambda: heard and heard[0].data == b"now?")
+    link.close()
+    await listener.close()
+
+
+async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp, "SILENCE", 0.02)
+    monkeypatch.setattr(udp, "SWEEP", 0.005)
+    reasons: list[LinkError] = []
+
+    def accept(link: Link) -> Endpoint:
+        return Endpoint(link, system=1, component=1, on_frame=lambda _: None, on_closed=reasons.append)
+
+    listener = await listen("udp:0", accept)
+    link = await connect(listener.address, Recorder)
+    link.send(b"once")
+    await until(lambda: reasons)
+    assert isinstance(reasons[0], LinkBroken)
+    assert "silent for" in str(reasons[0])
+    assert listener.links == frozenset()
+    link.close()
+    await listener.close()
+
+
+async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
+    listener = await listen("udp:0", Recorder)
+    links = [await connect(listener.address, Recorder) for _ in range(6)]
+    for link in links:
+        link.send(b"x")
+    await asyncio.sleep(0.02)
+    assert len(listener.links) == 3
+    for link in links:
+        link.close()
+    await listener.close()
+
+
+async def test_what_the_system_does_not_take_waits_newest_first_and_is_cut_at_the_bound() -> None:
+    listener = await listen("udp:0", Recorder)
+    reasons: list[LinkError] = []
+    link = await connect(
+        listener.address,
+        lambda link: Endpoint(link, system=1, component=1, on_frame=lambda _: None, on_closed=reasons.append),
+    )
+    assert isinstance(link, udp.UdpLink)
+    link._carrier.pause_writing()
+    link.send(b"old", "telemetry")
+    link.send(b"new", "telemetry")
+    assert link.congested
+    assert (link.statistics.waiting, link.statistics.superseded) == (3, 1)
+    link._carrier.resume_writing()
+    assert (link.statistics.waiting, link.statistics.sent) == (0, 3)
+    link._carrier.pause_writing()
+    for _ in range(udp.HARD_BOUND // 1000 + 1):
+        link.send(bytes(1000))
+    assert isinstance(reasons[0], LinkOverrun)
+    await listener.close()
+
+
+async def test_a_port_that_is_taken_and_an_address_of_the_world_are_refused() -> None:
+    listener = await listen("udp:0", Recorder)
+    with pytest.raises(LinkRefused, match="Address already in use"):
+        await listen(listener.address, Recorder)
+    with pytest.raises(BadUrl, match="can be reached from outside"):
+        await listen("udp:0.0.0.0:0", Recorder)
+    await listener.close()
+
+
+async def test_a_handler_that_cannot_be_made_opens_nothing() -> None:
+    def accept(_: Link) -> Recorder:
+        raise RuntimeError("out of order")
+
+    with pytest.raises(RuntimeError, match="out of order"):
+        await connect("udp:127.0.0.1:9", accept)
