@@ -82,6 +82,7 @@ class Supervisor(Fenced, App[int]):
         self.theme = DARK.name
         await self.push_screen(MainPage())
         await self.feed.open()
+        self.main.draw()
 
     async def on_unmount(self) -> None:
         """Stop to listen."""

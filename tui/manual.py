@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
+
 from robotree.tui.actions import BY_VERB, Action, Where, groups
 
 EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": "", "tether": ""}
 """Options that every verb takes on the command line; `--tether` is for programs that start others."""
+
+WIDTH, INDENT = 108, 38
+"""Columns of the help, and where explanations begin."""
 
 _HEAD = """\
 robotree supervises robots through virtual robots: see every robot on the network, write a virtual robot in a
@@ -39,9 +44,11 @@ def overview() -> str:
 
 
 def _row(action: Action) -> str:
-    usage = action.usage
-    lead = f"  {usage}"
-    return f"{lead:<38}{action.help}" if len(lead) < 37 else f"{lead}\n{'':<38}{action.help}"
+    lead = f"  {action.usage}"
+    first, *more = textwrap.wrap(action.help, WIDTH - INDENT)
+    below = "".join(f"\n{'':<{INDENT}}{line}" for line in more)
+    gap = " " * (INDENT - len(lead)) if len(lead) < INDENT - 1 else "\n" + " " * INDENT
+    return f"{lead}{gap}{first}{below}"
 
 
 def family(word: str) -> str:

@@ -288,7 +288,7 @@ async def test_every_page_fits_into_small_and_large_terminals(
 ) -> None:
     async with operate(realm.fleet, size=size) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        await operator.sees("space STOP", "arm-1")
+        await operator.sees("space STOP", "● free")
         await operator.press("enter")
         await operator.at(PanelPage)
         await operator.sees("go_to", "space STOP")

@@ -1,0 +1,210 @@
+"""The command line as a stranger meets it: help at once, one sentence for each mistake, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.cli import main
+from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
+
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+HEAVY = {"textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "numpy", "pint", "PIL", "rich"}
+
+
+@pytest.fixture
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A runtime folder and a state folder of this test alone."""
+    folder = tmp_path / "r"
+    folder.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.delenv("ROBOTREE_REALM", raising=False)
+    return folder
+
+
+def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*ROBOTREE, *words],
+        capture_output=True,
+        text=True,
+        timeout=within,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+@pytest.mark.parametrize("words", [["--help"], ["help", "create"], ["ls", "--help"], ["--version"], ["fly"]])
+def test_help_waits_for_nothing_heavy(words: list[str]) -> None:
+    code = (
+        "import sys; from robotree.tui.cli import main; "
+        f"main({words!r}); print(sorted({HEAVY!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["enslav", "a.b", "c"], USAGE, "did you mean enslave"),
+        (["create", "a.py"], USAGE, "'as' is missing; usage: create FILE as NAME [on HOST]"),
+        (["ls", "--colour"], USAGE, "unknown option --colour"),
+        (["help", "fly"], USAGE, "no verb 'fly'"),
+        (["run", "/nowhere.session"], REFUSED, "cannot read the session /nowhere.session"),
+        (["ls", "--realm", "../x"], REFUSED, "cannot be a name"),
+        (["supervise"], USAGE, "needs a terminal"),
+    ],
+)
+def test_each_mistake_gets_one_sentence_and_an_exit_code(
+    words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str], runtime: Path
+) -> None:
+    assert runtime.exists()
+    assert main(words) == code
+    said = capsys.readouterr()
+    assert says in said.err
+    assert said.err.startswith("robotree: ")
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+def test_a_script_with_a_wrong_line_is_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.session").write_text("stop\nenslav a b\n")
+    assert main(["run", str(tmp_path / "a.session")]) == USAGE
+    assert "a.session, line 2" in capsys.readouterr().err
+
+
+class Processes:
+    """Agents of one realm, each a process, ended by their tethers."""
+
+    def __init__(self) -> None:
+        self.running: list[subprocess.Popen[str]] = []
+
+    def start(self, *words: str) -> str:
+        """Start an agent and return its address."""
+        process = subprocess.Popen(
+            [*ROBOTREE, *words, "--tether"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.running.append(process)
+        assert process.stdout
+        word, _, address = process.stdout.readline().strip().partition(" ")
+        assert word == "ready", f"robotree {words} did not come up"
+        return address
+
+    def end(self) -> list[int]:
+        """Cut all tethers and return the exit codes."""
+        for process in self.running:
+            assert process.stdin
+            process.stdin.close()
+        return [process.wait(10) for process in self.running]
+
+
+@pytest.fixture
+def processes(runtime: Path) -> Iterator[Processes]:
+    assert runtime.exists()
+    found = Processes()
+    yield found
+    codes = found.end()
+    for process in found.running:
+        assert process.stdout
+        process.stdout.close()
+    assert codes == [0] * len(codes)
+
+
+SESSION = """\
+create {source} as pair
+expect pair.left empty
+expect pair listed
+try enslave pair.left nobody
+expect refused NoSuchRobot
+delete pair
+expect pair gone
+"""
+
+
+@pytest.mark.e2e
+def test_verbs_agents_and_sessions_work_between_processes(processes: Processes, tmp_path: Path) -> None:
+    empty = robotree("ls")
+    assert (empty.returncode, empty.stdout) == (NOBODY, "")
+    assert "nobody is in realm 'default'" in empty.stderr
+
+    assert processes.start("lookup", "lookup-1").startswith("lookup/lookup-1/")
+    assert processes.start("host", "host-1").startswith("host/host-1/")
+    hosts = robotree("ls", "--hosts", "--json")
+    assert json.loads(hosts.stdout) == [{"name": "host-1", "robots": []}]
+
+    source = Path(__file__).parents[2] / "examples" / "two_arms.py"
+    script = tmp_path / "a.session"
+    script.write_text(SESSION.format(source=source))
+    played = robotree("run", str(script))
+    assert played.returncode == 0, played.stdout + played.stderr
+    assert played.stdout.count("✓") == 7
+    report = json.loads(robotree("run", str(script), "--json").stdout)
+    assert report["ok"] is True
+    assert len(report["steps"]) == 7
+
+    refused = robotree("show", "nobody", "--json")
+    assert refused.returncode == REFUSED
+    assert json.loads(refused.stderr)["error"] == "NoSuchRobot"
+    script.write_text("expect nobody listed within 100ms\nstop\n")
+    assert robotree("run", str(script)).returncode == REFUSED
+
+    twice = robotree("lookup", "lookup-1")
+    assert twice.returncode == REFUSED
+    assert "already running" in twice.stderr
+
+
+@pytest.mark.e2e
+def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
+    processes.start("lookup", "lookup-1")
+    watching = subprocess.Popen(
+        [*ROBOTREE, "watch"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(1.0)
+    watching.send_signal(signal.SIGINT)
+    _, err = watching.communicate(timeout=10)
+    assert watching.returncode == INTERRUPTED
+    assert err == "robotree: interrupted\n"
+
+
+@pytest.mark.e2e
+def test_an_agent_ends_politely_on_a_signal(runtime: Path) -> None:
+    agent = subprocess.Popen(
+        [*ROBOTREE, "lookup", "lookup-1"], stdout=subprocess.PIPE, env=os.environ, text=True
+    )
+    assert runtime.exists()
+    assert agent.stdout
+    assert agent.stdout.readline().startswith("ready lookup/lookup-1/")
+    agent.send_signal(signal.SIGTERM)
+    assert agent.wait(10) == 0
+    agent.stdout.close()
+
+
+def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(runtime: Path, tmp_path: Path) -> None:
+    from robotree.tui.state_files import space_file
+
+    assert runtime.exists()
+    assert (
+        space_file("", "default", "host-1") == tmp_path / "state" / "robotree" / "default" / "host-1.sqlite"
+    )
+    assert space_file("none", "default", "host-1") is None
+    assert space_file("/a/b.sqlite", "default", "host-1") == Path("/a/b.sqlite")
+
+
+def test_a_state_folder_that_cannot_be_made_costs_only_the_counting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from robotree.tui.state_files import space_file
+
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    assert space_file("", "default", "host-1") is None
+    assert "not counted" in capsys.readouterr().err

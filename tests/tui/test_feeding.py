@@ -1,0 +1,60 @@
+"""The feed keeps a store up to date from a real fleet."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui.feeding import Feed
+from robotree.tui.store import Store
+from robotree.vr.errors import VrError
+from robotree.vr.testing import until
+
+if TYPE_CHECKING:
+    from tui.conftest import Realm
+
+
+async def test_lists_states_tree_and_hosts_come_by_themselves(realm: Realm) -> None:
+    store = Store()
+    feed = Feed(realm.fleet, store, time.monotonic)
+    await feed.open()
+    assert set(store.robots) == {"arm-1", "rover-1"}, "the lists are there at once"
+    await until(lambda: store.hosts == ("host-1",), "the hosts")
+    await until(lambda: "x" in store.readings("arm-1"), "a state")
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    await until(lambda: store.lineage("arm-1") == ("arm-1", "mover"), "the tree")
+    await until(lambda: "arm-1" not in store.robots, "it is enslaved")
+    await feed.close()
+    await feed.close()
+
+
+async def test_a_look_that_fails_is_told_and_the_next_one_heals(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store()
+    feed = Feed(realm.fleet, store, time.monotonic)
+    looks = 0
+    tree = realm.fleet.tree
+
+    async def fails_twice() -> object:
+        nonlocal looks
+        looks += 1
+        if looks == 1:
+            raise VrError(detail="the network is away")
+        if looks == 2:
+            raise RuntimeError("a mistake of ours")
+        return await tree()
+
+    monkeypatch.setattr(realm.fleet, "tree", fails_twice)
+    await feed.open()
+    await until(lambda: looks >= 1, "the first look")
+    feed.hint()
+    await until(lambda: looks >= 2, "the second look")
+    feed.hint()
+    await until(lambda: "arm-1" in store.descriptions, "the third look")
+    told = [happening.text for happening in store.happenings]
+    assert "cannot see the tree: the network is away" in told
+    await feed.close()
