@@ -23,8 +23,8 @@ Ready = Callable[[str], None]
 TURN = 0.001
 """[s] after which a thread that computes lets the others have a turn (CPython's own value is 0.005).
 
-Authors' commands run in threads beside the loop that keeps the leases. With one that never pauses, a neighbour's
-call takes 4 ms instead of 15 ms; with four, 25 ms instead of 84 ms (docs/decisions/0006-turns-of-threads.md).
+Authors' commands run in threads beside the loop that keeps the leases. With one that never pauses, a
+neighbour's call takes 4 ms instead of 15 ms; with four, 25 ms instead of 84 ms (docs/decisions/0006).
 """
 
 
