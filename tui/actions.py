@@ -276,6 +276,20 @@ ACTIONS: tuple[Action, ...] = (
         ),
     ),
     Action(
+        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME]",
+        help="Watch links: rate, age and last value of each message; loss, delay and bytes per second.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire monitor --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="wire ping --connect URL [--count COUNT] [--every TIME] [--for TIME] [--by SERVICE]",
+        help="Measure how long a frame takes there and back, by PING (or by timesync).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire ping --connect tcp:127.0.0.1:5760 --count 100 --every 10ms",),
+    ),
+    Action(
         usage="wire dissector [FILE] [--port PORT]",
         help="Write the Lua that makes Wireshark and tshark understand the wire.",
         group=WIRE,

@@ -11,8 +11,8 @@ from robotree.protocol.capture import mcap
 from robotree.protocol.capture.candump import CandumpReader, CandumpStatistics
 from robotree.protocol.capture.captured import Captured
 from robotree.protocol.capture.mcap import McapReader
+from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.capture.tlog import STAMP_BYTES, TlogReader, plausible
-from robotree.protocol.messages import fields_of
 from robotree.protocol.parser import Parser
 
 if TYPE_CHECKING:
@@ -89,16 +89,13 @@ class Decoded(msgspec.Struct, frozen=True, gc=False):
 
     def plain(self) -> dict[str, Any]:
         """As plain data; numbers that JSON does not have become null when msgspec encodes it."""
-        fields = fields_of(self.frame.message)
         data: dict[str, Any] = {
             "msgid": self.frame.msgid,
             "name": self.frame.name,
             "sysid": self.frame.system,
             "compid": self.frame.component,
             "seq": self.frame.sequence,
-            "fields": {
-                name: [*value] if isinstance(value, bytes) else value for name, value in fields.items()
-            },
+            "fields": plain_fields(self.frame),
             "signed": self.frame.signed,
         }
         if self.time is not None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.protocol.capture.captured import Captured
-from robotree.protocol.messages import fields_of
+from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.parser import Parser
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class McapWriter:
         self._writer.add_message(self._frames, nanoseconds, frame, nanoseconds)
         for each in self._parser.feed(frame) + self._parser.flush():
             channel = self._channel(each)
-            said = msgspec.json.encode(_plain(each))
+            said = msgspec.json.encode(plain_fields(each))
             self._writer.add_message(channel, nanoseconds, said, nanoseconds, each.sequence)
 
     def close(self) -> None:
@@ -95,11 +95,6 @@ def _type_of(field: Field) -> dict[str, Any]:
         return {"type": "string"}
     one = {"type": "number" if field.type in ("float", "double") else "integer"}
     return {"type": "array", "items": one} if field.length else one
-
-
-def _plain(frame: Frame) -> dict[str, Any]:
-    fields = fields_of(frame.message)
-    return {name: [*value] if isinstance(value, bytes) else value for name, value in fields.items()}
 
 
 class McapReader:

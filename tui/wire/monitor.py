@@ -1,0 +1,119 @@
+"""`robotree wire monitor --connect URL`: a live table of what links say and how well they do."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+import msgspec
+
+from robotree.protocol.capture.gauges import LinkGauge, LinkReading
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import LinkError
+from robotree.protocol.frame import Frame
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.tui import values
+from robotree.tui.grammar import Line
+from robotree.tui.wire.decode import fields
+from robotree.tui.wire.identity import COMPONENT, SYSTEM
+from robotree.tui.wire.lasting import Lasting, lasting
+from robotree.tui.wording import columns
+
+PERIOD = 1.0
+"""[s] between two pictures of the table."""
+WIDTH = 150
+"""Columns of the table at most."""
+_HOME_AND_CLEAR = "\x1b[H\x1b[J"
+
+
+class Watched:
+    """A handler that watches its link; the delay is learnt by asking for the far clock."""
+
+    def __init__(self, link: Link, here: Lasting) -> None:
+        """Watch until `here` is over."""
+        self._here = here
+        self._clock = asyncio.get_running_loop().time
+        self.gauge = LinkGauge(link.address, self._clock())
+        self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard)
+
+    def received(self, data: bytes) -> None:
+        """Count what came."""
+        self.gauge.receive(data, self._clock())
+
+    def ask(self) -> None:
+        """Say what has to be said to learn the delay."""
+        for question in self.gauge.questions(self._clock()):
+            self._mouth.send(question, telemetry=True)
+
+    def closed(self, reason: LinkError) -> None:
+        """Nothing more will come."""
+        self._here.end(reason)
+
+
+def _unheard(_frame: Frame) -> None:
+    """Frames are counted by the gauge."""
+
+
+def run(line: Line) -> int:
+    """Watch until the end."""
+    return asyncio.run(_watch(line))
+
+
+async def _watch(line: Line) -> int:
+    period = values.duration(line.text("--every")) if line.text("--every") else PERIOD
+    urls = [line.text("--connect"), *line.many("URL")]
+    async with lasting(line) as here:
+        watched: list[Watched] = []
+
+        def accept(link: Link) -> Watched:
+            watched.append(Watched(link, here))
+            return watched[-1]
+
+        links = [await connect(url, accept) for url in urls]
+        while not here.over:
+            for each in watched:
+                each.ask()
+            await here.wait(period)
+            now = asyncio.get_running_loop().time()
+            show([each.gauge.reading(now) for each in watched], as_json=line.flag("--json"))
+        for link in links:
+            link.close()
+    return here.exit_code()
+
+
+def show(readings: list[LinkReading], *, as_json: bool) -> None:
+    """Draw the table anew: over the old one on a terminal, below it elsewhere."""
+    if as_json:
+        text = msgspec.json.encode({"links": readings}).decode()
+    else:
+        text = "\n\n".join(map(table, readings)) + "\n"
+        text = _HOME_AND_CLEAR + text if sys.stdout.isatty() else text
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def table(link: LinkReading) -> str:
+    """One link for people."""
+    delay = "unknown" if link.delay is None else f"{link.delay * 1e3:.2f} ms"
+    head = (
+        f"{link.address}   {link.frames_per_second:.1f} frames/s   {link.bytes_per_second:.0f} bytes/s   "
+        f"loss {link.loss:.1%}   delay {delay}   bad checksum {link.bad_crc}   unknown {link.unknown}"
+    )
+    rows: list[tuple[str, ...]] = [("FROM", "MESSAGE", "RATE/S", "AGE/S", "COUNT", "LAST")]
+    rows += [
+        (
+            f"{one.sysid}/{one.compid}",
+            one.name,
+            f"{one.rate:.1f}",
+            f"{one.age:.2f}",
+            str(one.count),
+            fields(one.fields),
+        )
+        for one in link.messages
+    ]
+    return "\n".join([head, *(_cut(row) for row in columns(rows).splitlines())])
+
+
+def _cut(row: str) -> str:
+    return row if len(row) <= WIDTH else f"{row[: WIDTH - 1]}…"
