@@ -131,7 +131,7 @@ class CommandServer:
         record = self._open(peer, command)
         if record is None:
             return []
-        percent = round(100 * min(max(fraction, 0.0), 1.0))
+        percent = round(100 * min(max(0.0, fraction), 1.0))
         record.ack = msgspec.structs.replace(record.ack, progress=percent)
         return self._tell(record, now) if now - record.told >= PROGRESS_PERIOD else []
 

@@ -125,7 +125,7 @@ class GoalServer:
         """The firmware tells: this much is done, 0 to 1. Told on at most every `PROGRESS_PERIOD`."""
         if (record := self._open(id_)) is None:
             return []
-        record.progress = min(max(fraction, 0.0), 1.0)
+        record.progress = min(max(0.0, fraction), 1.0)
         return [self._changed(id_, record, now)] if now - record.told >= PROGRESS_PERIOD else []
 
     def finish(
