@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING, ClassVar
 
@@ -269,15 +270,20 @@ CRASH_WINDOW = 30.0
 """[s]"""
 
 
-def _log_to_a_file(realm: str) -> None:
-    """Write warnings to a file: the terminal belongs to the screen."""
+@contextmanager
+def _logging_to_a_file(realm: str) -> Generator[None]:
+    """Write warnings to a file meanwhile: the terminal belongs to the screen."""
     path = state_file(realm, LOG_FILE)
-    if path is None:
-        handler: logging.Handler = logging.NullHandler()
-    else:
+    handler: logging.Handler = logging.NullHandler()
+    if path is not None:
         handler = RotatingFileHandler(path, maxBytes=LOG_SIZE, backupCount=1, delay=True, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.getLogger().addHandler(handler)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(handler)
+        handler.close()
 
 
 async def supervise(fleet: Fleet, realm: str) -> int:
@@ -286,7 +292,11 @@ async def supervise(fleet: Fleet, realm: str) -> int:
     Returns:
         The exit code.
     """
-    _log_to_a_file(realm)
+    with _logging_to_a_file(realm):
+        return await _show(fleet, realm)
+
+
+async def _show(fleet: Fleet, realm: str) -> int:
     store, ends = Store(), list[float]()
     while True:
         app = Supervisor(fleet, realm=realm, store=store)

@@ -7,7 +7,7 @@ from textual.screen import Screen, ScreenResultType
 
 
 class Leaving(Screen[ScreenResultType]):
-    """A screen that goes only when it is in front.
+    """A screen that goes only when it is in front. Styles follow the first screen class: name this one last.
 
     Textual's `dismiss` takes away whatever is on top. A page on its way out, because its work is done,
     may still receive the operator's Escape; that must not reach the next page.

@@ -23,7 +23,7 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-NOISE = 1e-9
+NOISE = 1e-6
 """Size below which a number is written as zero: no robot measures that."""
 
 

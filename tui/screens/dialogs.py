@@ -16,7 +16,7 @@ from robotree.tui.fence import Fenced
 from robotree.tui.leaving import Leaving
 
 
-class Confirm(Fenced, Leaving[bool], ModalScreen[bool]):
+class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
     """Asks before something is taken away. The harmless answer comes first and has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -55,7 +55,7 @@ class Confirm(Fenced, Leaving[bool], ModalScreen[bool]):
         self.dismiss(event.button.id == "yes")
 
 
-class Reading(Fenced, Leaving[None], ModalScreen[None]):
+class Reading(Fenced, ModalScreen[None], Leaving[None]):
     """Shows a longer text, as the command line would print it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter", "dismiss", "Close")]

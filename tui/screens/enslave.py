@@ -57,7 +57,7 @@ def openings(store: Store, name: str) -> list[Opening]:
     return own or [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
 
 
-class EnslaveDialog(Fenced, Leaving[Line | None], ModalScreen[Line | None]):
+class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
     """Choose a slot, choose a robot for it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -136,7 +136,7 @@ class EnslaveDialog(Fenced, Leaving[Line | None], ModalScreen[Line | None]):
         self.dismiss(None)
 
 
-class ReleaseDialog(Fenced, Leaving[Line | None], ModalScreen[Line | None]):
+class ReleaseDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
     """Choose which of several children to let go."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Cancel")]

@@ -1,0 +1,115 @@
+"""No mistake in the supervisor ends it while robots move."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from robotree.tui import app as app_module
+from robotree.tui.app import CRASHES, Supervisor, supervise
+from robotree.tui.exit_codes import DONE, REFUSED
+from robotree.tui.screens.dialogs import Confirm
+from robotree.tui.screens.main import MainPage
+from robotree.tui.store import Store
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+
+async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trips(*_: object) -> None:
+        raise RuntimeError("a mistake [/x]")
+
+    async with operate(realm.fleet, mended=True) as operator:
+        await operator.sees("● free")
+        monkeypatch.setattr(MainPage, "action_verb", trips)
+        await operator.press("n")
+        await operator.sees("something went wrong in here, not in the robots: RuntimeError('a mistake [/x]')")
+        monkeypatch.undo()
+        await operator.press("t")
+        await operator.sees("▌Tree")
+        assert len(operator.app.mended) == 1
+
+
+async def test_an_error_at_every_drawing_is_told_once(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trips(*_: object) -> None:
+        raise ZeroDivisionError("at every drawing")
+
+    async with operate(realm.fleet, mended=True) as operator:
+        await operator.sees("● free")
+        monkeypatch.setattr(Store, "rows", trips)
+        await operator.until(lambda: len(operator.app.mended) > 3, "several drawings")
+        monkeypatch.undo()
+        assert sum("at every drawing" in one.text for one in operator.app.store.happenings) == 1
+        await operator.press("space")
+        await operator.sees("PROTECTIVE STOP")
+
+
+async def test_an_error_in_a_verb_is_told(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def trips(*_: object) -> None:
+        raise KeyError("a mistake in the fleet")
+
+    async with operate(realm.fleet, mended=True) as operator:
+        monkeypatch.setattr(realm.fleet, "cancel", trips)
+        await operator.obey("cancel arm-1")
+        await operator.sees("something went wrong in here", "a mistake in the fleet")
+
+
+async def test_a_dialog_stands_in_the_middle_over_its_page(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("● free")
+        await operator.obey("delete arm-1")
+        dialog = await operator.at(Confirm)
+        box = dialog.query_one(".dialog").region
+        assert abs(2 * box.x + box.width - 120) <= 1
+        assert abs(2 * box.y + box.height - 34) <= 1
+        await operator.sees("arm-1  ", "delete arm-1 ?")
+
+
+class Headless:
+    """Runs screens without a terminal; each one ends as it is told to."""
+
+    def __init__(self, *ends: Exception | int) -> None:
+        self.ends = list(ends)
+        self.seen: list[str] = []
+
+    async def run(self, app: Supervisor, **_: Any) -> int | None:
+        end = self.ends.pop(0)
+        self.seen = [one.text for one in app.store.happenings]
+        if isinstance(end, Exception):
+            app.fatal = end
+            return None
+        return end
+
+
+@pytest.fixture(autouse=True)
+def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+async def test_a_screen_that_ends_by_an_error_is_opened_anew_and_says_so(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    headless = Headless(RuntimeError("while it was drawn"), 0)
+    monkeypatch.setattr(app_module.Supervisor, "run_async", lambda app, **_: headless.run(app))
+    assert await supervise(realm.fleet, "test") == DONE
+    assert headless.seen == ["the screen had to be opened anew: RuntimeError('while it was drawn')"]
+
+
+async def test_a_screen_that_ends_again_and_again_gives_up_in_one_sentence(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    headless = Headless(*[RuntimeError("again")] * CRASHES)
+    monkeypatch.setattr(app_module.Supervisor, "run_async", lambda app, **_: headless.run(app))
+    assert await supervise(realm.fleet, "test") == REFUSED
+    assert "use the command line" in capsys.readouterr().err
