@@ -1,0 +1,105 @@
+"""One key file secures all links of a process, over real sockets and over a restart."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.keyring import Keyring
+from robotree.protocol.links.url import connect, listen
+from robotree.protocol.messages import Heartbeat, Timesync
+from robotree.protocol.security import Security
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from robotree.protocol.links.link import Link
+
+NOW = 1_800_000_000.0
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    path = tmp_path / "wire.keys"
+    path.touch(mode=0o600)
+    path.write_text(f"tcp:127.0.0.1:* {'11' * 32}\n")
+    return path
+
+
+def _stranger(tmp_path: Path) -> Keyring:
+    path = tmp_path / "stranger.keys"
+    path.touch(mode=0o600)
+    path.write_text(f"* {'22' * 32}\n")
+    return Keyring(path)
+
+
+async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> None:
+    controller = Security(Keyring(keys), lambda: NOW)
+    heard: list[Frame] = []
+    endpoints: list[Endpoint] = []
+
+    def accept(link: Link) -> Endpoint:
+        seals = controller.seals(link.address)
+        endpoints.append(Endpoint(link, system=1, component=1, on_frame=heard.append, **seals))
+        return endpoints[-1]
+
+    listener = await listen("tcp:0", accept)
+    friend, stranger = Security(Keyring(keys), lambda: NOW), Security(_stranger(tmp_path), lambda: NOW)
+    clients: list[Endpoint] = []
+
+    def client(link: Link) -> Endpoint:
+        seals = (stranger, friend, friend)[len(clients)].seals(link.address)
+        clients.append(
+            Endpoint(link, system=10 + len(clients), component=1, on_frame=lambda _: None, **seals)
+        )
+        return clients[-1]
+
+    for _ in range(3):
+        await connect(listener.address, client)
+    unsigned: list[Endpoint] = []
+
+    def nobody(link: Link) -> Endpoint:
+        unsigned.append(Endpoint(link, system=20, component=1, on_frame=lambda _: None))
+        return unsigned[-1]
+
+    await connect(listener.address, nobody)
+    for endpoint in (*unsigned, *clients, *clients):
+        endpoint.send(Heartbeat(6, 8, 0, 0, 4))
+        await asyncio.sleep(0.005)
+    assert [frame.system for frame in heard] == [11, 12, 11, 12]
+    assert all(frame.signed for frame in heard)
+    assert sum(endpoint.statistics.refused for endpoint in endpoints) == 3
+    await listener.close()
+    await asyncio.sleep(0.005)
+
+
+def test_links_without_a_key_are_not_signed(keys: Path) -> None:
+    seals = Security(Keyring(keys), lambda: NOW).seals("udp:127.0.0.1:14550")
+    assert seals == {"signer": None, "verifier": None}
+
+
+def test_links_of_one_process_are_different_streams(keys: Path) -> None:
+    security = Security(Keyring(keys), lambda: NOW)
+    one, two = (security.seals("tcp:127.0.0.1:5760")["signer"] for _ in range(2))
+    assert one is not None
+    assert two is not None
+    assert one.sign(b"frame")[0] != two.sign(b"frame")[0]
+
+
+def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recordings(keys: Path) -> None:
+    address = "tcp:127.0.0.1:1"
+    long_ago = Security(Keyring(keys), lambda: NOW - 120).seals(address)["signer"]
+    recording = encode(Timesync(1, 2), sequence=0, system=1, component=1, signer=long_ago)
+    before = Security(Keyring(keys), lambda: NOW)
+    before.persist()
+    after = Security(Keyring(keys), lambda: NOW - 86400)
+    signers = before.seals(address)["signer"], after.seals(address)["signer"]
+    stamps = [int.from_bytes(each.sign(b"")[1:7], "little") for each in signers if each is not None]
+    assert stamps[1] > stamps[0]
+    verifier = after.seals(address)["verifier"]
+    assert verifier is not None
+    assert Parser(verifier).feed(recording) == []
+    assert verifier.statistics.replayed == 1
