@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.protocol.keyring import PERSIST_PERIOD, KeyFileError, Keyring, create
+from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError, Keyring, create
 from robotree.protocol.signing import UNITS, Key
 
 if TYPE_CHECKING:

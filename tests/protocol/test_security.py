@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.keyring import Keyring
+from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.links.security import Security
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
-from robotree.protocol.security import Security
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,7 +15,7 @@ from robotree.protocol.signing import Signer, SigningTime, StreamTable, Verifier
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from robotree.protocol.keyring import Keyring
+    from robotree.protocol.links.keyring import Keyring
 
 
 class Seals(TypedDict):
