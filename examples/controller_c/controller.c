@@ -66,10 +66,10 @@ static void robot_moves(double dt) { /* MOTOR: one step [s] straight towards the
     rules_progress(1 - left / length);
 }
 
-static void say_position(void) { /* NED: y to the right, z down */
+static void say_position(void) { /* NED: y to the right, z down; 0 - y, since -0.0 would be told as -0 */
     mavlink_message_t message;
-    mavlink_msg_local_position_ned_pack(SYSTEM, COMPONENT, &message, (uint32_t)now, (float)x, (float)-y, 0,
-                                        (float)vx, (float)-vy, 0);
+    mavlink_msg_local_position_ned_pack(SYSTEM, COMPONENT, &message, (uint32_t)now, (float)x,
+                                        (float)(0 - y), 0, (float)vx, (float)(0 - vy), 0);
     say(&message);
 }
 

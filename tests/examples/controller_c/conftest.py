@@ -46,10 +46,10 @@ def compiled(folder: Path) -> Path:
     """Make the controller in a clean folder, with sanitizers where the compiler has them."""
     for name in ("controller.c", "rules.h", "Makefile"):
         shutil.copy(SOURCE / name, folder)
-    probe = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
+    probe: list[str | Path] = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
     able = subprocess.run(probe, input=b"int main(void) { return 0; }", capture_output=True, check=False)
     able_to_run = able.returncode == 0 and subprocess.run([folder / "probe"], check=False).returncode == 0
-    words = ["make", "-C", folder, f"PYTHON={sys.executable}", f"CC={COMPILER}"]
+    words: list[str | Path] = ["make", "-C", folder, f"PYTHON={sys.executable}", f"CC={COMPILER}"]
     words += [f"CFLAGS={SANITIZERS}"] if able_to_run else []
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

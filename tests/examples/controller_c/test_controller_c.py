@@ -31,6 +31,7 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.parser import Parser
+from robotree.protocol.testing import random_values
 from robotree.sim import worlds
 from robotree.sim.firmware import Firmware
 
@@ -209,6 +210,20 @@ def test_random_and_torn_bytes_change_nothing(
     for byte in frame:
         operator.socket.sendall(bytes((byte,)))
     assert operator.status(7).state == GoalState.ACTIVE
+
+
+def test_intact_frames_with_senseless_fields_break_nothing(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    chance = random.Random(2)
+    with make_operator(port, system=254) as fool:
+        for kind in chance.choices((Goal, GoalCancel, SetMode, Heartbeat), k=400):
+            values = random_values(kind.codec.definition, chance)
+            values |= {name: 1 for name in ("target_system", "target_component") if name in values}
+            fool.say(kind.codec.build(*values.values()))
+        fool.say(SetMode(2**32 - 1, 1, 1, ModeKind.READY))
+        assert fool.ask(11, verb=Verb.HOLD, epoch=2**32 - 1).state == GoalState.ACTIVE
+    assert all(math.isfinite(each) and abs(each) <= 1.5 for each in operator.place())
 
 
 def test_more_goals_than_it_can_keep_leave_the_running_one_alone(operator: Operator) -> None:
