@@ -11,7 +11,7 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager, chdir
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -77,7 +77,7 @@ async def cast(crew: Crew) -> None:
 
 
 @asynccontextmanager
-async def _ends_on_signals() -> AsyncIterator[None]:
+async def _ends_on_signals() -> AsyncGenerator[None]:
     """Let SIGTERM and SIGHUP end the demo in order, as Ctrl-C does."""
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     signals = (signal.SIGTERM, signal.SIGHUP)

@@ -1,5 +1,5 @@
 # Narrow stub of MuJoCo 4.0: what robotree uses of it.
-# ruff: noqa: A002, N801, N802, N815  the library's own names
+# ruff: noqa: A002  the library's own names
 
 from collections.abc import Sequence
 from enum import IntEnum

@@ -1,5 +1,5 @@
 # Narrow stub of Pinocchio 4.1: what robotree uses of it.
-# ruff: noqa: N802, N803, N815  the library's own names
+
 
 from collections.abc import Sequence
 from enum import Enum
