@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from logging.handlers import RotatingFileHandler
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
 from textual.app import App, SystemCommand
@@ -16,7 +16,7 @@ from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import Input
 
-from robotree.tui import asking, completion, exit_codes, grammar, manual
+from robotree.tui import asking, completion, exit_codes, grammar, manual, wording
 from robotree.tui.actions import BY_VERB, Where, groups, shapes
 from robotree.tui.errors import SupervisorError
 from robotree.tui.feeding import Feed
@@ -31,7 +31,7 @@ from robotree.tui.store import Store, Weight
 from robotree.tui.teleoperable import bounds
 from robotree.tui.terminal import complain
 from robotree.tui.themes import DARK, LIGHT
-from robotree.tui.verbs import Outcome
+from robotree.tui.verbs import CALL_LIMIT, Outcome
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -39,6 +39,26 @@ if TYPE_CHECKING:
     from robotree.vr.fleet import Fleet
 
 log = logging.getLogger(__name__)
+
+
+class Hearer(Protocol):
+    """Who asked for a command and hears what comes of it; may have gone meanwhile."""
+
+    def began(self) -> None:
+        """The command was sent."""
+        ...
+
+    def went_on(self, fraction: float, text: str) -> None:
+        """It tells how far it is."""
+        ...
+
+    def returned(self, value: Any, seconds: float) -> None:
+        """It succeeded."""
+        ...
+
+    def failed(self, reason: str) -> None:
+        """It was refused or failed."""
+        ...
 
 
 class Supervisor(Fenced, App[int]):
@@ -158,6 +178,27 @@ class Supervisor(Fenced, App[int]):
             self.push_screen(Reading(grammar.form(line, shapes(Where.PROMPT)), text))
         else:
             self.tell(text, "good")
+
+    @work(exit_on_error=False, group="calls")
+    async def call(self, robot: str, command: str, arguments: Mapping[str, Any], hearer: Hearer) -> None:
+        """Have a command carried out beside everything else, and tell whoever asked for it."""
+        hearer.began()
+        began = self.now()
+        try:
+            value = await self.fleet.call(
+                robot, command, arguments, deadline=CALL_LIMIT, on_progress=hearer.went_on
+            )
+        except VrError as error:
+            self.tell(str(error), "error")
+            hearer.failed(str(error))
+        except Exception as error:  # the last fence of this task
+            log.exception("while calling %s.%s", robot, command)
+            self.mend(error)
+            hearer.failed(repr(error))
+        else:
+            shown = wording.value(value) if value is not None else "done"
+            self.tell(f"{robot}.{command}: {shown}", "good")
+            hearer.returned(value, self.now() - began)
 
     def do(self, verb: str, *, read: bool = False, **values: str) -> None:
         """Carry out a verb with these values."""

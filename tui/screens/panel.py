@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
@@ -16,12 +15,10 @@ from textual.widgets.option_list import Option
 from robotree.tui import wording
 from robotree.tui.screens.page import Page
 from robotree.tui.teleoperable import bounds
-from robotree.tui.verbs import CALL_LIMIT
 from robotree.tui.widgets.command_form import CommandForm
 from robotree.tui.widgets.gauges import Gauges
 from robotree.tui.widgets.marks import mood_mark, tint
 from robotree.tui.widgets.still import Still
-from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
@@ -100,25 +97,8 @@ class PanelPage(Page):
 
     @on(CommandForm.Run)
     def _run(self, event: CommandForm.Run) -> None:
-        self._call(event.form, event)
-
-    @work(exit_on_error=False, group="calls")
-    async def _call(self, form: CommandForm, wish: CommandForm.Run) -> None:
-        """Have a command carried out and show in its form what comes of it."""
-        robot, command = self.robot.name, form.spec.name
-        form.began()
-        began = time.monotonic()
-        try:
-            value = await self.app.fleet.call(
-                robot, command, wish.arguments, deadline=CALL_LIMIT, on_progress=form.went_on
-            )
-        except VrError as error:
-            form.failed(str(error))
-            self.app.tell(str(error), "error")
-        else:
-            form.returned(value, time.monotonic() - began)
-            shown = wording.value(value) if value is not None else "done"
-            self.app.tell(f"{robot}.{command}: {shown}", "good")
+        """Have a command carried out; it goes on when this page is left, for then one looks at the robot."""
+        self.app.call(self.robot.name, event.form.spec.name, event.arguments, event.form)
 
     @on(CommandForm.Cancel)
     def action_cancel(self) -> None:

@@ -96,7 +96,7 @@ class CommandForm(Fenced, VerticalScroll):
     def _cancel(self) -> None:
         self.post_message(self.Cancel())
 
-    # -- what comes of it --------------------------------------------------------------------------
+    # -- what comes of it (`app.Hearer`) -----------------------------------------------------------
 
     def began(self) -> None:
         """The command was sent."""
@@ -107,8 +107,15 @@ class CommandForm(Fenced, VerticalScroll):
         self._say("…", "accent", "sent")
         self._enable()
 
+    @property
+    def _left(self) -> bool:
+        """Whether the panel was left meanwhile and the form has gone with it."""
+        return not self.query("#outcome")
+
     def went_on(self, fraction: float, text: str) -> None:
         """The command tells how far it is."""
+        if self._left:
+            return
         bar = self.query_one(ProgressBar)
         if math.isfinite(fraction):
             bar.update(total=1.0, progress=min(max(fraction, 0.0), 1.0))
@@ -116,6 +123,8 @@ class CommandForm(Fenced, VerticalScroll):
 
     def returned(self, value: Any, seconds: float) -> None:
         """The command succeeded."""
+        if self._left:
+            return
         self._ended()
         rows = wording.result(self.spec, value)
         body = wording.columns([(name, text) if name else (text,) for name, text in rows]) if rows else ""
@@ -123,6 +132,8 @@ class CommandForm(Fenced, VerticalScroll):
 
     def failed(self, reason: str) -> None:
         """The command was refused or failed."""
+        if self._left:
+            return
         self._ended()
         self._say("✗", "error", reason)
 

@@ -163,6 +163,21 @@ async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
         await operator.sees("was cancelled")
 
 
+async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, "arm-1")
+        form = await choose(operator, page, "go_to")
+        realm.arm.pace = 0.1
+        await fill(operator, form, "x", "0.45")
+        await operator.press("enter")
+        await operator.until(lambda: form.running, "it runs")
+        await operator.press("escape", "escape")
+        await operator.at(MainPage)
+        await operator.sees("◐ go_to")
+        await operator.sees("arm-1.go_to: done")
+        assert realm.arm.pose["x"] == pytest.approx(0.45)
+
+
 async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.fleet) as operator:
