@@ -17,6 +17,7 @@ from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, UnknownVerb
 from robotree.sim.gripper import WIDEST, Grip, Gripper
 from robotree.sim.kinematics import Kinematics, twist_of
+from robotree.sim.limits import require
 from robotree.sim.models.arm import ArmPorts
 from robotree.sim.motion import Follower
 from robotree.sim.planner import TOOL_SPEED, Planner
@@ -174,8 +175,7 @@ class Arm:
         start = self._follower.setpoint
         goal = np.array([_or_now(*each) for each in zip(names, args, start.pose.tolist(), strict=False)])
         speed = _or_now("speed", args[4], TOOL_SPEED)
-        if not SLOWEST <= speed <= TOP_SPEED:
-            raise BadArgument("speed", speed, f"{SLOWEST} to {TOP_SPEED} m/s")
+        require("speed", speed, SLOWEST, TOP_SPEED, "m/s")
         path = self._planner.plan(start, np.array(self._ports.q), goal, speed)
 
         def begin() -> None:
@@ -186,8 +186,7 @@ class Arm:
 
     def _grip(self, args: tuple[float, ...]) -> Start:
         width = _or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
-        if not 0.0 <= width <= WIDEST:
-            raise BadArgument("width", width, f"0 to {WIDEST} m")
+        require("width", width, 0.0, WIDEST, "m")
 
         def begin() -> None:
             self.hold()

@@ -10,6 +10,7 @@ import numpy as np
 from robotree.protocol.messages import Reason, Verb
 from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, OutOfReach, UnknownVerb
+from robotree.sim.limits import require
 from robotree.sim.models.rover import RoverPorts
 from robotree.sim.models.scenery import ARENA
 from robotree.sim.motion import Follower, Limits, Line
@@ -115,8 +116,7 @@ class Rover:
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
         speed = SPEED if math.isnan(args[2]) else args[2]
-        if not SLOWEST <= speed <= TOP_SPEED:
-            raise BadArgument("speed", speed, f"{SLOWEST} to {TOP_SPEED} m/s")
+        require("speed", speed, SLOWEST, TOP_SPEED, "m/s")
         start = self._follower.setpoint
         # From a set-point at rest, so that the errors of many moves do not add up.
         origin = self._ports.position if self._follower.moving else start.pose
