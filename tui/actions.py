@@ -303,6 +303,13 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("wire dialect --lang c include/mavlink",),
     ),
+    Action(
+        usage="wire bench [PART …]",
+        help="Measure what the wire promises, as ratios: codec, trips, noise, imports, clients.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire bench", "wire bench codec trips"),
+    ),
     # -- the screen alone
     Action(
         "panel",

@@ -1,0 +1,123 @@
+"""The promises of the wire, each with what measures it. All but the last two are ratios."""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import subprocess
+import sys
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+
+class Promise(NamedTuple):
+    """What was promised."""
+
+    name: str
+    bound: float
+    at_least: bool
+    """Whether the bound is the least that is allowed, not the most."""
+    unit: str = "x"
+
+
+class Figure(NamedTuple):
+    """What was measured."""
+
+    promise: Promise
+    value: float
+    detail: str = ""
+
+    @property
+    def kept(self) -> bool:
+        """Whether the promise holds here and now."""
+        promise = self.promise
+        return self.value >= promise.bound if promise.at_least else self.value <= promise.bound
+
+
+CODEC = {
+    "encode": Promise("encode, beside pymavlink", 3.5, at_least=True),
+    "decode to frames": Promise("decode, beside pymavlink", 7.0, at_least=True),
+    "encode signed": Promise("encode signed, beside pymavlink", 2.5, at_least=True),
+    "decode signed to frames": Promise("decode signed, beside pymavlink", 3.5, at_least=True),
+}
+IDENTICAL = Promise("bytes identical to pymavlink's", 100.0, at_least=True, unit="% of frames")
+TCP = Promise("PING over TCP, beside a bare echo", 1.5, at_least=False)
+CAN_FD = Promise("PING over CAN FD, beside a bare echo", 3.0, at_least=False)
+RECOVERED = Promise("intact frames found in a bad stream", 100.0, at_least=True, unit="% of frames")
+CHANCE = Promise("bytes of chance accounted for", 10_000_000, at_least=True, unit="bytes")
+IMPORT = Promise("import of robotree.protocol", 60.0, at_least=False, unit="ms")
+CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a core")
+
+
+def codec(rounds: int = 60) -> Iterable[Figure]:
+    """Speed on a telemetry message of 40 bytes, and identity on all messages."""
+    from robotree.protocol.measure import codec as contest
+    from robotree.protocol.measure import reference
+    from robotree.protocol.testing import check_codec
+
+    mavgen = reference.generate()
+    for signed in (False, True):
+        for each in contest.contests(contest.telemetry_40(), mavgen, signed=signed):
+            if each.name in CODEC:
+                outcome = contest.compare(each, rounds)
+                detail = f"{outcome.ours:.2f} us, pymavlink {outcome.theirs:.2f} us"
+                yield Figure(CODEC[each.name], outcome.ratio, detail)
+    try:
+        count = check_codec(reference.encoder(mavgen))
+    except AssertionError as difference:
+        yield Figure(IDENTICAL, 0.0, str(difference)[:200])
+    else:
+        yield Figure(IDENTICAL, 100.0, f"{count} frames of {len(mavgen.mavlink_map)} messages")
+
+
+def trips(rounds: int = 20) -> Iterable[Figure]:
+    """Round trips between two processes."""
+    from robotree.protocol.measure.trips import compare
+
+    ways = {way.name: way for way in asyncio.run(compare(rounds))}
+    bare = f"bare echo {next(iter(ways.values())).median * 1e6:.0f} us"
+    tcp, fd, classic = ways["PING over TCP"], ways["PING over CAN FD"], ways["PING over classic CAN"]
+    yield Figure(TCP, tcp.ratio, f"{tcp.median * 1e6:.0f} us, {bare}")
+    also = f"classic CAN {classic.median * 1e6:.0f} us, {classic.ratio:.1f}x"
+    yield Figure(CAN_FD, fd.ratio, f"{fd.median * 1e6:.0f} us, {bare}; {also}")
+
+
+def noise() -> Iterable[Figure]:
+    """Bad streams."""
+    from robotree.protocol.measure.recovery import chance_bytes, recovery
+
+    saved = recovery()
+    share = 100.0 * saved.found / saved.intact if not saved.invented else 0.0
+    detail = f"{saved.found} of {saved.intact}; 10 % of frames corrupted, 10 % noise"
+    yield Figure(RECOVERED, share, detail)
+    yield Figure(CHANCE, chance_bytes(), "nothing was raised")
+
+
+def imports(times: int = 7) -> Iterable[Figure]:
+    """How long the front door takes to open, in fresh processes."""
+    code = "import time; t = time.perf_counter(); import robotree.protocol; print(time.perf_counter() - t)"
+    taken = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
+        for _ in range(times)
+    ]
+    yield Figure(IMPORT, statistics.median(taken) * 1e3, f"median of {times}")
+
+
+def clients() -> Iterable[Figure]:
+    """What many listeners cost."""
+    from robotree.protocol.measure.trips import crowd
+
+    cost = asyncio.run(crowd())
+    yield Figure(CLIENTS, 100 * cost.share, f"4 messages each; {cost.complete:.1%} of them arrived")
+
+
+FIGURES: dict[str, Callable[[], Iterable[Figure]]] = {
+    "codec": codec,
+    "trips": trips,
+    "noise": noise,
+    "imports": imports,
+    "clients": clients,
+}
+"""Every measurement, by the name of its part."""
