@@ -5,7 +5,7 @@ from __future__ import annotations
 from robotree.sim.errors import BadArgument
 
 SINGLE = 2.0**-23
-"""Relative distance of neighbouring single-precision numbers (IEEE 754): what a float of the wire can be off."""
+"""Relative distance of neighbouring single-precision numbers (IEEE 754): what the wire can be off."""
 
 
 def require(name: str, value: float, lower: float, upper: float, unit: str) -> None:
