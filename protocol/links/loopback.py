@@ -94,6 +94,11 @@ class Loopback:
         self.near.other, self.far.other = self.far, self.near
         self.near.handler, self.far.handler = near(self.near), far(self.far)
 
+    @property
+    def due(self) -> float | None:
+        """When the next frame arrives, on the clock of `advance`; None: nothing is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
     def carry(self, frame: bytes, to: LoopbackEnd) -> None:
         """Put a frame on its way."""
         a, chance = self.accidents, self._random.random
