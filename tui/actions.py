@@ -304,6 +304,16 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire dialect --lang c include/mavlink",),
     ),
     Action(
+        usage="wire inject --listen URL --connect URL [--loss SHARE] [--delay TIME] [--jitter TIME]"
+        " [--duplication SHARE] [--seed NUMBER] [--for TIME]",
+        help="Stand between two programs and be a bad link; lines on standard input (cut 3s) change it.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire inject --listen tcp:127.0.0.1:5770 --connect tcp:127.0.0.1:5760 --loss 20% --delay 50ms",
+        ),
+    ),
+    Action(
         usage="wire bench [PART …]",
         help="Measure what the wire promises, as ratios: codec, trips, noise, imports, clients.",
         group=WIRE,

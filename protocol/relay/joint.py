@@ -1,0 +1,119 @@
+"""Two links joined by a bad cable. Pure: `now` is an argument, the links are handed in."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.capture.framing import Splitter
+from robotree.protocol.links.loopback import Accidents, Loopback, LoopbackEnd
+
+if TYPE_CHECKING:
+    from robotree.protocol.errors import LinkError
+    from robotree.protocol.links.link import Link
+
+MOST_EARLY = 4096
+"""Frames that wait for a link that is still being opened; older ones are lost."""
+
+
+class Traffic(msgspec.Struct, frozen=True):
+    """What came to one side of a joint and left it on the other; the rest was lost or is under way."""
+
+    taken: int
+    """Frames."""
+    passed: int
+    """Frames; more than were taken if some were passed twice."""
+
+
+class _Exit:
+    """Where frames leave the cable."""
+
+    def __init__(self) -> None:
+        self.link: Link | None = None
+        self.early: deque[bytes] = deque(maxlen=MOST_EARLY)
+        self.passed = 0
+
+    def received(self, data: bytes) -> None:
+        self.passed += 1
+        if self.link is None:
+            self.early.append(data)
+        else:
+            self.link.send(data)
+
+    def closed(self, reason: LinkError) -> None:
+        """The cable never ends by itself."""
+
+    def open(self, link: Link) -> None:
+        self.link = link
+        while self.early:
+            link.send(self.early.popleft())
+
+
+class _Entrance:
+    """Where bytes are cut at frames and put into the cable."""
+
+    def __init__(self, end: LoopbackEnd) -> None:
+        self._end = end
+        self._splitter = Splitter()
+        self.taken = 0
+
+    def take(self, data: bytes, *, lose: bool) -> None:
+        for piece in self._splitter.feed(data):
+            self.taken += 1
+            if not lose:
+                self._end.send(piece.data)
+
+
+class Joint:
+    """Joins a near and a far link.
+
+    Args:
+        accidents: what happens on the way; may be changed while it runs.
+        now: [s], of the clock that all other calls use.
+    """
+
+    def __init__(self, accidents: Accidents, now: float) -> None:
+        self._exits = {"near": _Exit(), "far": _Exit()}
+        self._cable = Loopback(lambda _: self._exits["near"], lambda _: self._exits["far"], accidents, now)
+        self._entrances = {"near": _Entrance(self._cable.near), "far": _Entrance(self._cable.far)}
+        self._silent_until = now
+
+    @property
+    def accidents(self) -> Accidents:
+        """What happens on the way."""
+        return self._cable.accidents
+
+    @accidents.setter
+    def accidents(self, accidents: Accidents) -> None:
+        self._cable.accidents = accidents
+
+    @property
+    def due(self) -> float | None:
+        """When to call `advance`, [s]; None: nothing is under way."""
+        return self._cable.due
+
+    @property
+    def traffic(self) -> dict[str, Traffic]:
+        """What went in from either side."""
+        other = {"near": "far", "far": "near"}
+        return {side: Traffic(self._entrances[side].taken, self._exits[other[side]].passed) for side in other}
+
+    def open(self, side: str, link: Link) -> None:
+        """A side has its link; what arrived for it already is sent."""
+        self._exits[side].open(link)
+
+    def take(self, side: str, data: bytes, now: float) -> None:
+        """Some bytes came from a side: put them on their way, and deliver what is due."""
+        self._cable.advance(now)
+        self._entrances[side].take(data, lose=now < self._silent_until)
+        self._cable.advance(now)
+
+    def cut(self, now: float, duration: float) -> None:
+        """Lose everything that comes within the next `duration` [s], as if the cable were pulled."""
+        self._silent_until = now + duration
+
+    def advance(self, now: float) -> None:
+        """Deliver what is due."""
+        self._cable.advance(now)

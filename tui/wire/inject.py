@@ -1,0 +1,109 @@
+"""`robotree wire inject --listen URL --connect URL`: stand between two programs and be a bad link.
+
+While it runs it reads lines from standard input: `loss 20%`, `delay 50ms`, `jitter 10ms`, `duplication 1%`,
+`cut 3s` (nothing passes), `break` (all links end), `heal`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+from collections.abc import Callable
+
+import msgspec
+
+from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.relay import Relay, relaying
+from robotree.tui import values
+from robotree.tui.errors import SupervisorError, ValueRefused
+from robotree.tui.grammar import Line
+from robotree.tui.terminal import complain, note, put
+from robotree.tui.wire.lasting import lasting
+
+
+def share(text: str) -> float:
+    """Read `20%` or `0.2`.
+
+    Raises:
+        ValueRefused: it is no share.
+    """
+    number, percent = (text[:-1], 0.01) if text.endswith("%") else (text, 1.0)
+    try:
+        found = float(number) * percent
+    except ValueError:
+        found = -1.0
+    if not 0 <= found <= 1:
+        raise ValueRefused("SHARE", f"{text!r} is no share; write for example 20% or 0.2")
+    return found
+
+
+ACCIDENTS: dict[str, Callable[[str], float]] = {
+    "loss": share,
+    "delay": values.duration,
+    "jitter": values.duration,
+    "duplication": share,
+}
+"""What can be set, as an option and while it runs, and how its value is read."""
+
+
+def run(line: Line) -> int:
+    """Relay until told otherwise."""
+    settings = {
+        name: read(line.text(f"--{name}")) for name, read in ACCIDENTS.items() if line.text(f"--{name}")
+    }
+    seed = line.text("--seed", "0")
+    if not seed.isdecimal():
+        raise ValueRefused("NUMBER", f"{seed!r} is no seed; write a whole number")
+    return asyncio.run(_relay(line, Accidents(**settings, seed=int(seed))))
+
+
+async def _relay(line: Line, accidents: Accidents) -> int:
+    async with (
+        lasting(line) as here,
+        relaying(line.text("--listen"), line.text("--connect"), accidents) as relay,
+    ):
+        put(f"ready {relay.address}")
+        loop = asyncio.get_running_loop()
+        threading.Thread(target=_read, args=(loop, relay), name="accidents", daemon=True).start()
+        await here.wait()
+        traffic = relay.traffic
+    if line.flag("--json"):
+        put(msgspec.json.encode({"traffic": traffic, "refused": relay.refused}).decode())
+    else:
+        for side, one in traffic.items():
+            put(f"from the {side} side: {one.taken} frames came, {one.passed} passed")
+    return here.exit_code()
+
+
+def _read(loop: asyncio.AbstractEventLoop, relay: Relay) -> None:
+    """Read standard input in a thread, for it may be anything."""
+    for text in sys.stdin:
+        if loop.is_closed():
+            return
+        loop.call_soon_threadsafe(obey, relay, text)
+
+
+def obey(relay: Relay, text: str) -> None:
+    """Do what one line says; complain about one that says nothing."""
+    word, _, value = text.strip().partition(" ")
+    try:
+        match word:
+            case "":
+                return
+            case "cut":
+                relay.cut(values.duration(value))
+            case "break":
+                relay.end()
+            case "heal":
+                relay.accidents = Accidents(seed=relay.accidents.seed)
+                relay.cut(0.0)
+            case _ if word in ACCIDENTS:
+                relay.accidents = msgspec.structs.replace(relay.accidents, **{word: ACCIDENTS[word](value)})
+            case _:
+                known = ", ".join([*(f"{name} VALUE" for name in ACCIDENTS), "cut TIME", "break", "heal"])
+                raise ValueRefused("LINE", f"{word!r} is no accident; there is {known}")
+    except SupervisorError as error:
+        complain(error)
+    else:
+        note(f"{relay.accidents}")
