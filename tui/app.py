@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import time
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
@@ -83,6 +84,10 @@ class Supervisor(Fenced, App[int]):
             store: what is known already, when the screen is opened anew.
         """
         super().__init__()
+        for theme in (DARK, LIGHT):
+            self.register_theme(theme)
+        wanted = os.environ.get("TEXTUAL_THEME", "")
+        self.theme = wanted if wanted in self.available_themes else DARK.name
         self.fleet, self.realm = fleet, realm
         self.store = store or Store()
         self.feed = Feed(fleet, self.store, self.now)
@@ -98,9 +103,6 @@ class Supervisor(Fenced, App[int]):
 
     async def on_mount(self) -> None:
         """Show the main page and begin to listen."""
-        for theme in (DARK, LIGHT):
-            self.register_theme(theme)
-        self.theme = DARK.name
         await self.push_screen(MainPage())
         await self.feed.open()
         self.main.draw()

@@ -292,8 +292,3 @@ def _complaint(wanted: Shape, words: list[str]) -> str:
         if isinstance(part, Word) and part.text != given:
             return f"{wanted.verb}: expected {part.text!r} where {given!r} stands"
     return f"{wanted.verb}: {' '.join(words[len(needed) :])!r} is more than it takes"
-
-
-def closest(verb: str, shapes: Mapping[str, Shape]) -> tuple[str, ...]:
-    """Return the verbs that begin with these letters, for completion."""
-    return tuple(name for name in shapes if name.startswith(verb))

@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Literal
 
 from robotree.tui import wording
-from robotree.vr.description import CommandSpec, Listing, RobotDescription
+from robotree.vr.description import Listing, RobotDescription
 from robotree.vr.requests import State
 
 SILENCE = 4.0
@@ -271,11 +271,6 @@ class Store:
             robot = self.descriptions.get(name)
             name = robot.bond.parent.name if robot and robot.bond else ""
         return tuple(line)
-
-    def command(self, name: str, command: str) -> CommandSpec | None:
-        """Return a command of a robot as it was described last."""
-        robot = self.descriptions.get(name)
-        return robot.command(command) if robot else None
 
 
 def _outline(state: State) -> tuple[object, ...]:
