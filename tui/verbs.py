@@ -6,7 +6,6 @@ Each takes the fleet, the line that was understood and a `Teller`, and returns a
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -90,6 +89,8 @@ async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Fetch one picture into a file."""
+    import asyncio
+
     view, camera = line.text("VIEW"), line.text("--camera")
     width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
     picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
@@ -101,6 +102,7 @@ async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Tell each change of state, until it is interrupted or the time is over."""
+    import asyncio
 
     def tell(name: str, state: State) -> None:
         word = wording.mood(

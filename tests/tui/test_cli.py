@@ -17,7 +17,7 @@ from robotree.tui.cli import main
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
-HEAVY = {"textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "numpy", "pint", "PIL", "rich"}
+HEAVY = {"asyncio", "textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "numpy", "pint", "PIL", "rich"}
 
 
 @pytest.fixture
