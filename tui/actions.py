@@ -59,6 +59,8 @@ class Action:
     danger: bool = False
     """It takes something away or makes something move: the full screen asks first."""
     examples: tuple[str, ...] = ()
+    guide: tuple[str, ...] = ()
+    """Modules whose docstrings explain it further: `robotree help VERB` prints them."""
 
     @cached_property
     def shape(self) -> Shape:
@@ -214,6 +216,7 @@ ACTIONS: tuple[Action, ...] = (
         group=PROCESS,
         where=Where.SHELL,
         examples=("run examples/close_lever.session",),
+        guide=("robotree.tui.session", "robotree.tui.conditions"),
     ),
     Action(
         usage="sim KIND --listen URL",

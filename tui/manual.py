@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from importlib import import_module
 
 from robotree.tui.actions import BY_VERB, Action, Where, groups
 
@@ -70,6 +71,8 @@ def page(verb: str) -> str:
         lines += ["", "examples:", *(f"  robotree {example}" for example in action.examples)]
     if action.key:
         lines += ["", f"key in the full screen: {spell(action.key)}"]
+    for module in action.guide:
+        lines += ["", (import_module(module).__doc__ or "").strip().replace(" Pure.", "").replace("`", "")]
     return "\n".join(lines)
 
 

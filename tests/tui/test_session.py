@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.tui import conditions, session
 from robotree.tui.errors import BadScript
 from robotree.tui.session import Do, Expect, Pause, Report, Told, read, transcript
 
@@ -71,3 +72,10 @@ def test_a_transcript_shows_when_what_and_how_it_went() -> None:
         " " * 14 + "x 1",
         " " * 14 + "y 2",
     ]
+
+
+def test_the_manual_is_a_script() -> None:
+    for module in (session, conditions):
+        lines = [line for line in (module.__doc__ or "").splitlines() if line.startswith("    ")]
+        text = "\n".join(line.partition("  " * 4)[0] for line in (one.strip() for one in lines))
+        assert len(read(text, "the manual").steps) >= 9
