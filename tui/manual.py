@@ -45,11 +45,14 @@ def overview() -> str:
 
 
 def _row(action: Action) -> str:
-    lead = f"  {action.usage}"
-    first, *more = textwrap.wrap(action.help, WIDTH - INDENT)
-    below = "".join(f"\n{'':<{INDENT}}{line}" for line in more)
-    gap = " " * (INDENT - len(lead)) if len(lead) < INDENT - 1 else "\n" + " " * INDENT
-    return f"{lead}{gap}{first}{below}"
+    usage = textwrap.wrap(action.usage, WIDTH, initial_indent="  ", subsequent_indent="      ")
+    about = textwrap.wrap(action.help, WIDTH - INDENT)
+    if len(usage) == 1 and len(usage[0]) < INDENT - 1:
+        about[0] = f"{usage[0]:<{INDENT}}{about[0]}"
+        usage = []
+    else:
+        about[0] = " " * INDENT + about[0]
+    return "\n".join([*usage, about[0], *(" " * INDENT + line for line in about[1:])])
 
 
 def family(word: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from robotree.tui import conditions, session
@@ -76,6 +78,6 @@ def test_a_transcript_shows_when_what_and_how_it_went() -> None:
 
 def test_the_manual_is_a_script() -> None:
     for module in (session, conditions):
-        lines = [line for line in (module.__doc__ or "").splitlines() if line.startswith("    ")]
-        text = "\n".join(line.partition("  " * 4)[0] for line in (one.strip() for one in lines))
+        lines = [line.strip() for line in (module.__doc__ or "").splitlines() if line.startswith("    ")]
+        text = "\n".join(re.split(r"\s{4,}", line)[0] for line in lines)
         assert len(read(text, "the manual").steps) >= 9
