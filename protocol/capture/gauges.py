@@ -81,7 +81,7 @@ class LinkReading(msgspec.Struct, frozen=True):
     frames: int
     lost: int
     loss: float
-    """Share of the frames that never came."""
+    """Share of the frames of the last few seconds that never came."""
     bad_crc: int
     unknown: int
     skipped: int
@@ -119,7 +119,8 @@ class LinkGauge:
         self._address, self._began = address, now
         self._parser = Parser()
         self._synchroniser = Synchroniser()
-        self._bytes, self._frames = Rate(now), Rate(now)
+        self._bytes, self._frames, self._lost = Rate(now), Rate(now), Rate(now)
+        self._lost_before = 0
         self._rows: dict[tuple[int, int, int, str], _Row] = {}
 
     def receive(self, data: bytes, now: float) -> None:
@@ -136,6 +137,9 @@ class LinkGauge:
             row = self._rows.setdefault(key, _Row(self._began))
             row.rate.add(now)
             row.count, row.last, row.heard = row.count + 1, frame, now
+        if (missing := self._parser.statistics.lost - self._lost_before) > 0:
+            self._lost.add(now, missing)
+            self._lost_before += missing
 
     def questions(self, now: float) -> list[Timesync]:
         """What to ask now to learn how long a frame takes."""
@@ -144,14 +148,14 @@ class LinkGauge:
     def reading(self, now: float) -> LinkReading:
         """The gauges now."""
         parser, estimate = self._parser.statistics, self._synchroniser.estimate
-        expected = parser.received + parser.lost
+        frames, lost = self._frames.per_second(now), self._lost.per_second(now)
         return LinkReading(
             address=self._address,
             bytes_per_second=self._bytes.per_second(now),
-            frames_per_second=self._frames.per_second(now),
+            frames_per_second=frames,
             frames=parser.received,
             lost=parser.lost,
-            loss=parser.lost / expected if expected else 0.0,
+            loss=lost / (frames + lost) if lost else 0.0,
             bad_crc=parser.bad_crc,
             unknown=parser.unknown,
             skipped=parser.skipped,

@@ -112,24 +112,23 @@ class McapReader:
 
     def feed(self, data: bytes) -> list[Captured]:
         """Take some bytes and hand out the frames that they complete."""
-        self._rest += data
-        found: list[Captured] = []
-        if not self._begun and len(self._rest) >= len(MAGIC):
-            self._begun, self._broken = True, not self._rest.startswith(MAGIC)
-            self._rest = self._rest[0 if self._broken else len(MAGIC) :]
-        while not self._broken and self._begun and len(self._rest) >= _RECORD_HEADER:
-            length = int.from_bytes(self._rest[1:_RECORD_HEADER], "little")
-            end = _RECORD_HEADER + length
-            if self._rest.startswith(MAGIC):  # the end mark, or another file behind this one
-                self._rest = self._rest[len(MAGIC) :]
+        buffer, i, found = self._rest + data, 0, list[Captured]()
+        if not self._begun and len(buffer) >= len(MAGIC):
+            self._begun, self._broken = True, not buffer.startswith(MAGIC)
+        while self._begun and not self._broken and len(buffer) - i >= _RECORD_HEADER:
+            if buffer.startswith(MAGIC, i):  # the beginning, or another file behind this one
+                i += len(MAGIC)
                 continue
-            if length > LARGEST_RECORD:
+            start = i + _RECORD_HEADER
+            length = int.from_bytes(buffer[i + 1 : start], "little")
+            if length > LARGEST_RECORD or not buffer[i]:
                 self._broken = True
-            elif len(self._rest) < end:
+            elif len(buffer) < start + length:
                 break
             else:
-                found += self._record(self._rest[0], self._rest[_RECORD_HEADER:end])
-                self._rest = self._rest[end:]
+                found += self._record(buffer[i], buffer[start : start + length])
+                i = start + length
+        self._rest = buffer[i:]
         if self._broken:
             self.skipped += len(self._rest)
             self._rest = b""

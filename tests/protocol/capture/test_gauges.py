@@ -59,9 +59,10 @@ def test_a_frame_that_never_came_is_a_loss() -> None:
     for step in range(20):
         frame = say(named("lever", step))
         if step not in (4, 9):
-            gauge.receive(frame, step)
-    reading = gauge.reading(20)
-    assert (reading.lost, reading.loss) == (2, 0.1)
+            gauge.receive(frame, step / 20)
+    reading = gauge.reading(1.0)
+    assert (reading.lost, reading.loss) == (2, pytest.approx(0.1))
+    assert gauge.reading(4.0).loss == 0  # that was long ago
 
 
 def test_the_delay_is_half_of_the_way_there_and_back() -> None:

@@ -1,0 +1,114 @@
+"""An MCAP is what Foxglove's own library reads, and ours is read back; a forged one does no harm."""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from robotree.protocol.capture import Decoder, Recording, detect
+from robotree.protocol.capture.mcap import MAGIC, McapReader, McapWriter, schema_of
+from robotree.protocol.dialect import definitions
+from robotree.protocol.frame import Frame
+from robotree.protocol.messages import Gripper, NamedValueFloat, fields_of
+
+NOON = 1_700_000_000_000_000
+
+
+def recorded(frames: list[Frame], *, whole: bool = True) -> bytes:
+    file = io.BytesIO()
+    writer = McapWriter(file)
+    for number, frame in enumerate(frames):
+        writer.write(NOON + 10_000 * number, frame.raw)
+    if whole:
+        writer.close()
+    return file.getvalue()
+
+
+def test_foxglove_s_library_reads_every_message(frames: list[Frame]) -> None:
+    heard = [
+        (schema.name, channel.topic, json.loads(message.data), message.log_time)
+        for schema, channel, message in make_reader(io.BytesIO(recorded(frames))).iter_messages()
+        if schema is not None
+    ]
+    expected = [
+        (
+            one.name,
+            f"/{one.system}/{one.component}/{one.name}",
+            json.loads(json.dumps(fields_of(one.message))),
+            (NOON + 10_000 * number) * 1000,
+        )
+        for number, one in enumerate(frames)
+    ]
+    assert heard == expected
+
+
+def test_what_is_recorded_is_decoded_again(frames: list[Frame], tmp_path: Path) -> None:
+    path = tmp_path / "arm.mcap"
+    path.write_bytes(recorded(frames))
+    recording = Recording(str(path))
+    found = [one for batch in recording.frames() for one in batch]
+    assert recording.form == "mcap"
+    assert [(one.frame, one.time) for one in found] == [
+        (frame, NOON + 10_000 * number) for number, frame in enumerate(frames)
+    ]
+    assert recording.statistics.skipped == 0
+
+
+@given(cut=st.integers(1, 5000))
+def test_it_reads_the_same_however_it_is_cut(cut: int) -> None:
+    frame = Frame.of(NamedValueFloat(time_boot_ms=1, name="x", value=2.0))
+    data, reader = recorded([frame] * 30), McapReader()
+    found = [one for i in range(0, len(data), cut) for one in reader.feed(data[i : i + cut])]
+    assert len(found) == 30
+    reader.flush()
+    assert reader.skipped == 0
+
+
+def test_a_recording_that_was_never_closed_keeps_its_whole_chunks(frames: list[Frame]) -> None:
+    decoder = Decoder("mcap")
+    many = frames * 20
+    found = decoder.feed(recorded(many, whole=False)) + decoder.flush()
+    assert 0 < len(found) < len(many)
+
+
+def test_a_number_that_json_does_not_have_is_null() -> None:
+    frame = Frame.of(NamedValueFloat(time_boot_ms=1, name="x", value=float("nan")))
+    _, _, message = next(m for m in make_reader(io.BytesIO(recorded([frame]))).iter_messages() if m[0])
+    assert json.loads(message.data)["value"] is None
+
+
+def test_every_message_has_a_schema() -> None:
+    for definition in definitions().values():
+        schema = schema_of(definition)
+        assert list(schema["properties"]) == [field.name for field in definition.fields]
+
+
+@given(seed=st.integers(0, 2**32), count=st.integers(1, 30))
+def test_a_forged_file_never_raises(seed: int, count: int) -> None:
+    chance = random.Random(seed)
+    grip = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
+    data = bytearray(recorded([Frame.of(grip)] * 5))
+    for _ in range(count):
+        data[chance.randrange(len(MAGIC), len(data))] = chance.randrange(256)
+    reader = McapReader()
+    reader.feed(bytes(data))
+    reader.flush()
+
+
+@pytest.mark.parametrize("length", [0, 1, 2**31, 2**63, 2**64 - 1])
+def test_a_forged_length_is_not_waited_for_in_memory(length: int) -> None:
+    reader = McapReader()
+    reader.feed(MAGIC + b"\x06" + length.to_bytes(8, "little"))
+    for _ in range(300):
+        assert reader.feed(bytes(64 * 1024)) == []
+        assert len(reader._rest) <= 64 * 1024
+    reader.flush()
+    assert reader.skipped > 299 * 64 * 1024
+    assert detect(MAGIC + b"\0") == "mcap"
