@@ -1,0 +1,223 @@
+"""`robotree wire …` as a person types it, with a simulated arm at the other end."""
+
+from __future__ import annotations
+
+import io
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.protocol import encode
+from robotree.protocol.capture import Recording, tlog
+from robotree.protocol.messages import NamedValueFloat
+from robotree.tui import exit_codes
+from robotree.tui.cli import main
+
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+NOON = 1_700_000_000_000_000
+
+
+class Said:
+    """What one command line said, and its exit code."""
+
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self.code, self.out, self.err = code, out, err
+        self.lines = out.splitlines()
+
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.lines]
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Any:
+    def obey(*words: str | Path) -> Said:
+        code = main([str(word) for word in words])
+        return Said(code, *capsys.readouterr())
+
+    return obey
+
+
+def recording(path: Path, count: int = 10, *, period: int = 10_000) -> Path:
+    """A recording of named values."""
+    frames = [encode(NamedValueFloat(n, "x", n / 2), sequence=n, system=1, component=1) for n in range(count)]
+    path.write_bytes(b"".join(tlog.encode(NOON + n * period, raw) for n, raw in enumerate(frames)))
+    return path
+
+
+def test_decode_prints_an_object_per_frame_and_statistics_last(say: Any, tmp_path: Path) -> None:
+    said = say("wire", "decode", recording(tmp_path / "a.tlog"), "--json")
+    *frames, last = said.objects
+    assert [one["fields"]["value"] for one in frames] == [n / 2 for n in range(10)]
+    promised = {"msgid", "name", "sysid", "compid", "seq", "fields", "signed"}
+    assert all(promised <= one.keys() for one in frames)
+    assert last["statistics"]["frames"] == 10
+    assert last["statistics"]["messages"] == {"NAMED_VALUE_FLOAT": 10}
+
+
+def test_decode_tells_people_when_who_and_what(say: Any, tmp_path: Path) -> None:
+    said = say("wire", "decode", recording(tmp_path / "a.tlog", 2))
+    assert said.lines[1] == "22:13:20.010000 1/1 #1 NAMED_VALUE_FLOAT time_boot_ms=1 name='x' value=0.5"
+    assert said.lines[2].startswith("2 frames in 0.010 s from 58 bytes (tlog), 0 signed; lost 0")
+
+
+def test_decode_reads_standard_input(say: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Pipe:
+        buffer = io.BytesIO(encode(NamedValueFloat(1, "x", 1.0), sequence=0, system=1, component=1))
+
+    monkeypatch.setattr(sys, "stdin", Pipe())
+    assert say("wire", "decode", "-", "--json").objects[0]["name"] == "NAMED_VALUE_FLOAT"
+
+
+def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -> None:
+    taken = recording(tmp_path / "a.tlog")
+    (tmp_path / "a.raw").write_bytes(b"x")
+    refused = {
+        ("wire", "decode", "missing.tlog"): "missing.tlog: cannot be read: No such file",
+        ("wire", "record", "--connect", "tcp:1", taken): "exists already, and recordings are not overwritten",
+        ("wire", "record", "--connect", "tcp:1", "a.txt"): "its name must end with .tlog or .mcap",
+        ("wire", "replay", tmp_path / "a.raw", "--listen", "tcp:0"): "has no times",
+        ("wire", "dialect", "--lang", "ada", "out"): "there is c, c++",
+        ("wire", "ping", "--connect", "tcp:127.0.0.1:1"): "cannot be opened",
+    }
+    for words, sentence in refused.items():
+        said = say(*words)
+        assert said.code == exit_codes.REFUSED
+        assert sentence in said.err
+        assert said.err.count("\n") == 1
+    misunderstood = {
+        ("wire", "replay", taken): "give either --connect URL or --listen URL",
+        ("wire", "replay", taken, "--listen", "tcp:0", "--speed", "0"): "is no speed",
+        ("wire", "dialect", "out"): "say --lang",
+        ("wire", "ping", "--connect", "tcp:1", "--count", "none"): "is no count",
+        ("wire", "ping", "--connect", "tcp:1", "--by", "fax"): "there is ping and timesync",
+        ("wire", "bench", "luck"): "there is codec, trips",
+        ("wire", "inject", "--listen", "tcp:0", "--connect", "tcp:1", "--loss", "2"): "is no share",
+        ("wire", "decoed", "a"): "did you mean wire decode",
+        ("wire", "dissector", "--port", "port"): "is no port",
+    }
+    for words, sentence in misunderstood.items():
+        said = say(*words)
+        assert said.code == exit_codes.USAGE, words
+        assert sentence in said.err
+
+
+def test_help_knows_the_verbs_of_two_words(say: Any) -> None:
+    assert "wire decode FILE" in say("wire", "--help").out
+    assert say("help", "wire", "ping").out.startswith("usage: robotree wire ping --connect URL")
+    assert say("wire", "ping", "--help").out == say("help", "wire", "ping").out
+
+
+def test_the_arm_is_recorded_and_its_recording_replayed(say: Any, arm: str, tmp_path: Path) -> None:
+    first, again = tmp_path / "first.tlog", tmp_path / "again.mcap"
+    said = say("wire", "record", "--connect", arm, first, "--for", "1s", "--json")
+    count = said.objects[0]["frames"]
+    assert count > 50
+    words = [*ROBOTREE, "wire", "replay", str(first), "--listen", "tcp:127.0.0.1:0", "--speed", "4"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as replaying:
+        assert replaying.stdout is not None
+        address = replaying.stdout.readline().split()[1]
+        assert say("wire", "record", "--connect", address, again).code == exit_codes.DONE
+    assert replaying.returncode == exit_codes.DONE
+    *one, before = say("wire", "decode", first, "--json").objects
+    *other, after = say("wire", "decode", again, "--json").objects
+    assert [frame["fields"] for frame in other] == [frame["fields"] for frame in one]
+    assert len(one) == count
+    took = {
+        name: told["statistics"]["last"] - told["statistics"]["first"]
+        for name, told in (("first", before), ("again", after))
+    }
+    assert took["again"] == pytest.approx(took["first"] / 4, rel=0.5)
+
+
+def test_monitor_shows_rates_delay_and_last_values(say: Any, arm: str) -> None:
+    said = say("wire", "monitor", "--connect", arm, arm, "--for", "1.6s", "--every", "500ms", "--json")
+    links = said.objects[-1]["links"]
+    assert len(links) == 2
+    for link in links:
+        rows = {row["name"]: row for row in link["messages"]}
+        assert rows["ROBOTREE_JOINTS"]["rate"] == pytest.approx(50, rel=0.4)
+        assert rows["ROBOTREE_JOINTS"]["age"] < 0.5
+        assert link["loss"] == 0
+        assert 0 < link["delay"] < 0.5
+        assert link["bytes_per_second"] > 1000
+    table = say("wire", "monitor", "--connect", arm, "--for", "300ms", "--every", "200ms").out
+    assert "MESSAGE" in table
+    assert "\x1b" not in table
+
+
+def test_ping_measures_and_says_when_nobody_answers(say: Any, arm: str, tmp_path: Path) -> None:
+    words = ("wire", "ping", "--connect", arm, "--count", "5", "--every", "20ms")
+    said = say(*words, "--by", "timesync", "--json")
+    *answers, last = said.objects
+    assert said.code == exit_codes.DONE
+    assert [one["seq"] for one in answers] == [1, 2, 3, 4, 5]
+    assert last["statistics"]["answered"] == 5
+    assert 0 < last["statistics"]["shortest"] <= last["statistics"]["longest"] < 1
+    slow = recording(tmp_path / "a.tlog", 2, period=9_000_000)
+    dumb = [*ROBOTREE, "wire", "replay", str(slow), "--listen", "tcp:0"]
+    with subprocess.Popen(dumb, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[1]
+        said = say("wire", "ping", "--connect", address, "--count", "2", "--every", "10ms")
+        process.terminate()
+    assert said.code == exit_codes.NOBODY
+    assert said.lines[-1].startswith("2 asked, 0 answered, 100% lost")
+
+
+def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
+    words = [*ROBOTREE, "wire", "inject", "--listen", "tcp:0", "--connect", arm, "--delay", "40ms", "--json"]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        address = process.stdout.readline().split()[1]
+        process.stdin.write("loss 50%\n")
+        process.stdin.flush()
+        assert "loss=0.5" in process.stderr.readline()
+        said = say("wire", "monitor", "--connect", address, "--for", "2.5s", "--every", "500ms", "--json")
+        link = said.objects[-1]["links"][0]
+        assert 0.2 < link["loss"] < 0.8
+        assert link["delay"] is None or link["delay"] >= 0.04
+        process.send_signal(signal.SIGTERM)
+        traffic = json.loads(process.stdout.readline())["traffic"]
+    assert 0 < traffic["far"]["passed"] < traffic["far"]["taken"]
+    assert process.returncode == exit_codes.DONE
+
+
+def test_the_dissector_is_written_once(say: Any, tmp_path: Path) -> None:
+    path = tmp_path / "robotree.lua"
+    assert say("wire", "dissector", path).code == exit_codes.DONE
+    assert "ROBOTREE_JOINTS" in path.read_text()
+    assert say("wire", "dissector", path).code == exit_codes.REFUSED
+
+
+def test_the_dialect_is_written_in_c(say: Any, tmp_path: Path) -> None:
+    said = say("wire", "dialect", "--lang", "c", tmp_path / "c", "--json")
+    assert any(name.endswith("mavlink_msg_robotree_gripper.h") for name in said.objects[0]["files"])
+
+
+def test_no_other_verb_waits_for_the_wire() -> None:
+    heavy = "robotree.protocol", "robotree.tui.wire", "mcap"
+    code = f"import sys, robotree.tui.cli; print([m for m in sys.modules if m.startswith({heavy})])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
+    words = [*ROBOTREE, "wire", "record", "--connect", arm, str(tmp_path / "a.mcap"), "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("recording tcp:")
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=10)
+    assert process.returncode == exit_codes.DONE
+    assert json.loads(out)["frames"] >= 0
+    assert Recording(str(tmp_path / "a.mcap")).form == "mcap"
