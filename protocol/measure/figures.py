@@ -72,16 +72,16 @@ def codec(rounds: int = 60) -> Iterable[Figure]:
         yield Figure(IDENTICAL, 100.0, f"{count} frames of {len(mavgen.mavlink_map)} messages")
 
 
-def trips(rounds: int = 20) -> Iterable[Figure]:
-    """Round trips between two processes."""
+def trips(rounds: int = 500) -> Iterable[Figure]:
+    """Round trips between two processes, one at a time; for comparison 50 of them back to back."""
     from robotree.protocol.measure.trips import compare
 
-    ways = {way.name: way for way in asyncio.run(compare(rounds))}
-    bare = f"bare echo {next(iter(ways.values())).median * 1e6:.0f} us"
-    tcp, fd, classic = ways["PING over TCP"], ways["PING over CAN FD"], ways["PING over classic CAN"]
-    yield Figure(TCP, tcp.ratio, f"{tcp.median * 1e6:.0f} us, {bare}")
-    also = f"classic CAN {classic.median * 1e6:.0f} us, {classic.ratio:.1f}x"
-    yield Figure(CAN_FD, fd.ratio, f"{fd.median * 1e6:.0f} us, {bare}; {also}")
+    bare, tcp, fd, classic = asyncio.run(compare(rounds))
+    _, tcp_50, fd_50, _ = asyncio.run(compare(rounds // 50, turn=50))
+    echo = f"bare echo {bare.median * 1e6:.0f} us"
+    yield Figure(TCP, tcp.ratio, f"{tcp.median * 1e6:.0f} us, {echo}; back to back {tcp_50.ratio:.2f}x")
+    also = f"back to back {fd_50.ratio:.2f}x; classic CAN {classic.ratio:.1f}x"
+    yield Figure(CAN_FD, fd.ratio, f"{fd.median * 1e6:.0f} us, {echo}; {also}")
 
 
 def noise() -> Iterable[Figure]:

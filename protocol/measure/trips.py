@@ -9,7 +9,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Awaitable, Callable, Generator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 BYTES = len(Frame.of(Ping(2**62, 2**31, 1, 1)).raw)
 """[bytes] of a PING, and of what the bare echo carries."""
-TURNS = 50
-"""Round trips of one way before the next one's turn."""
 PATIENCE = 10.0
 """[s]"""
 
@@ -38,8 +36,15 @@ class Way(NamedTuple):
     name: str
     median: float
     """[s]"""
-    ratio: float
-    """To the bare echo: the median over all rounds."""
+    late: float
+    """[s] that 99 of 100 trips do not exceed."""
+    ratios: tuple[float, ...]
+    """Of the medians to that of the bare echo, round by round, sorted."""
+
+    @property
+    def ratio(self) -> float:
+        """The middle one of the ratios."""
+        return statistics.median(self.ratios)
 
 
 class Far(NamedTuple):
@@ -145,8 +150,18 @@ class Asking:
         await self._back.wait()
 
 
-async def compare(rounds: int = 20) -> list[Way]:
-    """The bare echo, and PING over TCP, over CAN FD and over classic CAN on the loopback bus."""
+async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | None = None) -> list[Way]:
+    """The bare echo, and PING over TCP, over CAN FD and over classic CAN on the loopback bus.
+
+    Args:
+        rounds: how many turns each way gets.
+        turn: round trips of one turn. Back to back they are faster, the bare echo most of all: it alone
+            finds all it needs in the processor's caches. A ping of the real world comes alone.
+        more: further ways that take turns with these.
+
+    Returns:
+        What each way took, the bare echo first.
+    """
     channel = f"bench-{os.getpid()}"
     urls = {
         "PING over TCP": "tcp:127.0.0.1:0",
@@ -162,7 +177,9 @@ async def compare(rounds: int = 20) -> list[Way]:
             asking = Asking()
             links.append(await connect(address, asking.accept))
             ways[name] = asking.trip
-        told = await _take_turns(ways, rounds)
+        for trip in ways.values():  # each can be gone, and is warm
+            await asyncio.wait_for(trip(), PATIENCE)
+        told = await _take_turns({**ways, **(more or {})}, rounds, turn)
         for link in links:
             link.close()
         bare.close()
@@ -170,22 +187,25 @@ async def compare(rounds: int = 20) -> list[Way]:
     return told
 
 
-async def _take_turns(ways: dict[str, Trip], rounds: int) -> list[Way]:
+async def _take_turns(ways: dict[str, Trip], rounds: int, turn: int) -> list[Way]:
     medians: dict[str, list[float]] = {name: [] for name in ways}
+    times: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(rounds):
         for name, trip in ways.items():
             taken: list[float] = []
-            for _ in range(TURNS):
+            for _ in range(turn):
                 begun = time.perf_counter()
-                await asyncio.wait_for(trip(), PATIENCE) if not taken else await trip()
+                await trip()
                 taken.append(time.perf_counter() - begun)
             medians[name].append(statistics.median(taken))
+            times[name] += taken
     bare = next(iter(medians.values()))
     return [
         Way(
             name,
-            statistics.median(each),
-            statistics.median(ours / theirs for ours, theirs in zip(each, bare, strict=True)),
+            statistics.median(times[name]),
+            sorted(times[name])[len(times[name]) * 99 // 100],
+            tuple(sorted(ours / theirs for ours, theirs in zip(each, bare, strict=True))),
         )
         for name, each in medians.items()
     ]
