@@ -44,7 +44,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
                 note(
                     f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
                 )
-                await cast(crew)
+                await cast(crew, counting=not headless)
                 if headless:
                     return await _play(realm, Path(pictures or "robotree-demo"))
                 return await _supervise(realm)
@@ -56,22 +56,27 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
             return exit_codes.INTERRUPTED
 
 
-async def cast(crew: Crew) -> None:
+async def cast(crew: Crew, *, counting: bool = True) -> None:
     """Bring up the demo's agents, each as soon as what it needs is there.
+
+    Args:
+        crew: whom they join.
+        counting: whether calls are counted over restarts, in the user's state folder.
 
     Raises:
         MemberFailed: one did not come up.
     """
     anywhere = "tcp:127.0.0.1:0"
+    counters = () if counting else ("--space", "none")
     arm, rover, *_ = await crew.start_all(
         ("sim", "arm", "--listen", anywhere),
         ("sim", "rover", "--listen", anywhere),
         *(("lookup", name) for name in LOOKUPS),
-        ("host", HOST),
+        ("host", HOST, *counters),
     )
     await crew.start_all(
-        ("proxy", "arm", "arm-1", "--connect", arm.address),
-        ("proxy", "rover", "rover-1", "--connect", rover.address),
+        ("proxy", "arm", "arm-1", "--connect", arm.address, *counters),
+        ("proxy", "rover", "rover-1", "--connect", rover.address, *counters),
         ("view", VIEW, "--connect", arm.address),
     )
 
