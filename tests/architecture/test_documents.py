@@ -34,7 +34,7 @@ def test_every_command_line_is_understood(path: Path) -> None:
     for block in blocks(path, ""):
         for line in block.splitlines():
             if line.startswith("robotree "):
-                words = grammar.split(re.split(r"\s{3,}", line)[0])
+                words = grammar.split(re.split(r"\s{3,}| \| | > ", line)[0])
                 grammar.parse(words[1:] or ["supervise"], shapes(Where.SHELL), EVERYWHERE)
 
 
