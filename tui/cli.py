@@ -111,9 +111,20 @@ def _start(line: Line) -> int:
 
 
 def _run(work: Coroutine[Any, Any, int]) -> int:
+    """Run to the end. SIGTERM and SIGHUP end it as Ctrl-C does: what it began on robots ends too."""
     import asyncio
+    import signal
 
-    return asyncio.run(work)
+    async def obeying() -> int:
+        loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
+        for one in (signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(one, task.cancel)
+        try:
+            return await task
+        except asyncio.CancelledError:
+            return exit_codes.INTERRUPTED
+
+    return asyncio.run(obeying())
 
 
 async def _supervise(realm: str) -> int:

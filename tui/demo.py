@@ -8,11 +8,9 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import signal
 import tempfile
 import time
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager, chdir
+from contextlib import chdir
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -40,7 +38,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
     realm = realm or (f"demo-{os.getpid()}" if headless else "default")
     with tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
         try:
-            async with _ends_on_signals(), Crew(realm, Path(folder)) as crew:
+            async with Crew(realm, Path(folder)) as crew:
                 note(
                     f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
                 )
@@ -79,21 +77,6 @@ async def cast(crew: Crew, *, counting: bool = True) -> None:
         ("proxy", "rover", "rover-1", "--connect", rover.address, *counters),
         ("view", VIEW, "--connect", arm.address),
     )
-
-
-@asynccontextmanager
-async def _ends_on_signals() -> AsyncGenerator[None]:
-    """Let SIGTERM and SIGHUP end the demo in order, as Ctrl-C does."""
-    task, loop = asyncio.current_task(), asyncio.get_running_loop()
-    signals = (signal.SIGTERM, signal.SIGHUP)
-    if task:
-        for one in signals:
-            loop.add_signal_handler(one, task.cancel)
-    try:
-        yield
-    finally:
-        for one in signals:
-            loop.remove_signal_handler(one)
 
 
 async def _supervise(realm: str) -> int:

@@ -22,8 +22,8 @@ Ready = Callable[[str], None]
 Run = Callable[[Ready], Coroutine[Any, Any, None]]
 """Is an agent until it is cancelled."""
 
-STDIN = 0
-"""File descriptor of the standard input."""
+STDIN, STDOUT, STDERR = 0, 1, 2
+"""File descriptors."""
 
 LAST_WORDS = 3.0
 """[s] allowed for the polite end before the process is ended anyway."""
@@ -37,7 +37,7 @@ async def serve(run: Run, *, tether: bool) -> None:
         tether: also end when standard input ends.
     """
     loop = asyncio.get_running_loop()
-    being = asyncio.ensure_future(run(lambda address: put(f"ready {address}")))
+    being = asyncio.ensure_future(run(_up))
 
     def end() -> None:
         being.cancel()
@@ -48,6 +48,15 @@ async def serve(run: Run, *, tether: bool) -> None:
         hold(loop, end)
     with contextlib.suppress(asyncio.CancelledError):
         await being
+
+
+def _up(address: str) -> None:
+    """Say that the agent is up. That was the result; whatever is printed from now on is a log.
+
+    A starter reads standard output as far as this line: an author's `print` would fill the pipe, and block.
+    """
+    put(f"ready {address}")
+    os.dup2(STDERR, STDOUT)
 
 
 def hold(loop: asyncio.AbstractEventLoop, let_go: Callable[[], None]) -> None:

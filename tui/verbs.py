@@ -94,7 +94,8 @@ async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     view, camera = line.text("VIEW"), line.text("--camera")
     width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
     picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
-    path = Path(line.text("FILE") or f"{view}-{picture.camera}.jpg")
+    # a camera's name comes from afar: it names a file here, never a way to another folder
+    path = Path(line.text("FILE") or Path(f"{view}-{picture.camera}.jpg".replace("/", "-")).name)
     await asyncio.to_thread(path.write_bytes, picture.jpeg)
     data = {"file": str(path), "camera": picture.camera, "width": picture.width, "height": picture.height}
     return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")

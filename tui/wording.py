@@ -120,7 +120,7 @@ def mood(*, busy: str, stopped: bool, online: bool, bond: bool, waiting: int = 0
 def condition(robot: RobotDescription) -> str:
     """Return in a word or two how a robot described itself."""
     bond = robot.bond is not None
-    return mood(busy=robot.busy, stopped=False, online=robot.online, bond=bond, waiting=robot.waiting)
+    return mood(busy=robot.busy, stopped=robot.stopped, online=robot.online, bond=bond, waiting=robot.waiting)
 
 
 def portrait(robot: RobotDescription) -> str:

@@ -88,6 +88,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     """Commands in the queue."""
     online: bool = True
     """False while a proxy has lost its controller: its readings are stale."""
+    stopped: bool = False
+    """True from a protective stop until it is released."""
     attributes: dict[str, str] = {}
     """Free key-value pairs to search by (panel, place, controller's URL …)."""
     calls: dict[str, int] = {}

@@ -1,6 +1,5 @@
 # Narrow stub of Pinocchio 4.1: what robotree uses of it.
 
-
 from collections.abc import Sequence
 from enum import Enum
 from typing import TypeAlias

@@ -49,6 +49,7 @@ class Portrait:
             busy="" if jobs.running is None else jobs.running.context.command,
             waiting=jobs.waiting,
             online=self._robot.online,
+            stopped=bool(self._desk.stopped),
             calls=self._calls.counts,
             doc=self._doc(),
             **self._identity(),

@@ -22,6 +22,10 @@ _SETTINGS: dict[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,  # links that gossip finds are not made anew when they break
     "scouting/delay": 100,  # [ms] that `open` waits for neighbours which are listed but do not answer
+    # [ms] for a handshake. A neighbour that is stopped accepts a connection and says nothing; `close` waits
+    # for the handshake, so with Zenoh's own 10 s every short-lived process would take as long to end.
+    "transport/unicast/open_timeout": 1_000,
+    "transport/unicast/accept_timeout": 1_000,
     "transport/link/tx/lease": int(LEASE * 1000),
     "transport/link/tx/keep_alive": 4,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,  # [us]; default 5 s
