@@ -1,0 +1,114 @@
+"""What goes wrong on an ordinary day, with real processes: nothing else may suffer from it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.processes import Crew
+
+pytestmark = pytest.mark.e2e
+
+REALM = "accidents"
+AUTHOR = '''
+"""Talkative: prints more than a pipe holds, then waits."""
+from robotree.vr import VirtualRobot, command
+
+class Talkative(VirtualRobot):
+    """Talks."""
+
+    @command
+    def talk(self) -> int:
+        """Print three megabytes."""
+        for _ in range(3000):
+            print("x" * 1000)
+        return 3000
+
+    @command
+    def wait(self) -> None:
+        """Wait for a minute."""
+        self.progress(0.5, "waiting")
+        self.sleep(60)
+'''
+
+
+async def start(*words: str) -> asyncio.subprocess.Process:
+    return await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+
+
+async def robotree(*words: str) -> tuple[int, str]:
+    process = await start(*words)
+    out, _ = await asyncio.wait_for(process.communicate(), 60)
+    return process.returncode or 0, out.decode()
+
+
+async def busy() -> str:
+    """Return the command that the robot carries out."""
+    _, out = await robotree("show", "talker", "--json")
+    return json.loads(out).get("busy", "")
+
+
+@pytest.fixture
+async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+    """A lookup service, and a host with a talkative robot."""
+    (tmp_path / "run").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    source = tmp_path / "talkative.py"
+    source.write_text(AUTHOR)
+    async with Crew(REALM, tmp_path) as crew:
+        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
+        assert await robotree("create", str(source), "as", "talker") == (
+            exit_codes.DONE,
+            "talker (Talkative) runs on host-1\n",
+        )
+        yield crew
+
+
+@pytest.mark.usefixtures("crew")
+async def test_an_author_who_prints_does_not_block_the_host() -> None:
+    code, out = await robotree("call", "talker.talk", "--json")
+    assert (code, json.loads(out)) == (exit_codes.DONE, 3000)
+
+
+@pytest.mark.usefixtures("crew")
+async def test_a_verb_that_is_told_to_end_takes_its_command_with_it() -> None:
+    call = await start("call", "talker.wait")
+    async with asyncio.timeout(20):
+        while await busy() != "wait":
+            pass
+    call.terminate()
+    assert await asyncio.wait_for(call.wait(), 10) == exit_codes.INTERRUPTED
+    assert not await busy()
+
+
+@pytest.mark.usefixtures("crew")
+async def test_a_stop_is_told_until_it_is_released() -> None:
+    await robotree("stop")
+    assert "STOPPED" in (await robotree("show", "talker"))[1]
+    await robotree("resume")
+    assert "STOPPED" not in (await robotree("show", "talker"))[1]
+
+
+async def test_a_process_that_hangs_does_not_hold_up_those_that_come_and_go(crew: Crew) -> None:
+    hanging = crew.members[-1].pid
+    os.kill(hanging, signal.SIGSTOP)
+    try:
+        began = time.monotonic()
+        await robotree("ls", "--lookups")
+        assert time.monotonic() - began < 5
+    finally:
+        os.kill(hanging, signal.SIGCONT)
