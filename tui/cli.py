@@ -122,6 +122,7 @@ def _run(work: Coroutine[Any, Any, int]) -> int:
         try:
             return await task
         except asyncio.CancelledError:
+            complain("interrupted")
             return exit_codes.INTERRUPTED
 
     return asyncio.run(obeying())
