@@ -15,6 +15,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError, LinkRefused
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import PictureRequest
 from robotree.protocol.services.picture import split
@@ -65,6 +66,7 @@ class Connection:
         controller: hears the client.
         darkroom: draws for it.
         leave: told when the client has gone.
+        security: signs what we say, and decides whom we hear.
     """
 
     def __init__(
@@ -74,9 +76,15 @@ class Connection:
         controller: Controller,
         darkroom: Darkroom,
         leave: Callable[["Connection"], None],
+        security: Sealing = UNSIGNED,
     ) -> None:
         self.endpoint = Endpoint(
-            link, system=system, component=COMPONENT, on_frame=self._hear, on_closed=self._closed
+            link,
+            system=system,
+            component=COMPONENT,
+            on_frame=self._hear,
+            on_closed=self._closed,
+            **security.seals(link.address),
         )
         self._controller, self._darkroom, self._leave = controller, darkroom, leave
         self._wanted: dict[int, PictureRequest] = {}
@@ -122,8 +130,8 @@ class Connection:
 class Server:
     """A controller on the wire. Made by `serving`."""
 
-    def __init__(self, controller: Controller, hurry: float) -> None:
-        self._controller = controller
+    def __init__(self, controller: Controller, hurry: float, security: Sealing = UNSIGNED) -> None:
+        self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
         self._darkroom = Darkroom(controller)
@@ -141,7 +149,12 @@ class Server:
     def accept(self, link: Link) -> Endpoint:
         """A client has come."""
         connection = Connection(
-            link, self._controller.firmware.system, self._controller, self._darkroom, self._left
+            link,
+            self._controller.firmware.system,
+            self._controller,
+            self._darkroom,
+            self._left,
+            self._security,
         )
         self._connections[connection.endpoint] = connection
         return connection.endpoint
@@ -182,6 +195,7 @@ async def serving(
     silence: float = SILENCE,
     hurry: float = 1.0,
     exposed: bool = False,
+    security: Sealing = UNSIGNED,
 ) -> AsyncGenerator[Server]:
     """A simulated controller that is up inside the block.
 
@@ -192,6 +206,7 @@ async def serving(
         silence: of the link after which the robot holds by itself [s].
         hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
+        security: the keys of our links.
 
     Yields:
         The server; `address` tells where it really listens.
@@ -201,7 +216,7 @@ async def serving(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    server = Server(kind_of(kind).build(system, silence), hurry)
+    server = Server(kind_of(kind).build(system, silence), hurry, security)
     try:
         try:
             listener = await listen(url, server.accept, exposed=exposed)
@@ -225,6 +240,7 @@ async def serve(
     silence: float = SILENCE,
     hurry: float = 1.0,
     exposed: bool = False,
+    security: Sealing = UNSIGNED,
 ) -> None:
     """Simulate a controller until cancelled.
 
@@ -236,12 +252,15 @@ async def serve(
         silence: of the link after which the robot holds by itself [s].
         hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
+        security: the keys of our links.
 
     Raises:
         UnknownKind: no such robot can be simulated.
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    async with serving(kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed) as server:
+    async with serving(
+        kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed, security=security
+    ) as server:
         ready(server.address)
         await server.failure

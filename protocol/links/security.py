@@ -1,19 +1,21 @@
 """Signing for all links of a process: one key file, one time, one table of streams.
 
 security = Security(Keyring(path), time.time)
-endpoint = Endpoint(link, …, **security.seals(link.address))
-…
-security.persist()      # every `keyring.PERSIST_PERIOD`, and at the end
+async with persisting(security):
+    endpoint = Endpoint(link, …, **security.seals(link.address))
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypedDict
+import asyncio
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Protocol, TypedDict
 
+from robotree.protocol.links.keyring import PERSIST_PERIOD
 from robotree.protocol.signing import Signer, SigningTime, StreamTable, Verifier
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import AsyncGenerator, Callable
 
     from robotree.protocol.links.keyring import Keyring
 
@@ -23,6 +25,26 @@ class Seals(TypedDict):
 
     signer: Signer | None
     verifier: Verifier | None
+
+
+class Sealing(Protocol):
+    """Decides which links are signed."""
+
+    def seals(self, address: str) -> Seals:
+        """What the link at an address needs."""
+        ...
+
+
+class Unsigned:
+    """No link is signed, and everybody is heard."""
+
+    def seals(self, address: str) -> Seals:  # noqa: ARG002  all are alike
+        """Nothing."""
+        return Seals(signer=None, verifier=None)
+
+
+UNSIGNED = Unsigned()
+"""For whoever has no keys."""
 
 
 class Security:
@@ -54,3 +76,29 @@ class Security:
     def persist(self) -> None:
         """Remember the time, so that a wall clock that is set back does no harm after a restart."""
         self._keyring.persist(self._time.now())
+
+
+@asynccontextmanager
+async def persisting(security: Security, period: float = PERSIST_PERIOD) -> AsyncGenerator[Security]:
+    """Have the signing time persisted inside the block, every `period` [s], and at its end.
+
+    Yields:
+        What was handed in.
+
+    Raises:
+        KeyFileError: the time cannot be kept; without it a restart could be fooled by old recordings.
+    """
+
+    async def persist_on() -> None:
+        while True:
+            await asyncio.to_thread(security.persist)
+            await asyncio.sleep(period)
+
+    security.persist()  # a folder where nothing can be kept is told before anything is opened
+    keeping = asyncio.get_running_loop().create_task(persist_on(), name="signing time")
+    try:
+        yield security
+    finally:
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
+        security.persist()
