@@ -4,10 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 LOCK := requirements.lock
 STAMP := $(VENV)/.ready
+INTEROP := .venv-interop
+INTEROP_LOCK := requirements-interop.lock
 SUBPACKAGES := protocol sim vr proxy tui
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check soak bench lock format clean
+.PHONY: help setup demo test check soak interop lock format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -32,6 +34,16 @@ test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores)
 soak: $(STAMP)  ## the slow tests
 	$(BIN)/python -m pytest -m soak
 
+interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK
+	$(BIN)/python -m pytest -m interop tests/interop
+
+# Tools of other people, apart from ours: what they need must not decide what we get.
+$(INTEROP)/.ready: $(INTEROP_LOCK) $(STAMP)
+	@test -x $(INTEROP)/bin/python || $(PYTHON) -m venv --without-pip $(INTEROP)
+	@UV=$$(command -v uv || echo $(BIN)/uv); \
+	  $$UV pip sync --quiet --python $(INTEROP)/bin/python --require-hashes $(INTEROP_LOCK)
+	@touch $@
+
 check: $(STAMP)  ## ruff, pyright, mypy --strict, import-linter
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -47,10 +59,13 @@ lock: $(VENV)/bin/uv  ## resolve the dependencies again
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group dev \
 	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
 	  pyproject.toml -o $(LOCK)
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group interop \
+	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
+	  -o $(INTEROP_LOCK)
 
 $(BIN)/uv:
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
 
 clean:  ## remove what setup and the tests made
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(INTEROP) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
