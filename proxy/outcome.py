@@ -35,10 +35,15 @@ def explain(end: GoalEnded) -> str:
     if end.text:
         cut = len(end.text.encode()) >= LONGEST_TEXT
         return f"{end.text}…" if cut else end.text.rstrip(". ") or end.text
+    return reason_in_words(end.reason)
+
+
+def reason_in_words(reason: int) -> str:
+    """What a reason of the dialect means, as a clause."""
     try:
-        return SENTENCES[Reason(end.reason)]
+        return SENTENCES[Reason(reason)]
     except ValueError:
-        return f"the controller gave reason {end.reason}, which this proxy does not know"
+        return f"the controller gave reason {reason}, which this proxy does not know"
 
 
 def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int) -> VrError | None:

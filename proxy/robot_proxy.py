@@ -21,7 +21,7 @@ from robotree.proxy.errand import Desk, Errand, NotSent
 from robotree.proxy.guard import ArmLimits, Fence, RoverLimits, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of
-from robotree.proxy.session import Event, OnlineChanged, Session
+from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
 from robotree.proxy.translate import goal_key, request_of, time_to_live
 from robotree.vr.command import command
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
@@ -64,7 +64,7 @@ class RobotProxy(Robot):
         super().__init__(name, {"controller": url})
         self.online = False
         self.on_change: Callable[[], None] = lambda: None
-        """Called on the loop when the robot goes online or offline; for the agent in front of it."""
+        """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self._limits = limits
         self._session = Session()
         self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
@@ -203,7 +203,12 @@ class RobotProxy(Robot):
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
 
     def _hear(self, event: Event) -> None:
-        if isinstance(event, OnlineChanged):
-            self.online = event.online
-            self.on_change()
-        self._desk.hear(event)
+        match event:
+            case OnlineChanged(online=online):
+                self.online = online
+                self.on_change()
+            case HeldChanged(reason=reason):
+                self.halted = reason
+                self.on_change()
+            case _:
+                self._desk.hear(event)

@@ -4,8 +4,12 @@ The session composes the wire's services into what a proxy needs. It outlives li
 tell it of each, and goals, twin and stop go on from one to the next. Messages and moments go in, effects come
 out; the shell in `connection.py` carries them out.
 
-A robot is *online* while its link is open and its controller was heard within SILENCE. A stop is kept until
-it is released: a controller that restarts in the meantime is stopped again as soon as it is heard.
+A robot is *online* while its link is open and its controller was heard within SILENCE.
+
+A stop that was asked for here is kept until it is released here: a controller that restarts in the meantime,
+or that somebody else releases, is stopped again as soon as it is heard. A stop that nobody asked for here (a
+former proxy did, or somebody on another link) is the controller's own: the session tells that the robot is
+*held*, until the controller tells that it is not. A restart is no release: such a stop is then kept as ours.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
+from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import Request, Target
 from robotree.proxy.twin import Twin
 
@@ -44,6 +49,10 @@ DEAD = 2 * SILENCE
 """[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
 RELEASE_WITHIN = 3.0
 """[s] for which the release of a stop is repeated. A stop is repeated for ever."""
+RESTARTED = 1.0
+"""[s] by which a controller's clock must have fallen to tell of a restart; less may be a late message."""
+HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
+"""Modes in which a controller takes no goal until it is released, as clauses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +63,20 @@ class OnlineChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldChanged:
+    """The controller takes no goals until it is released, for this reason; or (empty) it takes them again."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Redial:
     """Nothing comes over the open link; close it and open another."""
 
     trouble: str
 
 
-Event = OnlineChanged | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
+Event = OnlineChanged | HeldChanged | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
 """What the session has to tell."""
 Effect = Send | Redial | Event
 """What the session has to tell, and what it asks the shell to do."""
@@ -95,11 +111,26 @@ class Session:
         self._wish_epoch = 0
         self._wish_until = math.inf
         self._wished_at = -math.inf
+        self._held_told = ""
 
     @property
     def stopped(self) -> bool:
         """Whether a stop is wanted, confirmed or not."""
         return self._wish == ModeKind.SAFE_STOP
+
+    @property
+    def held(self) -> str:
+        """Why the robot must not be commanded until it is released, as a clause for people; empty: it may.
+
+        What the controller told last, but for the moment in which its release is on the way: then a goal that
+        follows the release is obeyed, and must not be held up here.
+        """
+        if self._wish == ModeKind.READY:
+            return ""
+        mode = self.twin.latest(Mode)
+        if mode is not None and mode.mode in HOLDING:
+            return f"{HOLDING[ModeKind(mode.mode)]}: {reason_in_words(mode.reason)}"
+        return "its controller has yet to confirm the stop" if self.stopped else ""
 
     @property
     def obeyed(self) -> int:
@@ -133,14 +164,15 @@ class Session:
         if frame.component != self.controller.component:
             return effects
         self.heard_at = now
+        before = self.twin.latest(Mode)
         self.twin.hear(message, now)
         if isinstance(message, Heartbeat) and self._open:
             effects += self._turn(online=True, trouble="")
         elif isinstance(message, GoalStatus) and self._for_us(message):
             effects += self._goals.receive(message, now)
         elif isinstance(message, Mode):
-            effects += self._compare(message, now)
-        return effects
+            effects += self._compare(before, message, now)
+        return effects + self._held_news()
 
     def tick(self, now: float) -> list[Effect]:
         """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
@@ -152,7 +184,7 @@ class Session:
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
         if now - max(self._opened_at, self.heard_at) >= DEAD:
             effects.append(Redial(f"nothing came over the link for {DEAD:g} s"))
-        return effects + self._insist(now)
+        return effects + self._insist(now) + self._held_news()
 
     # -- what is asked of the controller -----------------------------------------------------------
 
@@ -179,13 +211,13 @@ class Session:
     def stop(self, now: float) -> list[Effect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
         self._wish, self._wish_until, self._wished_at = ModeKind.SAFE_STOP, math.inf, -math.inf
-        return self._insist(now)
+        return self._insist(now) + self._held_news()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
         """Release the stop."""
         self._wish, self._wish_epoch = ModeKind.READY, epoch
         self._wish_until, self._wished_at = now + RELEASE_WITHIN, -math.inf
-        return self._insist(now)
+        return self._insist(now) + self._held_news()
 
     # -- inside ------------------------------------------------------------------------------------
 
@@ -199,11 +231,21 @@ class Session:
         self.online = online
         return [OnlineChanged(online)]
 
-    def _compare(self, mode: Mode, now: float) -> list[Effect]:
+    def _compare(self, before: Mode | None, mode: Mode, now: float) -> list[Effect]:
         """The controller has told its mode: is it the one that is wished for?"""
-        if self._wish == ModeKind.READY and mode.mode != ModeKind.SAFE_STOP:
+        if self._wish == ModeKind.READY and mode.mode not in HOLDING:
             self._wish = None
+        elif self._wish is None and before is not None and mode.mode != ModeKind.SAFE_STOP:
+            fallen = (before.time_boot_ms - mode.time_boot_ms) / 1000
+            if before.mode == ModeKind.SAFE_STOP and fallen > RESTARTED:
+                return self.stop(now)
         return self._insist(now)
+
+    def _held_news(self) -> list[Effect]:
+        if self.held == self._held_told:
+            return []
+        self._held_told = self.held
+        return [HeldChanged(self._held_told)]
 
     def _insist(self, now: float) -> list[Effect]:
         if self._wish is None or not self._open or now - self._wished_at < INSIST:

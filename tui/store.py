@@ -147,7 +147,8 @@ class Store:
         if after.online and not before.online:
             self.tell(f"{name} has its controller back", "good", now)
         if after.stopped and not before.stopped:
-            self.tell(f"{name} is in protective stop", "error", now)
+            why = f": {after.stop_reason}" if after.stop_reason else ""
+            self.tell(f"{name} is in protective stop{why}", "error", now)
         if before.stopped and not after.stopped:
             self.tell(f"{name} is released from the stop", "good", now)
 

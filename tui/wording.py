@@ -131,6 +131,7 @@ def portrait(robot: RobotDescription) -> str:
         ("about", summary(robot.doc)),
         ("host", robot.host),
         ("state", condition(robot)),
+        ("stopped", robot.stop_reason),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),
         *((f"@{key}", text) for key, text in sorted(robot.attributes.items())),
     ]

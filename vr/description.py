@@ -89,7 +89,9 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     online: bool = True
     """False while a proxy has lost its controller: its readings are stale."""
     stopped: bool = False
-    """True from a protective stop until it is released."""
+    """True from a protective stop until it is released, whoever ordered it."""
+    stop_reason: str = ""
+    """Why it is stopped, for people; empty: it is not."""
     attributes: dict[str, str] = {}
     """Free key-value pairs to search by (panel, place, controller's URL …)."""
     calls: dict[str, int] = {}

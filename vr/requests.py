@@ -16,6 +16,10 @@ from robotree.vr.description import Listing, RobotDescription, Template
 from robotree.vr.errors import Garbled, VrError
 
 
+PATIENCE = 5.0
+"""[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
+
+
 class _Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag=True):
     """A value that travels under its class name."""
 
@@ -84,12 +88,16 @@ class SafeStop(_Message, frozen=True, kw_only=True):
     """Protective stop, from anyone, at once, down to the hardware. Answered by `Done`."""
 
     reason: str = ""
+    within: float = PATIENCE
+    """[s] for which the asker waits; whoever passes it on must have its answers before."""
 
 
 class Resume(_Message, frozen=True, kw_only=True):
     """Release a protective stop. Only whoever may command the robot. Answered by `Done`."""
 
     epoch: int | None = None
+    within: float = PATIENCE
+    """[s] for which the asker waits; see `SafeStop`."""
 
 
 class Enslave(_Message, frozen=True, kw_only=True):
@@ -289,6 +297,7 @@ class State(_Message, frozen=True, kw_only=True):
     bond: Address | None = None
     online: bool = True
     stopped: bool = False
+    stop_reason: str = ""
     readings: dict[str, float] = {}
     """What a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
 

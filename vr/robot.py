@@ -16,6 +16,9 @@ class Robot:
 
     online: bool = True
     """False while what stands behind this robot cannot be reached: its readings are stale."""
+    halted: str = ""
+    """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
+    not. While it lasts no command begins; `resume` releases it. Whoever sets it notifies the agent."""
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot.

@@ -52,6 +52,7 @@ class Controller:
         self.holes = 0
         """How many of the next pictures lose a packet on their way."""
         self.now = 0.0
+        self._began = 0.0
         self._heartbeats = HeartbeatSender()
         self._mode_told = LONG_AGO
         self._endpoint: Endpoint | None = None
@@ -88,8 +89,17 @@ class Controller:
         self._carry_out(self.goals.finish(self.begun[-1].id, state, self.now, reason, text))
 
     def restart(self) -> None:
-        """Forget everything, as a power cycle does."""
-        self.goals, self.mode = GoalServer(set(Verb), self._check), ModeKind.READY
+        """Forget everything, the time too, as a power cycle does."""
+        self.goals, self.mode, self._began = GoalServer(set(Verb), self._check), ModeKind.READY, self.now
+
+    def stop(self) -> None:
+        """Somebody on another link stops it."""
+        self._carry_out(self.goals.abandon_all(Reason.STOPPED, self.now))
+        self._enter(ModeKind.SAFE_STOP)
+
+    def release(self) -> None:
+        """Somebody on another link releases it."""
+        self._enter(ModeKind.READY)
 
     def _check(self, _: Goal) -> Refusal | None:
         return (Reason.STOPPED, "") if self.mode == ModeKind.SAFE_STOP else self.refusal
@@ -116,15 +126,20 @@ class Controller:
 
     def _set_mode(self, message: SetMode) -> None:
         if message.mode == ModeKind.SAFE_STOP:
-            self._carry_out(self.goals.abandon_all(Reason.STOPPED, self.now))
-            self.mode = ModeKind.SAFE_STOP
+            self.stop()
         elif self.goals.fence(message.epoch):
-            self.mode = ModeKind.READY
+            self.release()
+        else:
+            self._tell_mode()
+
+    def _enter(self, mode: ModeKind) -> None:
+        self.mode = mode
         self._tell_mode()
 
     def _tell_mode(self) -> None:
         self._mode_told = self.now
-        self.say(Mode(round(self.now * 1000), self.goals.epoch, 1000, self.mode, 0))
+        reason = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
+        self.say(Mode(round(1000 * (self.now - self._began)), self.goals.epoch, 1000, self.mode, reason))
 
     def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:

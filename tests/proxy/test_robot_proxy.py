@@ -32,6 +32,7 @@ from robotree.vr.host.memory import MemoryNetwork
 from robotree.vr.testing import until
 
 Controller = Any
+IN_STOP = "its controller is in safe stop: somebody asked for it"
 POINT = {"x": 0.3, "y": 0.1, "z": 0.4, "twist": 0.5}
 
 
@@ -235,12 +236,40 @@ async def test_a_safe_stop_reaches_the_controller_and_its_release_too(scene: Sce
     await until(lambda: scene.controller.mode == ModeKind.READY, "the controller is released")
 
 
-async def test_a_stop_that_a_former_proxy_asked_for_can_be_released_by_the_next(scene: Scene) -> None:
-    scene.controller.mode = ModeKind.SAFE_STOP
-    with pytest.raises(CommandFailed, match="a safe stop is in force"):
-        await scene.client.call("go_to", POINT)
-    await scene.client.resume()
-    await until(lambda: scene.controller.mode == ModeKind.READY, "the controller is released")
+async def test_a_stop_that_a_former_proxy_asked_for_is_told_and_can_be_released_by_the_next(
+    make_controller: type[Controller],
+) -> None:
+    controller = make_controller()
+    controller.mode = ModeKind.SAFE_STOP
+    async with acting(controller) as scene:
+        await until(lambda: scene.agent.description().stopped, "the stop is told")
+        assert scene.agent.description().stop_reason == IN_STOP
+        with pytest.raises(Stopped, match=rf"arm-1 is stopped \({IN_STOP}\); .* `robotree resume arm-1`"):
+            await scene.client.call("go_to", POINT)
+        assert await scene.client.call("get_info", {}), "it may be looked at"
+        await scene.client.resume()
+        assert not scene.agent.description().stopped
+        await until(lambda: controller.mode == ModeKind.READY, "the controller is released")
+        assert scene.goals == []
+
+
+async def test_a_stop_on_another_link_ends_what_runs_and_what_waits_until_it_is_released_there(
+    scene: Scene,
+) -> None:
+    running, waiting = scene.begin("go_to", POINT), scene.begin("grip", {"action": "open"})
+    await scene.moving()
+    scene.controller.stop()
+    for call in (running, waiting):
+        with pytest.raises((CommandCancelled, Stopped)):
+            await call
+    assert scene.agent.description().stop_reason == IN_STOP
+    scene.controller.release()
+    await until(lambda: not scene.agent.description().stopped, "the release is told")
+    call = scene.begin("hold", {})
+    await until(lambda: len(scene.controller.begun) == 2, "it obeys again")
+    assert [goal.verb for goal in scene.goals] == [Verb.GO_TO, Verb.HOLD], "what waited has not moved it"
+    scene.controller.finish(GoalState.SUCCEEDED)
+    await call
 
 
 async def test_a_command_that_a_restarted_proxy_gets_again_moves_once(

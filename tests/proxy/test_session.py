@@ -10,7 +10,7 @@ from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.messages import Goal, GoalState, Heartbeat, ModeKind, Reason, SetMode, Verb
 from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
-from robotree.proxy.session import DEAD
+from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged
 from robotree.proxy.translate import Request
 
 Talk = Any
@@ -214,6 +214,75 @@ def test_a_release_with_a_stale_epoch_is_given_up(talk: Talk) -> None:
     assert talk.controller.mode == ModeKind.SAFE_STOP
     asked = len([m for m in talk.controller.heard if isinstance(m, SetMode) and m.mode == ModeKind.READY])
     assert 10 <= asked <= 13
+
+
+def held(talk: Talk) -> list[bool]:
+    return [bool(event.reason) for event in talk.events if isinstance(event, HeldChanged)]
+
+
+def test_a_stop_of_somebody_else_is_told_with_its_reason_until_somebody_releases_it(talk: Talk) -> None:
+    talk.wait(1.0)
+    assert (talk.session.held, held(talk)) == ("", [])
+    talk.controller.stop()
+    talk.wait(0.1)
+    assert talk.session.held == "its controller is in safe stop: somebody asked for it"
+    assert not talk.session.stopped, "it is not ours to insist on"
+    talk.controller.release()
+    talk.wait(5.0)
+    assert (talk.session.held, held(talk)) == ("", [True, False])
+    assert talk.controller.mode == ModeKind.READY
+
+
+def test_a_stop_that_was_in_force_before_the_link_is_told_as_soon_as_the_robot_is_online(
+    make_talk: type[Talk],
+) -> None:
+    talk = make_talk()
+    talk.controller.mode = ModeKind.SAFE_STOP
+    talk.wait(0.1)
+    assert talk.session.online
+    assert talk.session.held
+
+
+def test_a_controller_that_cannot_move_is_held_too(talk: Talk) -> None:
+    talk.controller.mode = ModeKind.FAULT
+    talk.wait(0.1)
+    assert talk.session.held == "its controller cannot move: the controller gave no reason"
+
+
+def test_a_stop_of_somebody_else_outlives_a_restart_of_the_controller(talk: Talk) -> None:
+    talk.wait(5.0)
+    talk.controller.stop()
+    talk.wait(0.1)
+    talk.cut()
+    talk.controller.restart()
+    talk.wait(1.0)
+    talk.connect()
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    assert all(held(talk)), "it is never told to be free"
+    talk.perform(talk.session.release(6, talk.now))
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.READY
+
+
+def test_a_release_holds_nothing_up_while_it_is_on_the_way_and_is_taken_back_if_it_fails(talk: Talk) -> None:
+    talk.wait(0.1)
+    start(talk, epoch=9)
+    talk.wait(0.1)
+    talk.controller.stop()
+    talk.wait(0.1)
+    talk.perform(talk.session.release(8, talk.now))
+    assert talk.session.held == ""
+    talk.wait(RELEASE_WITHIN + 0.5)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    assert held(talk) == [True, False, True]
+
+
+def test_a_stop_is_told_before_it_is_confirmed(talk: Talk) -> None:
+    talk.wait(0.1)
+    talk.controller.mute = True
+    talk.perform(talk.session.stop(talk.now))
+    assert talk.session.held == "its controller has yet to confirm the stop"
 
 
 def test_what_is_heard_is_remembered_beyond_the_end_of_the_link(talk: Talk) -> None:

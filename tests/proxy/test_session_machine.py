@@ -13,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robotree.protocol.messages import GoalState, ModeKind, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
+from robotree.proxy.session import RELEASE_WITHIN
 from robotree.proxy.translate import Request
 
 DURATIONS = st.sampled_from([0.1, 1.0, 2.5, 4.0, 8.0])
@@ -96,6 +97,23 @@ class Conversation(RuleBasedStateMachine):
     @rule()
     def a_newer_lease(self) -> None:
         self.epoch += 1
+
+    @rule()
+    def somebody_else_stops(self) -> None:
+        self.talk.controller.stop()
+
+    @rule()
+    def somebody_else_releases(self) -> None:
+        self.talk.controller.release()
+        self.settled_at = self.talk.now
+
+    @precondition(lambda self: self.linked)
+    @rule()
+    def peace(self) -> None:
+        """Nothing happens until all that was wished for is done or given up; then what is told is true."""
+        self.wait(RELEASE_WITHIN + 1.0)
+        assert bool(self.talk.session.held) == (self.talk.controller.mode == ModeKind.SAFE_STOP)
+        assert self.talk.session.held or not self.stop_wanted
 
     @rule()
     def stop(self) -> None:

@@ -32,6 +32,8 @@ class Details(Still):
             "\n",
             mood_mark(self.app, store.mood(name, now), store.doing(name, now)),
         )
+        if (state := store.state(name)) and state.stop_reason:
+            text.append(f"\n{state.stop_reason}", tint(self.app, "error"))
         if robot.doc:
             text.append(f"\n\n{wording.summary(robot.doc)}")
         self._slots(text, store, name)

@@ -184,13 +184,18 @@ class RobotAgent:
                     await registration.close()
 
     def notify(self) -> None:
-        """Take note that the robot has changed: reachable or not, its attributes. From any thread."""
+        """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._changed)
+            self._loop.call_soon_threadsafe(self._robot_changed)
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
         return self._portrait.description()
+
+    def _robot_changed(self) -> None:
+        if self.robot.halted:
+            self._desk.jobs.cancel_all(self.robot.halted, but_readers=True)
+        self._changed()
 
     def _changed(self) -> None:
         if self._open and self._publishing is not None:
@@ -286,19 +291,19 @@ class RobotAgent:
         return Done()
 
     async def _safe_stop(self, request: SafeStop) -> Reply:
-        self._desk.stopped = request.reason or "protective stop"
-        self._desk.jobs.cancel_all(self._desk.stopped)
-        self._hooks.safe_stop(self._desk.stopped)
+        reason = self._desk.ordered = request.reason or "protective stop"
+        self._desk.jobs.cancel_all(reason)
+        self._hooks.safe_stop(reason)
         self._changed()
         if self._bonds is not None:
-            await self._bonds.safe_stop(self._desk.stopped)
+            await self._bonds.safe_stop(reason, within=request.within)
         return Done()
 
     async def _resume(self, request: Resume) -> Reply:
         self._lease.check(request.epoch)
         if self._bonds is not None:
-            await self._bonds.resume()
-        self._desk.stopped = ""
+            await self._bonds.resume(within=request.within)
+        self._desk.ordered = ""
         self._hooks.resume()
         self._changed()
         return Done()

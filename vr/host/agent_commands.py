@@ -57,9 +57,14 @@ class CommandDesk:
         self._exposed = exposures_of(type(robot))
         self.bonds: BondKeeper | None = None
         """The way to its children, if it is a virtual robot."""
-        self.stopped = ""
-        """Reason of the protective stop that holds it, or empty."""
+        self.ordered = ""
+        """Reason of the protective stop that was ordered here, or empty."""
         self.jobs = Jobs(robot.name, self._launch, on_change)
+
+    @property
+    def stopped(self) -> str:
+        """Why nothing may begin: a stop ordered here, or one that the robot tells of itself; or empty."""
+        return self.ordered or self._robot.halted
 
     def specs(self) -> tuple[CommandSpec, ...]:
         """Describe all commands as they are now."""

@@ -50,6 +50,7 @@ class Portrait:
             waiting=jobs.waiting,
             online=self._robot.online,
             stopped=bool(self._desk.stopped),
+            stop_reason=self._desk.stopped,
             calls=self._calls.counts,
             doc=self._doc(),
             **self._identity(),
@@ -68,6 +69,7 @@ class Portrait:
             bond=None if tenure is None else tenure.parent,
             online=self._robot.online,
             stopped=bool(self._desk.stopped),
+            stop_reason=self._desk.stopped,
             readings=readings,
         )
 

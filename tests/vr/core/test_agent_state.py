@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.errors import CommandCancelled, Stopped
 from robotree.vr.requests import State, decode_event
 
 
@@ -113,6 +114,40 @@ async def test_bond_epoch_and_stop_are_told(realm: Any, listener: Listener) -> N
     state = next(state for _, state in reversed(listener.take()) if state.readings)
     assert (state.bond, state.stopped) == (lever.address, True)
     assert state.epoch == arm.description().epoch
+
+
+async def test_a_robot_that_halts_by_itself_is_stopped_until_it_says_otherwise(
+    realm: Any, listener: Listener
+) -> None:
+    arm = await realm.start(Arm("arm-1"))
+    working, waiting = (asyncio.create_task(realm.client(arm).call("work", {})) for _ in range(2))
+    await realm.until(lambda: arm.description().waiting == 1)
+    arm.robot.halted = "its brakes are shut"
+    arm.notify()
+    for call in (working, waiting):
+        with pytest.raises(CommandCancelled, match="its brakes are shut"):
+            await call
+    with pytest.raises(Stopped, match=r"arm-1 is stopped \(its brakes are shut\)"):
+        await realm.client(arm).call("work", {})
+    await asyncio.sleep(0.2)
+    assert (listener.last.stopped, listener.last.stop_reason) == (True, "its brakes are shut")
+    assert arm.description().stop_reason == "its brakes are shut"
+    arm.robot.halted = ""
+    arm.notify()
+    await asyncio.sleep(0.2)
+    assert (listener.last.stopped, listener.last.stop_reason) == (False, "")
+    await realm.client(arm).call("work", {})
+
+
+async def test_a_stop_that_was_ordered_stays_when_the_robots_own_ends(realm: Any) -> None:
+    arm = await realm.start(Arm("arm-1"))
+    await realm.client(arm).safe_stop("somebody is in the cell")
+    arm.robot.halted = "its brakes are shut"
+    assert arm.description().stop_reason == "somebody is in the cell"
+    arm.robot.halted = ""
+    assert arm.description().stopped
+    await realm.client(arm).resume()
+    assert not arm.description().stopped
 
 
 async def test_attributes_and_their_changes_reach_the_lookup(realm: Any) -> None:

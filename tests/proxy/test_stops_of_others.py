@@ -1,0 +1,107 @@
+"""A stop that the proxy did not ask for, with real processes: the controller's word is shown and obeyed."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.protocol.frame import encode
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import ModeKind, SetMode
+from robotree.tui import exit_codes
+from robotree.tui.processes import Crew
+
+pytestmark = pytest.mark.e2e
+
+REALM = "stops"
+REASON = "its controller is in safe stop: somebody asked for it"
+
+
+async def robotree(*words: str) -> tuple[int, str, str]:
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    out, err = await asyncio.wait_for(process.communicate(), 60)
+    return process.returncode or 0, out.decode(), err.decode()
+
+
+async def shown(*, stopped: bool) -> dict[str, Any]:
+    """What `show` tells once it tells that."""
+    async with asyncio.timeout(30):
+        while True:
+            told = json.loads((await robotree("show", "rover-1", "--json"))[1])
+            if told.get("online", True) and told.get("stopped", False) is stopped:
+                return told
+
+
+class Stranger:
+    """Somebody on a link of their own, without a proxy."""
+
+    def received(self, data: bytes) -> None:
+        pass
+
+    def closed(self, reason: Exception) -> None:
+        pass
+
+    @classmethod
+    async def sets(cls, url: str, mode: ModeKind, epoch: int) -> None:
+        link: Link = await connect(url, lambda _: cls())
+        link.send(encode(SetMode(epoch, 0, 0, mode), sequence=0, system=254, component=190))
+        await asyncio.sleep(0.2)  # for the bytes to leave before the link is closed
+        link.close()
+
+
+@pytest.fixture
+async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+    """A lookup service and the controller of a rover."""
+    (tmp_path / "run").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    async with Crew(REALM, tmp_path) as crew:
+        await crew.start_all(("lookup", "lu-1"), ("sim", "rover", "--listen", "tcp:127.0.0.1:0"))
+        yield crew
+
+
+async def test_a_restarted_proxy_finds_its_robot_stopped_and_can_release_it(crew: Crew) -> None:
+    proxy = ("proxy", "rover", "rover-1", "--connect", crew.members[1].address)
+    first = await crew.start(*proxy)
+    await shown(stopped=False)
+    assert (await robotree("stop", "rover-1"))[0] == exit_codes.DONE
+    os.kill(first.pid, signal.SIGKILL)
+    await first.process.wait()
+    await crew.start(*proxy)
+    assert (await shown(stopped=True))["stop_reason"] == REASON
+    portrait = dict(
+        line.split(maxsplit=1) for line in (await robotree("show", "rover-1"))[1].splitlines()[:6]
+    )
+    assert (portrait["state"], portrait["stopped"]) == ("STOPPED", REASON)
+    assert "STOPPED" in (await robotree("tree"))[1]
+    code, _, said = await robotree("call", "rover-1.move", "x=0.1", "y=0")
+    assert code != exit_codes.DONE
+    assert f"rover-1 is stopped ({REASON}); when it is safe, go on with `robotree resume rover-1`" in said
+    assert (await robotree("resume", "rover-1"))[0] == exit_codes.DONE
+    assert (await robotree("call", "rover-1.move", "x=0.1", "y=0"))[0] == exit_codes.DONE
+    await shown(stopped=False)
+
+
+async def test_a_stop_over_a_link_of_somebody_else_is_shown_until_it_is_released_there(crew: Crew) -> None:
+    url = crew.members[1].address
+    await crew.start("proxy", "rover", "rover-1", "--connect", url)
+    await shown(stopped=False)
+    await Stranger.sets(url, ModeKind.SAFE_STOP, 0)
+    assert (await shown(stopped=True))["stop_reason"] == REASON
+    await Stranger.sets(url, ModeKind.READY, 1)
+    assert "stop_reason" not in await shown(stopped=False)
+    code, _, said = await robotree("call", "rover-1.move", "x=0.1", "y=0")
+    assert code == exit_codes.DONE, said
