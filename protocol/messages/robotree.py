@@ -52,6 +52,7 @@ class Reason(IntEnum):
     LINK_SILENT = 10
     OPERATOR = 11
     FAULT = 12
+    NOT_IN_CONTROL = 13
 
 
 class ModeKind(IntEnum):

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.messages import (
+    AnyMessage,
     CommandAck,
     CommandCancel,
     CommandInt,
     CommandLong,
     MavResult,
-    Message,
 )
 from robotree.protocol.services.peer import Peer, Send
 
@@ -59,7 +59,7 @@ class Answer(msgspec.Struct, frozen=True):
     result: MavResult
     detail: int = 0
     """`result_param2`, as the command defines it."""
-    messages: tuple[Message, ...] = ()
+    messages: tuple[AnyMessage, ...] = ()
     """What was asked for; sent to the asker after the answer."""
 
 

@@ -76,10 +76,17 @@ class GoalServer:
     Args:
         verbs: the verbs that this controller knows.
         check: why a goal cannot be begun now; None: it can.
+        guard: why a peer may not have a new goal begun; None: it may. Who may not raises no epoch, and
+            its key stays unused.
     """
 
-    def __init__(self, verbs: Collection[Verb], check: Callable[[Goal], Refusal | None]) -> None:
-        self._verbs, self._check = frozenset(verbs), check
+    def __init__(
+        self,
+        verbs: Collection[Verb],
+        check: Callable[[Goal], Refusal | None],
+        guard: Callable[[Peer], Refusal | None] | None = None,
+    ) -> None:
+        self._verbs, self._check, self._guard = frozenset(verbs), check, guard
         self._records: dict[GoalId, _Record] = {}
         self._forgotten: dict[GoalId, None] = {}
         self.epoch = 0
@@ -161,11 +168,8 @@ class GoalServer:
     def _new(self, goal: Goal, id_: GoalId, peer: Peer, now: float) -> list[Effect]:
         if id_ in self._forgotten:
             return self._answer(id_, peer)
-        if not goal.key:
-            return [self._refusal(id_, peer, Reason.BAD_ARGUMENT, "The key of a goal must not be 0.")]
-        if not self.fence(goal.epoch):
-            text = f"Epoch {goal.epoch} is over; {self.epoch} was already obeyed."
-            return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
+        if (denial := self._denial(goal, peer)) is not None:
+            return [self._refusal(id_, peer, *denial)]
         if not self._make_room():
             return [
                 self._refusal(id_, peer, Reason.FAULT, f"{CAPACITY} goals are unfinished; end one first.")
@@ -175,6 +179,16 @@ class GoalServer:
         if (refusal := self._objection(goal)) is not None:
             return self.finish(id_, GoalState.REFUSED, now, *refusal)
         return [self._changed(id_, record, now), Begin(id_, goal.verb, goal.args)]
+
+    def _denial(self, goal: Goal, peer: Peer) -> Refusal | None:
+        """Why nothing is even noted of a goal."""
+        if not goal.key:
+            return Reason.BAD_ARGUMENT, "The key of a goal must not be 0."
+        if self._guard is not None and (denial := self._guard(peer)) is not None:
+            return denial
+        if not self.fence(goal.epoch):
+            return Reason.STALE_EPOCH, f"Epoch {goal.epoch} is over; {self.epoch} was already obeyed."
+        return None
 
     def _objection(self, goal: Goal) -> Refusal | None:
         if goal.verb not in self._verbs:

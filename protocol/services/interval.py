@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robotree.protocol.messages import MavCmd, MavResult, Message, MessageInterval
+from robotree.protocol.messages import AnyMessage, MavCmd, MavResult, MessageInterval
 from robotree.protocol.services.command import Answer, Handler, Request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
 FASTEST = 0.002
 """[s]"""
@@ -37,20 +37,32 @@ class Intervals:
     Args:
         defaults: the interval of every message that can be sent regularly, [s]; None: not unless asked for.
         fastest: the shortest interval, [s].
+        fixed: the interval of messages that are sent by others and at no other rate, [s].
     """
 
-    def __init__(self, defaults: Mapping[int, float | None], fastest: float = FASTEST) -> None:
-        self._defaults, self._fastest = dict(defaults), fastest
+    def __init__(
+        self,
+        defaults: Mapping[int, float | None],
+        fastest: float = FASTEST,
+        fixed: Mapping[int, float] | None = None,
+    ) -> None:
+        self._defaults, self._fastest, self._fixed = dict(defaults), fastest, dict(fixed or {})
+        self._next = float("-inf")
         self._beats = {msgid: _Beat(interval, float("-inf")) for msgid, interval in defaults.items()}
 
     def due(self, now: float) -> list[int]:
         """The messages whose time has come, by id. A long sleep is not made up for."""
+        if now < self._next:
+            return []
         ready: list[int] = []
         for msgid, beat in self._beats.items():
             if beat.interval is not None and now >= beat.due:
                 late = now - beat.due
                 beat.due = now + beat.interval - (late if late < beat.interval else 0.0)
                 ready.append(msgid)
+        self._next = min(
+            (beat.due for beat in self._beats.values() if beat.interval is not None), default=float("inf")
+        )
         return ready
 
     def set(self, msgid: int, interval_us: float, now: float) -> bool:
@@ -63,10 +75,13 @@ class Intervals:
         else:
             beat.interval = max(interval_us / _MICRO, self._fastest) if interval_us > 0 else None
         beat.due = now + (beat.interval or 0.0)
+        self._next = float("-inf")
         return True
 
     def get(self, msgid: int) -> MessageInterval:
         """How often a message is sent, as GET_MESSAGE_INTERVAL asks."""
+        if (fixed := self._fixed.get(msgid)) is not None:
+            return MessageInterval(msgid & 0xFFFF, round(fixed * _MICRO))
         beat = self._beats.get(msgid)
         if beat is None:
             return MessageInterval(msgid & 0xFFFF, _DEFAULT)
@@ -75,13 +90,13 @@ class Intervals:
 
 
 def handlers(
-    intervals: Callable[[Hashable], Intervals], produce: Callable[[int, Request], Message | None]
+    intervals: Callable[[Hashable], Intervals], produce: Callable[[int, Request], Sequence[AnyMessage]]
 ) -> dict[int, Handler]:
     """The commands of this service, for `CommandServer(always=…)`.
 
     Args:
         intervals: the rates of a link.
-        produce: one message that is asked for, by id; None: there is none.
+        produce: what is asked for, by id; several where a message has instances, none where there is none.
     """
 
     def set_interval(request: Request, now: float) -> Answer:
@@ -94,10 +109,8 @@ def handlers(
         return Answer(MavResult.ACCEPTED if told.interval_us else MavResult.DENIED, messages=(told,))
 
     def request_message(request: Request, _: float) -> Answer:
-        message = produce(_msgid(request), request)
-        return (
-            Answer(MavResult.DENIED) if message is None else Answer(MavResult.ACCEPTED, messages=(message,))
-        )
+        messages = tuple(produce(_msgid(request), request))
+        return Answer(MavResult.ACCEPTED if messages else MavResult.DENIED, messages=messages)
 
     return {
         MavCmd.SET_MESSAGE_INTERVAL: set_interval,

@@ -148,10 +148,13 @@ class ParameterServer:
         self._parameters[name] = changed
         return [Changed(name, value), self._tell(name, peer)]
 
-    def _tell(self, name: str, peer: Peer) -> Send:
-        value = self._parameters[name].value
+    def told(self, name: str) -> ParamValue:
+        """A parameter as it is told; for the others, when one peer has changed it."""
         index = self._names.index(name)
-        return Send(ParamValue(name, value, MavParamType.REAL32, len(self._names), index), peer.via)
+        return ParamValue(name, self[name], MavParamType.REAL32, len(self._names), index)
+
+    def _tell(self, name: str, peer: Peer) -> Send:
+        return Send(self.told(name), peer.via)
 
 
 def _on_the_wire(value: float) -> float:

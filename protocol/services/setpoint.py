@@ -3,7 +3,9 @@
 A set-point lives for its time to live, counted in controller time from the moment at which it was made, so
 that one that was delayed in a queue is dropped instead of obeyed. Who does not know the controller's time
 sends 0, and it counts from arrival. An older epoch or a smaller number is dropped; what was dropped is
-counted.
+counted. One sender is followed at a time: another one has to wait until its stream has ended, or to bring a
+newer epoch. A stream that was ended (a stop, a goal) stays ended: its sender begins a new one with a newer
+epoch or after a pause, so that nothing moves again by itself when the stop is released.
 """
 
 from __future__ import annotations
@@ -16,10 +18,12 @@ import msgspec
 from robotree.protocol.messages import Setpoint, SetpointKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Hashable
 
 LONGEST_TTL = 2.0
 """[s] that a set-point lives at most, whatever it says."""
+PAUSE = LONGEST_TTL
+"""[s] without a set-point after which a sender's next one begins a new stream, numbered anew."""
 _HALF = 1 << 31
 
 
@@ -34,7 +38,19 @@ class SetpointStatistics(msgspec.Struct, frozen=True):
     overtaken: int
     """Older than one already obeyed."""
     refused: int
-    """Of an unknown kind, infinite, or without a time to live."""
+    """Of an unknown kind, infinite, without a time to live, or out of the robot's limits."""
+    ended: int
+    """Of a stream that is over, or beside the stream of another sender."""
+
+
+class _Stream(msgspec.Struct):
+    """The stream that was obeyed last."""
+
+    sender: Hashable
+    epoch: int
+    number: int
+    heard: float
+    ended: bool = False
 
 
 class SetpointReceiver:
@@ -49,8 +65,8 @@ class SetpointReceiver:
         self._kinds, self._fence = frozenset(kinds), fence
         self._current: Setpoint | None = None
         self._until = float("-inf")
-        self._newest: tuple[int, int] | None = None
-        self._obeyed = self._late = self._stale = self._overtaken = self._refused = 0
+        self._stream: _Stream | None = None
+        self._obeyed = self._late = self._stale = self._overtaken = self._refused = self._ended = 0
 
     @property
     def statistics(self) -> SetpointStatistics:
@@ -61,14 +77,16 @@ class SetpointReceiver:
             stale=self._stale,
             overtaken=self._overtaken,
             refused=self._refused,
+            ended=self._ended,
         )
 
-    def receive(self, setpoint: Setpoint, now: float) -> bool:
+    def receive(self, setpoint: Setpoint, now: float, sender: Hashable = None) -> bool:
         """Take a set-point that is addressed to this controller; whether it is obeyed.
 
         Args:
             setpoint: the set-point.
             now: controller time, [s].
+            sender: whose stream it belongs to.
         """
         if setpoint.kind not in self._kinds or any(map(isinf, setpoint.args)) or not setpoint.ttl_ms:
             self._refused += 1
@@ -81,13 +99,21 @@ class SetpointReceiver:
         if not self._fence(setpoint.epoch):
             self._stale += 1
             return False
-        if self._is_overtaken(setpoint):
+        stream = self._stream if self._continues(setpoint, sender, now) else None
+        if self._is_shut_out(setpoint, stream, now):
+            self._ended += 1
+            return False
+        if stream is not None and not 0 < (setpoint.number - stream.number) & 0xFFFFFFFF < _HALF:
             self._overtaken += 1
             return False
-        self._newest = setpoint.epoch, setpoint.number
+        self._stream = _Stream(sender, setpoint.epoch, setpoint.number, heard=now)
         self._current, self._until = setpoint, min(made, now) + ttl
         self._obeyed += 1
         return True
+
+    def refuse(self) -> None:
+        """Count a set-point that the robot's limits or its rules do not allow."""
+        self._refused += 1
 
     def active(self, now: float) -> Setpoint | None:
         """The set-point to follow now; None: there is none (any more)."""
@@ -96,11 +122,21 @@ class SetpointReceiver:
         return self._current
 
     def drop(self) -> None:
-        """Follow none any more, because of a stop or a goal."""
+        """Follow none any more, because of a stop or a goal; the stream is over."""
         self._current = None
+        if self._stream is not None:
+            self._stream.ended = True
 
-    def _is_overtaken(self, setpoint: Setpoint) -> bool:
-        if self._newest is None or self._newest[0] != setpoint.epoch:
+    def _continues(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
+        """Whether a set-point belongs to the stream that was obeyed last."""
+        stream = self._stream
+        if stream is None or (stream.sender, stream.epoch) != (sender, setpoint.epoch):
             return False
-        ahead = (setpoint.number - self._newest[1]) & 0xFFFFFFFF
-        return not 0 < ahead < _HALF
+        pause, stream.heard = now - stream.heard, now
+        return pause < PAUSE
+
+    def _is_shut_out(self, setpoint: Setpoint, stream: _Stream | None, now: float) -> bool:
+        if stream is not None:
+            return stream.ended
+        held = self._stream is not None and self.active(now) is not None
+        return held and self._stream is not None and setpoint.epoch <= self._stream.epoch

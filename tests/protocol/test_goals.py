@@ -331,3 +331,17 @@ def test_what_is_not_ours_or_makes_no_sense_is_passed_over(client: GoalClient) -
     assert client.pursued == [7]
     client.forget(7)
     assert client.tick(100.0) == []
+
+
+def test_who_may_not_command_is_refused_raises_no_epoch_and_may_ask_again() -> None:
+    allowed: set[int] = set()
+    denial = (Reason.NOT_IN_CONTROL, "System 9 is in control.")
+    server = GoalServer([Verb.HOLD], lambda _: None, lambda peer: None if peer.system in allowed else denial)
+    asked = Goal(1, 5, 0, (0.0,) * 7, Verb.HOLD, 1, 1)
+    (refused,) = server.receive(asked, Peer("link", 255, 190), 0.0)
+    assert isinstance(refused, Send)
+    assert isinstance(refused.message, GoalStatus)
+    assert (refused.message.state, refused.message.reason) == (GoalState.REFUSED, Reason.NOT_IN_CONTROL)
+    assert server.epoch == 0
+    allowed.add(255)
+    assert any(isinstance(each, Begin) for each in server.receive(asked, Peer("link", 255, 190), 0.0))

@@ -78,7 +78,7 @@ def test_the_commands_speak_of_the_link_that_asks() -> None:
     links = {name: Intervals({JOINTS: 0.1}) for name in ("link 1", "link 2")}
     server = CommandServer(
         {},
-        handlers(lambda via: links[str(via)], lambda msgid, _: Timesync(1, 2) if msgid == 111 else None),
+        handlers(lambda via: links[str(via)], lambda msgid, _: [Timesync(1, 2)] * (msgid == 111)),
     )
 
     def ask(command: int, *params: float) -> list[Message]:
@@ -100,3 +100,12 @@ def test_the_commands_speak_of_the_link_that_asks() -> None:
     assert ask(MavCmd.REQUEST_MESSAGE, 111)[1:] == [Timesync(1, 2)]
     assert result(ask(MavCmd.REQUEST_MESSAGE, 7)) == MavResult.DENIED
     assert result(ask(MavCmd.REQUEST_MESSAGE)) == MavResult.DENIED
+
+
+def test_what_is_sent_at_one_rate_only_is_told_and_never_changed() -> None:
+    rates = Intervals({JOINTS: 0.1}, fixed={MODE: 0.5})
+    assert rates.get(MODE) == MessageInterval(MODE, 500_000)
+    assert not rates.set(MODE, 20_000, 0.0)
+    assert rates.due(0.0) == [JOINTS]
+    assert rates.due(0.05) == []
+    assert rates.due(0.1) == [JOINTS]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotree.protocol import Frame
 from robotree.protocol.messages import Setpoint, SetpointKind
 from robotree.protocol.services.goal_server import GoalServer
-from robotree.protocol.services.setpoint import LONGEST_TTL, SetpointReceiver
+from robotree.protocol.services.setpoint import LONGEST_TTL, PAUSE, SetpointReceiver
 
 POSE = (0.5, 0.0, 0.3, 0.0, math.nan, math.nan, math.nan)
 
@@ -112,6 +112,28 @@ def test_a_stop_ends_the_stream(receiver: SetpointReceiver) -> None:
     receiver.drop()
     assert receiver.active(0.0) is None
     assert receiver.statistics.obeyed == 1
+
+
+def test_a_stream_that_was_ended_stays_ended_until_its_sender_pauses(receiver: SetpointReceiver) -> None:
+    receiver.receive(_setpoint(1), 0.0, "pilot")
+    receiver.drop()
+    for i in range(2, 100):
+        assert not receiver.receive(_setpoint(i), i * 0.1, "pilot")
+    assert receiver.statistics.ended == 98
+    assert receiver.receive(_setpoint(1), 9.9 + PAUSE, "pilot"), "after a pause it is a new stream"
+
+
+def test_a_newer_epoch_begins_a_new_stream_at_once(receiver: SetpointReceiver) -> None:
+    receiver.receive(_setpoint(1), 0.0, "pilot")
+    receiver.drop()
+    assert receiver.receive(_setpoint(2, epoch=2), 0.1, "pilot")
+
+
+def test_two_senders_of_one_epoch_are_not_mixed(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(500, ttl=0.2), 0.0, "first")
+    assert not receiver.receive(_setpoint(1), 0.1, "second")
+    assert receiver.statistics.ended == 1
+    assert receiver.receive(_setpoint(2), 0.3, "second"), "the first one has dried up"
 
 
 def test_a_set_point_fits_one_can_fd_frame() -> None:
