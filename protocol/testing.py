@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import random
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from robotree.protocol.dialect.table import Definition, Field, definitions
-from robotree.protocol.errors import LinkClosed, LinkError
+from robotree.protocol.errors import LinkClosed, LinkError, LinkRefused
 from robotree.protocol.frame import encode
 from robotree.protocol.messages.base import codec_of, fields_of
 from robotree.protocol.parser import Parser
@@ -22,6 +23,8 @@ MakePair = Callable[["Accept", "Accept"], Awaitable[tuple["Link", "Link"]]]
 """Opens a link between two handlers."""
 Settle = Callable[[], Awaitable[None]]
 """Returns when everything under way has arrived."""
+Dial = Callable[["Accept"], Awaitable[object]]
+"""Opens a link, or listens, where that is impossible."""
 Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
 """Another encoder: definition, values by field, sequence, system, component."""
 
@@ -48,13 +51,16 @@ class Recorder:
         self.reasons.append(reason)
 
 
-async def check_link(make_pair: MakePair, settle: Settle, *, tells_the_end: bool = True) -> None:
-    """Examine a link without accidents.
+async def check_link(
+    make_pair: MakePair, settle: Settle, *, congests: bool = True, tells_the_end: bool = True
+) -> None:
+    """Examine a link without accidents, both ends of which live on this event loop.
 
     Args:
         make_pair: opens one.
         settle: waits until everything has arrived.
-        tells_the_end: whether one end hears that the other has closed (a datagram link cannot know).
+        congests: whether one end notices that the other does not read (a datagram link cannot).
+        tells_the_end: whether one end hears that the other has closed (nor this).
 
     Raises:
         AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
@@ -69,15 +75,50 @@ async def check_link(make_pair: MakePair, settle: Settle, *, tells_the_end: bool
     await settle()
     told = {id(each.link): each for each in recorders}
     assert len(told) == 2, "each end is accepted once"  # noqa: S101
+    assert near.address, "a link has a name for people"  # noqa: S101
     at_near, at_far = told[id(near)], told[id(far)]
     await _check_bytes(near, at_far, settle)
     await _check_bytes(far, at_near, settle)
+    if congests:
+        await _check_congestion(near, at_far, settle)
+        await _check_congestion(far, at_near, settle)
     await _check_end(near, at_near, settle)
     far_heard = [type(each) for each in at_far.reasons]
     assert far_heard == ([LinkClosed] if tells_the_end else []), "the far end hears of it"  # noqa: S101
     far.close()
     await settle()
     assert len(at_far.reasons) == 1, "the end is told exactly once"  # noqa: S101
+
+
+async def check_refused(dial: Dial) -> LinkRefused:
+    """Examine what is said of a link that cannot be had.
+
+    Args:
+        dial: asks for it.
+
+    Returns:
+        What was said.
+
+    Raises:
+        AssertionError: it was not refused in one sentence that names it, or somebody was told of a link.
+    """
+    met: list[Link] = []
+
+    def accept(link: Link) -> Recorder:
+        met.append(link)
+        return Recorder(link)
+
+    refusal: LinkRefused | None = None
+    try:
+        await dial(accept)
+    except LinkRefused as refused:
+        refusal = refused
+    assert refusal is not None, "what cannot be had is refused"  # noqa: S101
+    assert not met, "nobody is told of a link that never was"  # noqa: S101
+    assert refusal.cause, "the reason is told"  # noqa: S101
+    assert str(refusal).startswith(f"{refusal.address} cannot be opened: "), "and the place"  # noqa: S101
+    assert "\n" not in str(refusal), "in one sentence"  # noqa: S101
+    return refusal
 
 
 async def _check_bytes(sender: Link, receiver: Recorder, settle: Settle) -> None:
@@ -92,6 +133,50 @@ async def _check_bytes(sender: Link, receiver: Recorder, settle: Settle) -> None
     assert sender.statistics.sent - sent == len(receiver.data), "what was sent is counted"  # noqa: S101
     assert receiver.link.statistics.received - received == len(receiver.data), "and what arrived"  # noqa: S101
     assert not sender.congested, "an idle link is not congested"  # noqa: S101
+
+
+MOST_ROUNDS = 100_000
+"""Rounds of telemetry after which a link that notices nothing has failed its examination."""
+RECOVERY = 10.0
+"""[s] that a link may take to deliver what waited."""
+
+
+async def _check_congestion(sender: Link, receiver: Recorder, settle: Settle) -> None:
+    """Nobody reads for a while: telemetry is superseded, all else waits in order, frames stay whole."""
+    receiver.data = b""
+    before = sender.statistics
+    rounds = 0
+    # The event loop does not turn in here, so the far end does not read.
+    while sender.statistics.superseded - before.superseded < 10:
+        assert rounds < MOST_ROUNDS, "telemetry that waits is superseded"  # noqa: S101
+        sender.send(_numbered(b"T", rounds), "telemetry")
+        if rounds % 50 == 0:
+            sender.send(_numbered(b"A", rounds))
+        rounds += 1
+    assert sender.congested, "a link whose far end does not read is congested"  # noqa: S101
+    assert sender.statistics.waiting, "what waits is counted"  # noqa: S101
+    sender.send(_numbered(b"A", rounds))
+    async with asyncio.timeout(RECOVERY):
+        while sender.statistics.waiting or len(receiver.data) < sender.statistics.sent - before.sent:
+            await settle()
+    await settle()
+    frames = [receiver.data[i : i + _NUMBERED] for i in range(0, len(receiver.data), _NUMBERED)]
+    heard = {kind: [int(one[1:]) for one in frames if one[:1] == kind] for kind in (b"T", b"A")}
+    assert sum(map(len, heard.values())) == len(frames), "frames arrive whole"  # noqa: S101
+    assert heard[b"A"] == [*range(0, rounds, 50), rounds], "what must arrive arrives, in order"  # noqa: S101
+    assert heard[b"T"] == sorted(set(heard[b"T"])), "telemetry never goes back"  # noqa: S101
+    assert heard[b"T"][-1] == rounds - 1, "and its newest frame arrives"  # noqa: S101
+    superseded = sender.statistics.superseded - before.superseded
+    assert len(heard[b"T"]) + superseded == rounds, "what was superseded is counted"  # noqa: S101
+    assert not sender.congested, "and the link recovers"  # noqa: S101
+
+
+_NUMBERED = 250
+
+
+def _numbered(kind: bytes, number: int) -> bytes:
+    """A frame that tells what it is, of the size of a picture's piece."""
+    return kind + b"%0*d" % (_NUMBERED - 1, number)
 
 
 async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:

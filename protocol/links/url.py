@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 SCHEMES = {
     "can": "robotree.protocol.links.can",
+    "serial": "robotree.protocol.links.serial",
     "tcp": "robotree.protocol.links.tcp",
     "udp": "robotree.protocol.links.udp",
 }

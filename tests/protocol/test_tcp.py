@@ -13,13 +13,13 @@ from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOver
 from robotree.protocol.links import tcp
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import GoalStatus, Gripper, Joints
-from robotree.protocol.testing import Recorder, check_link
+from robotree.protocol.testing import Recorder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from robotree.protocol.frame import Frame
-    from robotree.protocol.links.link import Accept, Link
+    from robotree.protocol.links.link import Link
 
 
 async def until(condition: Callable[[], object]) -> None:
@@ -31,21 +31,6 @@ async def until(condition: Callable[[], object]) -> None:
 
 async def settle() -> None:
     await asyncio.sleep(0.005)
-
-
-async def test_tcp_keeps_the_contract_of_links() -> None:
-    listeners = []
-
-    async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
-        listener = await listen("tcp:0", far)
-        listeners.append(listener)
-        link = await connect(listener.address, near)
-        await until(lambda: listener.links)
-        return link, next(iter(listener.links))
-
-    await check_link(make_pair, settle)
-    for listener in listeners:
-        await listener.close()
 
 
 class Silent:

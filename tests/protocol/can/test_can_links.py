@@ -23,7 +23,7 @@ from robotree.protocol.links.link import Accept, Link
 from robotree.protocol.links.url import connect as connect_url
 from robotree.protocol.links.url import listen as listen_url
 from robotree.protocol.messages import Statustext, Timesync
-from robotree.protocol.testing import Recorder, check_link
+from robotree.protocol.testing import Recorder
 
 SOON = 5.0
 PING = Timesync(tc1=0, ts1=1)
@@ -76,22 +76,6 @@ def address(request: pytest.FixtureRequest, channel: str) -> CanAddress:
 @pytest.fixture
 def here(channel: str) -> CanAddress:
     return CanAddress(interface="robotree", channel=channel)
-
-
-async def test_the_link_keeps_the_contract(address: CanAddress) -> None:
-    async with AsyncExitStack() as stack:
-
-        async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
-            listener = await stack.enter_async_context(listening(address, far))
-            link = await stack.enter_async_context(connected(address, near))
-            await until(lambda: len(listener.links) == 1)
-            (other,) = listener.links
-            return link, other
-
-        async def settle() -> None:
-            await asyncio.sleep(0.06)
-
-        await check_link(make_pair, settle)
 
 
 async def test_a_burst_of_long_frames_arrives_whole_and_in_order(address: CanAddress) -> None:

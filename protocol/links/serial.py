@@ -1,0 +1,297 @@
+"""MAVLink over a serial line: `serial:/dev/ttyUSB0?baud=57600`, 8 data bits, no parity, one stop bit.
+
+A line knows no beginning and no end: there is a link while the port is there, whoever is at the far end. Who
+listens and who connects do the same, but a listener opens the port again when the adapter was unplugged and
+is back.
+
+A line is slow and its driver keeps much, so frames are handed to the driver only while it has little: what
+waits, waits here, where newer telemetry supersedes it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+from typing import TYPE_CHECKING
+
+from robotree.protocol.errors import (
+    BadUrl,
+    LinkBroken,
+    LinkClosed,
+    LinkError,
+    LinkOverrun,
+    LinkRefused,
+)
+from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.links.serial_port import BAUD, BAUDS, Setting, ended, open_port
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from serial import Serial
+
+    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.url import Url
+
+FRESH = 0.05
+"""[s] of transmission that the driver may keep; telemetry grows so old at most before it leaves."""
+SMALLEST_RESERVE = 280
+"""[bytes] that the driver may keep however slow the line is: one frame."""
+HARD_BOUND = 1024 * 1024
+"""[bytes] in the outbox; a line that takes nothing while so much waits is given up."""
+LOOK = 0.01
+"""[s] between two looks whether the driver has sent what it keeps."""
+AGAIN = 1.0
+"""[s] between two attempts of a listener to open a port that is gone."""
+_PIECE = 4096
+_BITS_PER_BYTE = 10
+"""A start bit, 8 data bits, a stop bit."""
+
+
+class SerialLink:
+    """One open port. Made by `connect` and `listen`.
+
+    Args:
+        port: open, and ours alone.
+        setting: what it was opened as.
+        accept: hears of the link.
+        on_end: told when the link has ended, before its handler.
+    """
+
+    def __init__(
+        self,
+        port: Serial,
+        setting: Setting,
+        accept: Accept,
+        on_end: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.address = str(setting)
+        self._port, self._descriptor, self._on_end = port, port.fileno(), on_end
+        self._reserve = max(SMALLEST_RESERVE, round(FRESH * setting.baud / _BITS_PER_BYTE))
+        self._loop = asyncio.get_running_loop()
+        self._outbox = Outbox()
+        self._rest = b""
+        """The end of a frame whose beginning the driver has."""
+        self._full = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._over = False
+        self._sent = self._received = self._dropped = 0
+        try:
+            self._handler: Handler = accept(self)
+        except BaseException:
+            port.close()
+            raise
+        self._loop.add_reader(self._descriptor, self._readable)
+
+    @property
+    def congested(self) -> bool:
+        """Whether frames wait for the line."""
+        return bool(self._rest) or self._outbox.waiting > 0 or not self._has_room()
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The gauges now."""
+        return LinkStatistics(
+            sent=self._sent,
+            received=self._received,
+            waiting=self._outbox.waiting + len(self._rest),
+            superseded=self._outbox.superseded,
+            dropped=self._dropped,
+        )
+
+    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+        """Send one whole frame, or queue it."""
+        if self._over:
+            self._dropped += 1
+            return
+        self._outbox.put(frame, topic)
+        self._pump()
+        if self._outbox.waiting > HARD_BOUND:
+            self._end(LinkOverrun(self.address, self._outbox.waiting))
+
+    def close(self) -> None:
+        """End the link; the far end is not told."""
+        self._end(LinkClosed(self.address, by_us=True))
+
+    # -- out ---------------------------------------------------------------------------------------
+
+    def _has_room(self) -> bool:
+        """Whether the driver has so little that a frame would leave soon."""
+        if self._over or self._full:
+            return False
+        try:
+            return self._port.out_waiting <= self._reserve
+        except OSError:  # the reader will be told why
+            return False
+
+    def _pump(self) -> None:
+        """Hand over what waits, as far as it leaves soon."""
+        while not self._over and not self._full:
+            if not self._rest:
+                if not self._outbox.waiting:
+                    return
+                if not self._has_room():
+                    self._look_again()
+                    return
+                frame = self._outbox.pop() or b""
+                self._sent += len(frame)
+                self._rest = frame
+            self._write()
+
+    def _write(self) -> None:
+        # Not through Serial.write, which spins while a port that shall not block has no room.
+        try:
+            count = os.write(self._descriptor, self._rest)
+        except BlockingIOError:
+            self._full = True
+            self._loop.add_writer(self._descriptor, self._writable)
+        except OSError as error:
+            self._end(LinkBroken(self.address, ended(error)))
+        else:
+            self._rest = self._rest[count:]
+
+    def _writable(self) -> None:
+        self._full = False
+        self._loop.remove_writer(self._descriptor)
+        self._pump()
+
+    def _look_again(self) -> None:
+        """No descriptor tells that a driver has sent what it keeps."""
+        if self._timer is None:
+            self._timer = self._loop.call_later(LOOK, self._looked)
+
+    def _looked(self) -> None:
+        self._timer = None
+        self._pump()
+
+    # -- in ----------------------------------------------------------------------------------------
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._descriptor, _PIECE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._end(LinkBroken(self.address, ended(error)))
+            return
+        if data:
+            self._received += len(data)
+            self._handler.received(data)
+        else:  # what a port says, again and again, whose adapter is gone
+            self._end(LinkBroken(self.address, "it was unplugged"))
+
+    # -- the end -----------------------------------------------------------------------------------
+
+    def _end(self, reason: LinkError) -> None:
+        if self._over:
+            return
+        self._over = True
+        self._loop.remove_reader(self._descriptor)
+        self._loop.remove_writer(self._descriptor)
+        if self._timer is not None:
+            self._timer.cancel()
+        with contextlib.suppress(OSError):  # the port may be gone already
+            self._port.close()
+        self._on_end()
+        self._handler.closed(reason)
+
+
+class SerialListener:
+    """Has a link while its port is there. Made by `listen`."""
+
+    def __init__(self, setting: Setting, accept: Accept) -> None:
+        self.address = str(setting)
+        """Of our end of the cable; who connects names the other end."""
+        self._setting, self._accept = setting, accept
+        self._link: SerialLink | None = None
+        self._again: asyncio.Task[None] | None = None
+        self._closing = False
+
+    @property
+    def links(self) -> frozenset[Link]:
+        """The link, while there is one."""
+        return frozenset() if self._link is None else frozenset({self._link})
+
+    async def open(self) -> None:
+        """Open the port.
+
+        Raises:
+            LinkRefused: it cannot be had.
+            BadUrl: it has no such speed.
+        """
+        port = await open_port(self._setting)
+        if self._closing:
+            port.close()
+            return
+        self._link = SerialLink(port, self._setting, self._accept, self._ended)
+
+    async def close(self) -> None:
+        """Leave the port and end its link."""
+        self._closing = True
+        if self._again is not None:
+            self._again.cancel()
+            await asyncio.gather(self._again, return_exceptions=True)
+        if self._link is not None:
+            self._link.close()
+
+    def _ended(self) -> None:
+        self._link = None
+        if not self._closing:
+            self._again = asyncio.get_running_loop().create_task(self._open_again())
+
+    async def _open_again(self) -> None:
+        while True:
+            await asyncio.sleep(AGAIN)
+            with contextlib.suppress(LinkRefused):
+                return await self.open()
+
+
+async def connect(setting: Setting, accept: Accept) -> Link:
+    """Open the port.
+
+    Raises:
+        LinkRefused: it cannot be had.
+        BadUrl: it has no such speed.
+    """
+    return SerialLink(await open_port(setting), setting, accept)
+
+
+async def listen(setting: Setting, accept: Accept) -> Listener:
+    """Have a link whenever the port is there, beginning now.
+
+    Raises:
+        LinkRefused: it cannot be had now.
+        BadUrl: it has no such speed.
+    """
+    listener = SerialListener(setting, accept)
+    await listener.open()
+    return listener
+
+
+def read(url: Url) -> Setting:
+    """Take an address apart.
+
+    Raises:
+        BadUrl: it means nothing.
+    """
+    options = url.only("baud", "rtscts")
+    if not url.where:
+        raise BadUrl(url.text, "write serial:DEVICE, as in serial:/dev/ttyUSB0?baud=57600")
+    baud, rtscts = options.get("baud", str(BAUD)), options.get("rtscts", "0")
+    if not (baud.isascii() and baud.isdigit() and int(baud) in BAUDS):
+        raise BadUrl(url.text, f"baud={baud} is no speed from {BAUDS.start} to {BAUDS.stop - 1}")
+    if rtscts not in {"0", "1"}:
+        raise BadUrl(url.text, f"rtscts={rtscts} is neither 0 nor 1")
+    return Setting(url.where, int(baud), rtscts == "1")
+
+
+async def connect_url(url: Url, accept: Accept) -> Link:
+    """`serial:DEVICE?baud=…`."""
+    return await connect(read(url), accept)
+
+
+async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:  # noqa: ARG001  a cable leads to one
+    """`serial:DEVICE?baud=…`."""
+    return await listen(read(url), accept)

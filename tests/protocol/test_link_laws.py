@@ -1,0 +1,117 @@
+"""The laws of links, the same for every scheme there is."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from robotree.protocol.links.loopback import Loopback
+from robotree.protocol.links.url import SCHEMES, connect, listen
+from robotree.protocol.testing import check_link, check_refused
+
+if TYPE_CHECKING:
+    from robotree.protocol.links.link import Accept, Link, Listener
+
+_CHANNELS = count()
+PATIENCE = 10.0
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Let the loop turn until something is the case."""
+    async with asyncio.timeout(PATIENCE):
+        while not condition():  # noqa: ASYNC110  sockets and ports have no event for this
+            await asyncio.sleep(0.001)
+
+
+@asynccontextmanager
+async def sockets(url: str) -> AsyncGenerator[Callable[[Accept, Accept], Awaitable[tuple[Link, Link]]]]:
+    """A way to make pairs over whatever can be listened on."""
+    async with AsyncExitStack() as stack:
+
+        async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
+            listener: Listener = await listen(url, far)
+            stack.push_async_callback(listener.close)
+            link = await connect(listener.address, near)
+            stack.callback(link.close)
+            if url.startswith("udp"):
+                link.send(b"a word, for nobody is known before")
+            await until(lambda: listener.links)
+            return link, next(iter(listener.links))
+
+        yield make_pair
+
+
+BUSES = ("robotree/?fd=1", "robotree/?fd=0", "virtual/?fd=1", "virtual/?fd=0")
+
+
+def bus(kind: str) -> str:
+    """A bus that nobody else uses."""
+    return f"can:{kind.replace('?', f'laws-{os.getpid()}-{next(_CHANNELS)}?')}"
+
+
+async def test_tcp_keeps_the_laws() -> None:
+    async with sockets("tcp:0") as make_pair:
+        await check_link(make_pair, lambda: asyncio.sleep(0.005))
+
+
+async def test_udp_keeps_the_laws_that_datagrams_can_keep() -> None:
+    async with sockets("udp:0") as make_pair:
+        await check_link(make_pair, lambda: asyncio.sleep(0.005), congests=False, tells_the_end=False)
+
+
+@pytest.mark.parametrize("kind", BUSES)
+async def test_can_keeps_the_laws_classic_and_fd_watched_and_in_threads(kind: str) -> None:
+    async with sockets(bus(kind)) as make_pair:
+        await check_link(make_pair, lambda: asyncio.sleep(0.06))
+    await asyncio.sleep(0.05)  # the bus is left in a thread
+
+
+async def test_a_serial_line_keeps_the_laws_that_a_line_can_keep(make_cable: Callable[[], Any]) -> None:
+    cable = make_cable()
+
+    async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
+        listener = await listen(cable.url(1), far)
+        link = await connect(cable.url(0), near)
+        return link, next(iter(listener.links))
+
+    await check_link(make_pair, lambda: asyncio.sleep(0.02), tells_the_end=False)
+
+
+async def test_loopback_keeps_the_laws() -> None:
+    networks: list[Loopback] = []
+
+    async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
+        networks.append(Loopback(near, far))
+        return networks[0].near, networks[0].far
+
+    async def settle() -> None:
+        networks[0].advance()
+
+    await check_link(make_pair, settle, congests=False)
+
+
+NOBODY = {
+    "can": "can:robotree/laws-of-nobody",
+    "serial": "serial:/dev/there-is-none",
+    "tcp": "tcp:127.0.0.1:1",
+}
+
+
+@pytest.mark.parametrize("scheme", sorted(set(SCHEMES) - {"udp"}))
+async def test_a_link_that_cannot_be_had_is_refused_in_one_sentence(scheme: str) -> None:
+    await check_refused(lambda accept: connect(NOBODY[scheme], accept))
+
+
+@pytest.mark.parametrize("url", ["tcp:0", "udp:0", "can:robotree/"])
+async def test_a_place_that_is_taken_is_refused_in_one_sentence(url: str) -> None:
+    url = bus("robotree/?fd=1") if url.startswith("can") else url
+    async with AsyncExitStack() as stack:
+        first = await listen(url, lambda _: pytest.fail("nobody comes"))
+        stack.push_async_callback(first.close)
+        await check_refused(lambda accept: listen(first.address, accept))

@@ -1,0 +1,222 @@
+"""A serial line: as slow as it is told to be, ours alone, and gone when it is unplugged."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import termios
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from serial import Serial
+
+from robotree.protocol import Endpoint, Frame, Parser
+from robotree.protocol.errors import BadUrl, LinkBroken, LinkRefused
+from robotree.protocol.links import serial, serial_port
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect, listen, parse
+from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
+from robotree.protocol.testing import Recorder, check_refused
+
+MakeCable = Callable[[], Any]
+BEAT = Heartbeat(6, 8, 0, 0, 4)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Let the loop turn until something is the case."""
+    async with asyncio.timeout(10):
+        while not condition():  # noqa: ASYNC110  ports have no event for this
+            await asyncio.sleep(0.001)
+
+
+class Ends:
+    """Remembers who was told of a link."""
+
+    def __init__(self) -> None:
+        self.met: list[Recorder] = []
+
+    def __call__(self, link: Link) -> Recorder:
+        self.met.append(Recorder(link))
+        return self.met[-1]
+
+
+async def test_messages_cross_the_line_both_ways(make_cable: MakeCable) -> None:
+    cable = make_cable()
+    heard: list[Frame] = []
+    speakers: list[Endpoint] = []
+
+    def accept(link: Link) -> Endpoint:
+        speakers.append(Endpoint(link, system=1 + len(speakers), component=1, on_frame=heard.append))
+        return speakers[-1]
+
+    listener = await listen(cable.url(1), accept)
+    link = await connect(cable.url(0), accept)
+    for speaker in speakers:
+        speaker.send(BEAT)
+    await until(lambda: len(heard) == 2)
+    assert sorted(frame.system for frame in heard) == [1, 2]
+    assert {frame.message for frame in heard} == {BEAT}
+    link.close()
+    await listener.close()
+
+
+async def test_an_adapter_that_is_unplugged_ends_the_link_and_says_so(make_cable: MakeCable) -> None:
+    cable, ends = make_cable(), Ends()
+    await connect(cable.url(0), ends)
+    cable.pull()
+    await until(lambda: ends.met[0].reasons)
+    (reason,) = ends.met[0].reasons
+    assert isinstance(reason, LinkBroken)
+    assert str(reason) == f"{cable.url(0)} broke: it was unplugged"
+
+
+async def test_a_frame_for_an_adapter_that_is_gone_breaks_the_link(make_cable: MakeCable) -> None:
+    cable, ends = make_cable(), Ends()
+    link = await connect(cable.url(0), ends)
+    cable.pull()
+    link.send(b"nobody")  # before the loop can tell that the port is gone
+    await until(lambda: ends.met[0].reasons)
+    assert [type(reason) for reason in ends.met[0].reasons] == [LinkBroken]
+    link.send(b"too late")
+    assert link.statistics.dropped == 1
+
+
+async def test_a_listener_has_a_link_again_when_the_adapter_is_back(
+    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial, "AGAIN", 0.01)
+    cable, ends = make_cable(), Ends()
+    listener = await listen(cable.url(1), ends)
+    cable.pull()
+    await until(lambda: not listener.links)
+    cable = make_cable()
+    await until(lambda: listener.links)
+    link = await connect(cable.url(0), Ends())
+    link.send(b"back")
+    await until(lambda: ends.met[1].data == b"back")
+    assert len(ends.met) == 2
+    link.close()
+    await listener.close()
+    assert not listener.links
+
+
+async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
+    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial, "AGAIN", 0.01)
+    cable, ends = make_cable(), Ends()
+    listener = await listen(cable.url(1), ends)
+    cable.pull()
+    await until(lambda: not listener.links)
+    await listener.close()
+    cable = make_cable()
+    assert asyncio.all_tasks() == {asyncio.current_task()}
+    (await connect(cable.url(1), Ends())).close()  # nobody holds the port
+
+
+async def test_a_port_is_ours_alone(make_cable: MakeCable) -> None:
+    cable = make_cable()
+    link = await connect(cable.url(0), Ends())
+    refused = await check_refused(lambda accept: connect(cable.url(0), accept))
+    assert refused.cause == "another program uses it; end that program"
+    link.close()
+    (await connect(cable.url(0), Ends())).close()
+
+
+async def test_a_device_that_is_not_there_is_told_from_what_is_no_port(tmp_path: Path) -> None:
+    refused = await check_refused(lambda accept: connect(f"serial:{tmp_path}/ttyUSB0", accept))
+    assert refused.cause.startswith("there is no such device; plug it in")
+    (tmp_path / "file").touch()
+    for path in (tmp_path, tmp_path / "file"):
+        refused = await check_refused(lambda accept, path=path: connect(f"serial:{path}", accept))
+        assert refused.cause == "it is no serial port; name the device of one"
+
+
+async def test_without_the_right_to_a_port_its_group_is_named(
+    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cable = make_cable()
+
+    def forbidden(*_: object, **__: object) -> None:  # root, who may run this test, may open everything
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(serial_port.serial, "Serial", forbidden)
+    with pytest.raises(LinkRefused) as refused:
+        await connect(cable.url(0), Ends())
+    group = cable.devices[0].group()
+    assert refused.value.cause == f"permission denied; join the group {group} and log in again"
+
+
+async def test_the_port_has_the_speed_that_the_address_says(make_cable: MakeCable) -> None:
+    cable = make_cable()
+    for options, speed in (("", termios.B57600), ("?baud=115200", termios.B115200)):
+        link = await connect(cable.url(0, options), Ends())
+        descriptor = os.open(cable.devices[0], os.O_RDWR | os.O_NOCTTY)
+        assert termios.tcgetattr(descriptor)[4:6] == [speed, speed]
+        os.close(descriptor)
+        link.close()
+
+
+@pytest.mark.parametrize(
+    ("url", "advice"),
+    [
+        ("serial:", "write serial:DEVICE, as in serial:/dev/ttyUSB0"),
+        ("serial:/dev/x?baud=fast", "baud=fast is no speed from 50 to 4000000"),
+        ("serial:/dev/x?baud=0", "baud=0 is no speed"),
+        ("serial:/dev/x?rtscts=yes", "rtscts=yes is neither 0 nor 1"),
+        ("serial:/dev/x?speed=9600", "option 'speed' is unknown; there is baud, rtscts"),
+    ],
+)
+def test_an_address_that_means_nothing_is_refused(url: str, advice: str) -> None:
+    with pytest.raises(BadUrl, match=advice):
+        serial.read(parse(url))
+
+
+def test_an_address_that_was_taken_apart_is_written_the_same() -> None:
+    for text in ("serial:/dev/ttyUSB0?baud=57600", "serial:/dev/ttyACM0?baud=115200&rtscts=1"):
+        assert str(serial.read(parse(text))) == text
+
+
+class SlowDriver(Serial):
+    """A port whose driver keeps what it is given until the line has sent it; pseudo-terminals do not."""
+
+    kept = 0
+
+    @property
+    def out_waiting(self) -> int:
+        return self.kept
+
+
+def joints(moment: int) -> Joints:
+    return Joints(moment, (0.5,) * 8, 6)
+
+
+async def test_on_a_slow_line_telemetry_waits_where_it_is_superseded_not_in_the_driver() -> None:
+    far, near = os.openpty()
+    tty.setraw(near)
+    port = SlowDriver(os.ttyname(near), 57600, timeout=0, write_timeout=0, exclusive=True)
+    link = serial.SerialLink(port, serial_port.Setting(os.ttyname(near)), Recorder)
+    speaker = Endpoint(link, system=1, component=1, on_frame=lambda _: None)
+    ack = GoalStatus(7, 1, 0.0, 0, 0, 1, 1, 2, "there")
+    speaker.send(joints(0), telemetry=True)
+    first = link.statistics.sent
+    assert first
+    assert not link.congested
+    port.kept = 4000
+    for i in range(1, 100):
+        speaker.send(joints(i), telemetry=True)
+    speaker.send(ack)
+    assert link.congested
+    assert link.statistics.sent == first
+    assert link.statistics.superseded == 98
+    port.kept = 0
+    await until(lambda: not link.statistics.waiting)
+    frames = Parser().feed(os.read(far, 4096))
+    assert [frame.message for frame in frames] == [joints(0), joints(99), ack]
+    link.close()
+    os.close(far)
+    os.close(near)
