@@ -79,7 +79,7 @@ WIRE = "Wire"
 ACTIONS: tuple[Action, ...] = (
     # -- look
     Action(
-        usage="ls [--views] [--hosts] [--lookups]",
+        usage="ls [--views | --hosts | --lookups]",
         help="List the free robots (enslaved ones: `tree`).",
         group=LOOK,
         run=verbs.ls,
@@ -212,10 +212,10 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="run FILE",
-        help="Play a script of verbs and `expect CONDITION within TIME`.",
+        help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input).",
         group=PROCESS,
         where=Where.SHELL,
-        examples=("run examples/close_lever.session",),
+        examples=("run examples/close_lever.session", "run -"),
         guide=("robotree.tui.session", "robotree.tui.conditions"),
     ),
     Action(

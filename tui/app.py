@@ -19,7 +19,7 @@ from textual.widgets import Input
 
 from robotree.tui import asking, completion, exit_codes, grammar, manual, wording
 from robotree.tui.actions import BY_VERB, Where, groups, shapes
-from robotree.tui.errors import SupervisorError
+from robotree.tui.errors import SupervisorError, sentence
 from robotree.tui.feeding import Feed
 from robotree.tui.fence import Fenced
 from robotree.tui.grammar import Line
@@ -159,10 +159,12 @@ class Supervisor(Fenced, App[int]):
         try:
             outcome = await run(self.fleet, line, self)
         except (VrError, SupervisorError, OSError) as error:
-            self.tell(str(error), "error")
-            return "", str(error)
+            self.tell(sentence(error), "error")
+            return "", sentence(error)
         finally:
             self.feed.hint()
+        if outcome.doubt:
+            self.tell(str(outcome.doubt), "warning")
         return outcome.text, ""
 
     @work(exit_on_error=False, group="verbs")

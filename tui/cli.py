@@ -6,7 +6,6 @@ heavy is imported where it is needed, so that help comes at once.
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from robotree.tui import exit_codes, grammar, manual
 from robotree.tui.actions import Where, shapes
 from robotree.tui.grammar import Line
-from robotree.tui.terminal import complain, put
+from robotree.tui.terminal import complain, forget_the_reader, put, until_the_reader_leaves
 
 if TYPE_CHECKING:
     from robotree.tui.serving import Ready
@@ -39,7 +38,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return exit_codes.INTERRUPTED
     except BrokenPipeError:
         # The reader of our output left (`robotree ls | head -1`): nothing to say, nobody to say it to.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        forget_the_reader()
         return exit_codes.DONE
     except Exception as error:
         if not exit_codes.ours(error):
@@ -49,19 +48,18 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _obey(given: list[str]) -> int:
-    if given[:1] in (["--help"], ["-h"]) or given == ["help"]:
+    before, rest = grammar.leading(given, manual.EVERYWHERE)
+    if rest == ["help"] or (not rest and "--help" in before) or rest[:1] == ["-h"]:
         put(manual.overview())
         return exit_codes.DONE
-    if given[:1] in (["--version"], ["-V"]):
+    if "--version" in before or rest[:1] == ["-V"]:
         return _version()
-    if given[:1] == ["help"]:
-        return _help(given[1:])
-    if not given or given[0].startswith("--"):
-        given = ["supervise", *given]
-    if "--help" in given or "-h" in given:
-        return _help([word for word in given if not word.startswith("-")])
-    line = grammar.parse(given, shapes(Where.SHELL), manual.EVERYWHERE)
-    return _start(line)
+    if rest[:1] == ["help"]:
+        return _help(rest[1:])
+    if {"--help", "-h"} & {*before, *rest}:
+        return _help([word for word in rest if not word.startswith("-")])
+    words = [*before, *rest] if rest else ["supervise", *before]
+    return _start(grammar.parse(words, shapes(Where.SHELL), manual.EVERYWHERE, manual.INTERNAL))
 
 
 def _help(words: Sequence[str]) -> int:
@@ -104,14 +102,19 @@ def _start(line: Line) -> int:
             from robotree.tui import wire
 
             return wire.start(line)
-        case _:
+        case verb:
             from robotree.tui.shell import once
 
-            return _run(once(line, realm))
+            return _run(once(line, realm), listening=verb == "watch")
 
 
-def _run(work: Coroutine[Any, Any, int]) -> int:
-    """Run to the end. SIGTERM and SIGHUP end it as Ctrl-C does: what it began on robots ends too."""
+def _run(work: Coroutine[Any, Any, int], *, listening: bool = False) -> int:
+    """Run to the end. SIGTERM and SIGHUP end it as Ctrl-C does: what it began on robots ends too.
+
+    Args:
+        work: what is done.
+        listening: it does nothing but tell, and so ends when nobody reads it any more.
+    """
     import asyncio
     import signal
 
@@ -119,9 +122,13 @@ def _run(work: Coroutine[Any, Any, int]) -> int:
         loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
         for one in (signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(one, task.cancel)
+        unread = until_the_reader_leaves(loop, task.cancel) if listening else None
         try:
             return await task
         except asyncio.CancelledError:
+            if unread is not None and unread():
+                forget_the_reader()
+                return exit_codes.DONE
             complain("interrupted")
             return exit_codes.INTERRUPTED
 

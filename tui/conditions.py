@@ -11,6 +11,7 @@
     expect refused                             the last `try …` was refused; also with the error's name
     expect done                                the last `try …` was not
 
+What is about the last `call` or `try` is over, and judged at once; the rest may come true within the time.
 `=` compares numbers to within a thousandth of their size; texts exactly.
 """
 
@@ -83,6 +84,8 @@ class Condition:
     """Whose descriptions the scene must have."""
     readings: tuple[str, ...] = ()
     """Whose readings the scene must have."""
+    settled: bool = False
+    """It is about what is over: waiting does not change it."""
 
 
 _FORMS: list[tuple[re.Pattern[str], Callable[[re.Match[str]], Condition]]] = []
@@ -218,7 +221,7 @@ def _result(found: re.Match[str]) -> Condition:
         except TypeError:
             return Verdict(holds=False, seen=f"{wording.value(thing)} cannot be compared with {text}")
 
-    return Condition(found[0], judge)
+    return Condition(found[0], judge, settled=True)
 
 
 @_form(r"refused(?:\s+(\w+))?")
@@ -229,12 +232,14 @@ def _refused(found: re.Match[str]) -> Condition:
         holds = bool(scene.refusal) and error in {None, scene.refusal}
         return Verdict(holds, scene.refusal or "done")
 
-    return Condition(found[0], judge)
+    return Condition(found[0], judge, settled=True)
 
 
 @_form(r"done")
 def _done(found: re.Match[str]) -> Condition:
-    return Condition(found[0], lambda scene: Verdict(not scene.refusal, scene.refusal or "done"))
+    return Condition(
+        found[0], lambda scene: Verdict(not scene.refusal, scene.refusal or "done"), settled=True
+    )
 
 
 def _comparison(sign: str) -> Callable[[Any, Any], bool]:

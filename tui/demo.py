@@ -15,10 +15,12 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from robotree.tui import exit_codes
+from robotree.tui.errors import DemoRuns
 from robotree.tui.processes import Crew, MemberFailed
 from robotree.tui.terminal import complain, note, put
+from robotree.vr.address import ROLES
 
-VIEW = "cell"
+ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 LOOKUPS = ("lookup-1", "lookup-2")
 HOST = "host-1"
 
@@ -38,6 +40,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
     realm = realm or (f"demo-{os.getpid()}" if headless else "default")
     with tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
         try:
+            await _alone(realm)
             async with Crew(realm, Path(folder)) as crew:
                 note(
                     f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
@@ -46,12 +49,31 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
                 if headless:
                     return await _play(realm, Path(pictures or "robotree-demo"))
                 return await _supervise(realm)
-        except MemberFailed as failure:
+        except (MemberFailed, DemoRuns) as failure:
             complain(failure)
             return exit_codes.REFUSED
         except asyncio.CancelledError:
             note("the demo was ended from outside")
             return exit_codes.INTERRUPTED
+
+
+async def _alone(realm: str) -> None:
+    """See that nobody in the realm has a name of the cast.
+
+    Raises:
+        DemoRuns: somebody has.
+    """
+    from robotree.tui.realm import anybody_met, joined
+
+    if not anybody_met(realm):
+        return
+    async with joined(realm) as fleet:
+        cast = {("robot", ARM), ("robot", ROVER), ("view", VIEW), ("host", HOST)}
+        cast |= {("lookup", name) for name in LOOKUPS}
+        there = [one for role in ROLES for one in fleet.directory.present(role)]
+        taken = sorted(one.name for one in there if (one.role, one.name) in cast)
+    if taken:
+        raise DemoRuns(realm, taken)
 
 
 async def cast(crew: Crew, *, counting: bool = True) -> None:
@@ -73,8 +95,8 @@ async def cast(crew: Crew, *, counting: bool = True) -> None:
         ("host", HOST, *counters),
     )
     await crew.start_all(
-        ("proxy", "arm", "arm-1", "--connect", arm.address, *counters),
-        ("proxy", "rover", "rover-1", "--connect", rover.address, *counters),
+        ("proxy", "arm", ARM, "--connect", arm.address, *counters),
+        ("proxy", "rover", ROVER, "--connect", rover.address, *counters),
         ("view", VIEW, "--connect", arm.address),
     )
 

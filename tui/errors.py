@@ -7,10 +7,12 @@ at the keyboard or in a session script.
       UsageError      UnknownVerb · BadLine
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk
+      NothingToAsk · OldList · DemoRuns
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 
 class SupervisorError(Exception):
@@ -69,3 +71,33 @@ class NothingToAsk(SupervisorError):
         """Name the realm and how to fill it."""
         self.realm = realm
         super().__init__(f"nobody is in realm {realm!r}; start something first, for example `robotree demo`")
+
+
+class OldList(SupervisorError):
+    """A list was asked for while no lookup service lives: what follows is what is known without one."""
+
+    def __init__(self) -> None:
+        """Say what is wrong with the list."""
+        super().__init__(
+            "no lookup service answers; this list may be old; start one with `robotree lookup lookup-1`"
+        )
+
+
+class DemoRuns(SupervisorError):
+    """The demo's names are taken in this realm."""
+
+    def __init__(self, realm: str, taken: Sequence[str]) -> None:
+        """Name the realm and who is there."""
+        self.realm, self.taken = realm, tuple(taken)
+        super().__init__(
+            f"a demo already runs in realm {realm!r} ({', '.join(taken)}); look at it with `robotree`, "
+            "or start another one with --realm NAME"
+        )
+
+
+def sentence(error: Exception) -> str:
+    """Return what an error says to a person: those of the system name the file, not their number."""
+    if isinstance(error, OSError) and error.strerror:
+        what = f"{error.filename!s}: " if error.filename is not None else ""
+        return f"{what}{error.strerror[:1].lower()}{error.strerror[1:]}"
+    return str(error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotree.tui.errors import BadScript, NothingToAsk, UsageError, ValueRefused
+from robotree.tui.errors import BadScript, NothingToAsk, OldList, UsageError, ValueRefused
 
 DONE = 0
 REFUSED = 1
@@ -10,7 +10,7 @@ REFUSED = 1
 USAGE = 2
 """The line was not understood; nothing was done."""
 NOBODY = 3
-"""Nobody answers: the agent has ended, the network is cut, or the realm is empty."""
+"""Nobody answers: the agent has ended, the network is cut, the realm is empty, or no lookup service lives."""
 INTERRUPTED = 130
 """Ctrl-C, as shells count it."""
 
@@ -26,6 +26,6 @@ def code_of(error: Exception) -> int:
 
     if isinstance(error, UsageError | ValueRefused | BadScript):
         return USAGE
-    if isinstance(error, NothingToAsk | TransportError):
+    if isinstance(error, NothingToAsk | OldList | TransportError):
         return NOBODY
     return REFUSED

@@ -8,13 +8,14 @@ A verb's usage string is both its help and its parser:
 
 The lower-case words at the beginning are the verb. UPPER CASE is a value to fill in, lower case a word to
 type as it is, `[…]` may be left out, `…` repeats the value before it, `--option` may stand anywhere behind
-the verb. Values that begin with `--` are given after a bare `--`.
-Pure: text in, values out.
+the verb; of options with `|` between them one may be given. Values that begin with `--` are given after a
+bare `--`. Pure: text in, values out.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,9 +24,11 @@ from itertools import takewhile
 from robotree.tui.errors import BadLine, UnknownVerb
 
 Value = str | tuple[str, ...] | bool
-MORE = "…"
+MORE, OR = "…", "|"
 LONGEST_VERB = 2
 """Words of a verb, at most."""
+
+_GROUP, _OPTION = re.compile(r"\[([^]]*)]"), re.compile(r"--([\w-]+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,8 @@ class Shape:
     parts: tuple[Part, ...]
     options: Mapping[str, str]
     """Option without its dashes -> name of its value; empty for a flag."""
+    rivals: tuple[tuple[str, ...], ...] = ()
+    """Options of which only one may be given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +107,8 @@ def shape(usage: str) -> Shape:
     parts, rest = _parts(tokens, options)
     if rest:
         raise ValueError(f"usage has a ']' too many: {usage}")
-    return Shape(verb, usage, parts, options)
+    rivals = tuple(tuple(_OPTION.findall(group)) for group in _GROUP.findall(usage) if OR in group)
+    return Shape(verb, usage, parts, options, rivals)
 
 
 def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...], list[str]]:
@@ -122,7 +128,7 @@ def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...]
             repeated = tokens[:1] == [MORE]
             tokens = tokens[1:] if repeated else tokens
             parts.append(Blank(first, repeated))
-        else:
+        elif first != OR:
             parts.append(Word(first))
     return tuple(parts), tokens
 
@@ -139,27 +145,46 @@ def split(text: str) -> tuple[str, ...]:
         raise BadLine(f"cannot read {text.strip()!r}: {str(error).lower()}", "") from None
 
 
-def parse(words: Iterable[str], shapes: Mapping[str, Shape], everywhere: Mapping[str, str]) -> Line:
+def leading(words: Sequence[str], everywhere: Mapping[str, str]) -> tuple[list[str], list[str]]:
+    """Part the options for every verb that stand before the verb from the rest of the line."""
+    count = 0
+    while count < len(words) and words[count].startswith("--") and words[count] != "--":
+        name, given, _ = words[count][2:].partition("=")
+        count += 2 if everywhere.get(name) and not given else 1
+    return list(words[:count]), list(words[count:])
+
+
+def parse(
+    words: Iterable[str],
+    shapes: Mapping[str, Shape],
+    everywhere: Mapping[str, str],
+    internal: Mapping[str, str] | None = None,
+) -> Line:
     """Understand one line.
 
     Args:
         words: the verb and its values, as `split` or a shell gives them.
         shapes: the verbs.
-        everywhere: options that every verb takes, as in `Shape.options`.
+        everywhere: options that every verb takes, as in `Shape.options`; they may also stand before the verb.
+        internal: the same, but for programs: no person is told of them.
 
     Returns:
         The verb and its values.
 
     Raises:
         UnknownVerb: there is no such verb.
-        BadLine: a value is missing, one is too many, or an option is unknown.
+        BadLine: a value is missing or given twice, one is too many, or an option is unknown.
     """
-    given = list(words)
+    before, given = leading(list(words), everywhere)
     verb = verb_of(given, shapes)
     wanted = shapes[verb]
+    known = {**everywhere, **wanted.options}
     plain, values = _take_options(
-        given[verb.count(" ") + 1 :], {**everywhere, **wanted.options}, wanted.usage
+        [*before, *given[verb.count(" ") + 1 :]], known, internal or {}, wanted.usage
     )
+    for rivals in wanted.rivals:
+        if len(both := [f"--{one}" for one in rivals if f"--{one}" in values]) > 1:
+            raise BadLine(f"{wanted.verb}: take only one of {' and '.join(both)}", wanted.usage)
     found = _match(wanted.parts, tuple(plain))
     if found is None:
         raise BadLine(_complaint(wanted, plain), wanted.usage)
@@ -175,6 +200,8 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
     for count in range(min(len(words), LONGEST_VERB), 0, -1):
         if (verb := " ".join(words[:count])) in shapes:
             return verb
+    if not words:
+        raise UnknownVerb("", ())
     family = [verb for verb in shapes if verb.startswith(f"{words[0]} ")]
     asked = " ".join(words[:2]) if family else words[0]
     near = difflib.get_close_matches(asked, family or shapes, n=2)
@@ -223,9 +250,10 @@ def _written(parts: tuple[Part, ...], values: Mapping[str, Value]) -> list[str]:
 
 
 def _take_options(
-    words: list[str], options: Mapping[str, str], usage: str
+    words: list[str], known: Mapping[str, str], internal: Mapping[str, str], usage: str
 ) -> tuple[list[str], dict[str, Value]]:
     """Part the options from the plain words; a bare `--` ends the options."""
+    options = {**known, **internal}
     plain: list[str] = []
     values: dict[str, Value] = {}
     queue = list(words)
@@ -238,8 +266,7 @@ def _take_options(
             continue
         name, given, value = word[2:].partition("=")
         if name not in options:
-            known = ", ".join(f"--{one}" for one in options)
-            raise BadLine(f"unknown option --{name} (known: {known})", usage)
+            raise BadLine(f"unknown option --{name} (known: {', '.join(f'--{one}' for one in known)})", usage)
         if not options[name]:
             if given:
                 raise BadLine(f"--{name} takes no value", usage)
@@ -249,6 +276,8 @@ def _take_options(
             if not queue:
                 raise BadLine(f"--{name} needs a {options[name]}", usage)
             value = queue.pop(0)
+        if f"--{name}" in values:
+            raise BadLine(f"--{name} is given twice", usage)
         values[f"--{name}"] = value
     return plain, values
 

@@ -7,8 +7,11 @@ from importlib import import_module
 
 from robotree.tui.actions import BY_VERB, Action, Where, groups
 
-EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": "", "tether": ""}
-"""Options that every verb takes on the command line; `--tether` is for programs that start others."""
+EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": ""}
+"""Options that every verb takes on the command line, before the verb or behind it."""
+
+INTERNAL = {"tether": ""}
+"""Options for programs that start others (`processes.py`)."""
 
 WIDTH, INDENT = 108, 38
 """Columns of the help, and where explanations begin."""

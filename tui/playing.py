@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from robotree.tui import exit_codes
 from robotree.tui.actions import BY_VERB
 from robotree.tui.conditions import Scene, Verdict
-from robotree.tui.errors import SessionError, SupervisorError
+from robotree.tui.errors import SessionError, SupervisorError, sentence
 from robotree.tui.grammar import Line
 from robotree.tui.session import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
 from robotree.tui.shell import Console
@@ -32,6 +33,9 @@ LOOK_AGAIN = 0.1
 
 FIRST_STATE = 2.5
 """[s] to wait for the first state of a robot: it tells one every second."""
+
+STDIN = "-"
+"""What is given instead of a file to read standard input."""
 
 Tell = Callable[[Told], None]
 
@@ -121,7 +125,7 @@ class Player:
             outcome = await run(self.fleet, self._placed(line), self.teller)
         except (VrError, SupervisorError, OSError) as error:
             self.refusal = type(error).__name__
-            return Verdict(may_fail, f"{self.refusal}: {error}"), None
+            return Verdict(may_fail, f"{self.refusal}: {sentence(error)}"), None
         self.refusal = ""
         if line.verb == "call":
             self.result = outcome.data
@@ -139,7 +143,7 @@ class Player:
         end = time.monotonic() + expect.within
         while True:
             verdict = expect.condition.judge(await self._scene(expect))
-            if verdict.holds:
+            if verdict.holds or expect.condition.settled:
                 return verdict
             if time.monotonic() >= end:
                 return Verdict(holds=False, seen=f"not within {expect.within:g} s: {verdict.seen}")
@@ -191,14 +195,15 @@ class Player:
 
 
 def read_file(path: str) -> Script:
-    """Read a script from a file.
+    """Read a script from a file; `-` is standard input.
 
     Raises:
         BadScript: a line cannot be understood.
         SessionError: the file cannot be read.
     """
     try:
-        return read(Path(path).read_text(encoding="utf-8"), path)
+        text = sys.stdin.read() if path == STDIN else Path(path).read_text(encoding="utf-8")
+        return read(text, path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise SessionError(f"cannot read the session {path}: {reason}") from None

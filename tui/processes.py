@@ -87,7 +87,7 @@ class Member:
 
     def _last(self) -> str:
         lines = self.log.read_text(errors="replace").strip().splitlines()
-        return "\n".join(lines[-3:])
+        return "\n".join(line.removeprefix("robotree: ") for line in lines[-3:])
 
 
 class Crew:

@@ -21,6 +21,13 @@ def chosen(given: str) -> str:
     return realm_name(given or None)
 
 
+def anybody_met(realm: str) -> bool:
+    """Whether anybody was ever in a realm since the machine started; joining it would make it."""
+    from robotree.vr.host.rendezvous import runtime_directory
+
+    return (runtime_directory() / realm).is_dir()
+
+
 @contextlib.asynccontextmanager
 async def joined(realm: str) -> AsyncGenerator[Fleet]:
     """Join a realm and see its fleet; leave when the block ends.

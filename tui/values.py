@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 from robotree.tui.errors import ValueRefused
 
@@ -54,6 +55,20 @@ def assignment(text: str) -> tuple[str, str]:
             "PARAMETER=VALUE", f"{text!r} must have the form name=value, e.g. x=0.4 or x='40 cm'"
         )
     return name, value
+
+
+def assignments(texts: Iterable[str]) -> dict[str, str]:
+    """Read several `name=value`.
+
+    Raises:
+        ValueRefused: one is none, or two are about the same name.
+    """
+    found: dict[str, str] = {}
+    for name, value in map(assignment, texts):
+        if name in found:
+            raise ValueRefused("PARAMETER=VALUE", f"{name} is given twice; say once which value is meant")
+        found[name] = value
+    return found
 
 
 def scalar(text: str) -> Scalar:

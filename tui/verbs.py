@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from robotree.tui import forest, values, wording
+from robotree.tui import forest, unlisted, values, wording
+from robotree.tui.errors import OldList, SupervisorError
 from robotree.tui.grammar import Line
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -35,6 +36,8 @@ class Outcome:
     """Plain data: what `--json` prints."""
     text: str = ""
     """The same for people; may be empty."""
+    doubt: SupervisorError | None = None
+    """Why it may not be the whole truth: said beside the result, and the exit code tells."""
 
 
 class Teller(Protocol):
@@ -63,17 +66,21 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         data = [{"name": name, "robots": robots} for name, robots in runs.items()]
         rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
         return Outcome(data, wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running")
-    if line.flag("--views"):
-        return _listed(fleet.views(), "view")
-    return _listed(fleet.robots(), "robot")
+    what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
+    if fleet.stale:
+        return _listed(await unlisted.known(fleet, what), what, OldList())
+    return _listed(fleet.views() if what == "view" else fleet.robots(), what)
 
 
-def _listed(listings: Sequence[Listing], what: str) -> Outcome:
+def _listed(listings: Sequence[Listing], what: str, doubt: SupervisorError | None = None) -> Outcome:
+    """Return a list; one in doubt says so in each line, for lines are what programs and people cut out."""
     found = sorted(listings, key=lambda one: one.name)
-    rows = [(one.name, one.kind, one.host or "-", wording.summary(one.doc)) for one in found]
-    head = ("NAME", "KIND", "HOST", "ABOUT")
-    text = wording.columns([head, *rows]) if rows else f"no {what} is listed"
-    return Outcome([plain(one) for one in found], text)
+    mark = ("stale",) if doubt else ()
+    rows = [(one.name, one.kind, one.host or "-", *mark, wording.summary(one.doc)) for one in found]
+    head = ("NAME", "KIND", "HOST", *(["LISTED"] if doubt else []), "ABOUT")
+    data = [{**plain(one), **({"stale": True} if doubt else {})} for one in found]
+    text = wording.columns([head, *rows]) if rows else f"no {what} is {'known' if doubt else 'listed'}"
+    return Outcome(data, text, doubt)
 
 
 async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
@@ -115,6 +122,8 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         teller.outcome(Outcome({"name": name, **plain(state)}, f"{name}  {word}  {readings}".rstrip()))
 
     limit = values.duration(line.text("--within")) if line.text("--within") else None
+    if line.text("NAME"):
+        await fleet.describe(line.text("NAME"))  # a name that nobody has would tell nothing for ever
     watching = await fleet.watch_state(line.text("NAME") or None, tell)
     try:
         await asyncio.wait_for(asyncio.Event().wait(), limit)
@@ -160,7 +169,7 @@ async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
-    given = dict(values.assignment(text) for text in line.many("PARAMETER=VALUE"))
+    given = values.assignments(line.many("PARAMETER=VALUE"))
     limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
     thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
     rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)

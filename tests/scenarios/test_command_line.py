@@ -1,0 +1,178 @@
+"""Every verb against the demo's real processes: what it prints as plain data, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.actions import ACTIONS, Where
+from robotree.tui.cli import main
+
+pytestmark = pytest.mark.e2e
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+CAST = """
+import asyncio, sys
+from pathlib import Path
+from robotree.tui.demo import cast
+from robotree.tui.processes import Crew
+
+async def be() -> None:
+    async with Crew("default", Path(sys.argv[1])) as crew:
+        await cast(crew, counting=False)
+        print("ready", flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+
+asyncio.run(be())
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The demo's cast in a realm of this module alone; the folder takes what verbs write."""
+    found = tmp_path_factory.mktemp("line")
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XDG_RUNTIME_DIR", str(found))
+        environment.setenv("XDG_STATE_HOME", str(found))
+        environment.delenv("ROBOTREE_REALM", raising=False)
+        words = [sys.executable, "-c", CAST, str(found)]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crew:
+            assert crew.stdout
+            assert crew.stdout.readline() == "ready\n"
+            yield found
+
+
+Say = Callable[..., Any]
+
+
+@pytest.fixture
+def say(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Say:
+    """Say a line with `--json` and return what it printed, read again."""
+    monkeypatch.chdir(folder)
+
+    def obey(*words: str, code: int = exit_codes.DONE) -> Any:
+        capsys.readouterr()
+        assert main([*words, "--json"]) == code, capsys.readouterr().err
+        return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+    return obey
+
+
+ARM = {"address", "kinds", "doc", "attributes", "commands", "calls"}
+"""What a description says of an arm; what is as usual (nothing runs, nobody commands it) is left out."""
+STATE = {"name", "readings"}
+
+SHAPES: list[tuple[str, type, set[str]]] = [
+    ("ls", list, {"address", "kinds", "doc", "commands", "attributes", "revision"}),
+    ("ls --views", list, {"address", "kinds", "attributes", "revision"}),
+    ("ls --hosts", list, {"name", "robots"}),
+    ("ls --lookups", list, {"name"}),
+    ("tree", list, {"name", "kind", "state", "children"}),
+    ("show arm-1", dict, ARM - {"calls"}),
+    ("look cell --size 64x36", dict, {"file", "camera", "width", "height"}),
+    ("create {examples}/move_to.py as mover", dict, {"address", "kinds", "doc", "host", "commands", "slots"}),
+    ("enslave mover.arm arm-1", dict, {"address", "kinds", "slots"}),
+    ("call mover.get_info", dict, {"x", "y", "z", "twist"}),
+    ("cancel mover", dict, {"cancelled"}),
+    ("stop rover-1", dict, {"stopped"}),
+    ("resume rover-1", dict, {"resumed"}),
+    ("release mover.arm", dict, {"address", "kinds", "slots"}),
+    ("delete mover", dict, {"deleted"}),
+    ("run {folder}/a.session", dict, {"ok", "script", "wall_s", "steps", "not_played"}),
+]
+"""Verb, what its data is, and what is in it (in each part of a list): as `docs/operating.md` says."""
+
+
+@pytest.mark.parametrize(("line", "kind", "keys"), SHAPES, ids=[line for line, _, _ in SHAPES])
+def test_plain_data_of_each_verb_has_its_documented_shape(
+    line: str, kind: type, keys: set[str], say: Say, folder: Path
+) -> None:
+    (folder / "a.session").write_text("expect arm-1 listed\nexpect done\n")
+    (data,) = say(*line.format(examples=EXAMPLES, folder=folder).split())
+    assert isinstance(data, kind)
+    for part in data if isinstance(data, list) else [data]:
+        assert keys <= part.keys()
+    assert data, "an empty answer would prove nothing"
+
+
+def test_watching_prints_an_object_for_each_state(say: Say) -> None:
+    states = say("watch", "arm-1", "--within", "1500ms")
+    assert states
+    assert all(state.keys() >= STATE and state["name"] == "arm-1" for state in states)
+
+
+def test_no_verb_over_a_fleet_is_left_out() -> None:
+    proved = {line.split()[0] for line, _, _ in SHAPES} | {"watch"}
+    promised = {one.verb for one in ACTIONS if one.run and Where.SHELL in one.where} | {"run"}
+    assert proved == promised
+
+
+def test_an_error_is_plain_data_too(say: Say, capsys: pytest.CaptureFixture[str]) -> None:
+    assert say("show", "nobody", code=exit_codes.REFUSED) == []
+    assert main(["watch", "nobody", "--json"]) == exit_codes.REFUSED
+    assert json.loads(capsys.readouterr().err)["error"] == "NoSuchRobot"
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_value_that_is_given_twice_is_not_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["call", "rover-1.move", "x=0.3", "x=0.4", "y=0"]) == exit_codes.USAGE
+    assert "x is given twice" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_result_that_is_over_is_not_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = tmp_path / "a.session"
+    script.write_text("call arm-1.get_info\nexpect result.x == 77 within 60s\n")
+    assert main(["run", str(script), "--json"]) == exit_codes.REFUSED
+    assert json.loads(capsys.readouterr().out)["wall_s"] < 5
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_second_demo_in_a_realm_says_that_there_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--headless", "--realm", "default"]) == exit_codes.REFUSED
+    said = capsys.readouterr().err
+    assert "a demo already runs in realm 'default' (arm-1, cell, host-1" in said
+    assert said.count("robotree: ") == 1
+
+
+@pytest.mark.usefixtures("folder")
+def test_watching_ends_when_its_reader_leaves() -> None:
+    with subprocess.Popen(
+        [*ROBOTREE, "watch"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        assert process.stderr
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(10) == exit_codes.DONE
+        assert process.stderr.read() == ""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    "line", ["ls", "tree", "show arm-1", "watch", "stop rover-1", "resume rover-1", "run a.session"]
+)
+def test_a_reader_who_has_left_ends_a_verb_in_silence(line: str, tmp_path: Path) -> None:
+    (tmp_path / "a.session").write_text("expect arm-1 listed\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as out:
+        done = subprocess.run(
+            [*ROBOTREE, *line.split()],
+            stdout=out,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=30,
+            check=False,
+            cwd=tmp_path,
+        )
+    assert (done.returncode, done.stderr) == (exit_codes.DONE, "")

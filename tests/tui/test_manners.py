@@ -1,0 +1,148 @@
+"""The manners of the command line: what it takes in any order, what it refuses, and what it leaves behind."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.cli import main
+from robotree.tui.errors import sentence
+from robotree.tui.shell import PACE, Console
+
+if TYPE_CHECKING:
+    from tui.conftest import Realm
+
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+
+
+@pytest.fixture
+def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A runtime folder in which no realm was ever made."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("ROBOTREE_REALM", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "words", [["--realm", "nosuch", "ls"], ["--realm=nosuch", "ls"], ["ls", "--realm", "nosuch"]]
+)
+def test_an_option_for_every_verb_stands_before_the_verb_or_behind_it(
+    words: list[str], nowhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == exit_codes.NOBODY
+    assert "nobody is in realm 'nosuch'" in capsys.readouterr().err
+    assert list(nowhere.iterdir()) == [], "a look at a realm that is not there does not make it"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["ls", "--hosts", "--lookups"], "take only one of --hosts and --lookups"),
+        (["ls", "--realm", "a", "--realm", "b"], "--realm is given twice"),
+        (["--realm", "a", "ls", "--realm", "b"], "--realm is given twice"),
+        (["--realm"], "--realm needs a NAME"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(
+    words: list[str], says: str, nowhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert nowhere.exists()
+    assert main(words) == exit_codes.USAGE
+    assert says in capsys.readouterr().err
+
+
+def test_what_is_for_programs_is_not_offered_to_people(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["host", "host-1", "--colour"]) == exit_codes.USAGE
+    said = capsys.readouterr().err
+    assert "known: --json, --realm" in said
+    assert "tether" not in said
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (FileNotFoundError(2, "No such file or directory", "a.py"), "a.py: no such file or directory"),
+        (PermissionError(13, "Permission denied"), "permission denied"),
+        (ValueError("as it is"), "as it is"),
+    ],
+)
+def test_an_error_of_the_system_is_a_sentence_without_a_number(error: Exception, says: str) -> None:
+    assert sentence(error) == says
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["wire", "decode", str(tmp_path / "no.tlog")]) == exit_codes.REFUSED
+    said = capsys.readouterr().err
+    assert f"{tmp_path / 'no.tlog'}" in said
+    assert "[Errno" not in said
+
+
+def test_a_session_is_read_from_standard_input(
+    nowhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert nowhere.exists()
+    monkeypatch.setattr(sys, "stdin", io.StringIO("pause 1ms\nfly\n"))
+    assert main(["run", "-"]) == exit_codes.USAGE
+    assert "-, line 2: no verb 'fly'" in capsys.readouterr().err
+
+
+def test_progress_goes_to_a_log_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+    now = 100.0
+    people, programs = (Console(as_json=as_json, clock=lambda: now) for as_json in (False, True))
+    for tenth in range(11):
+        now = 100.0 + tenth * PACE / 4
+        people.progress(tenth / 10, "closing")
+    people.progress(float("nan"), "")
+    assert capsys.readouterr().err.splitlines() == ["… 40% closing", "… 80% closing"]
+    programs.progress(float("nan"), "closing")
+    assert capsys.readouterr().err == '{"progress": null, "text": "closing"}\n'
+
+
+async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: Realm) -> None:
+    from robotree.tui.actions import Where, shapes
+    from robotree.tui.errors import ValueRefused
+    from robotree.tui.grammar import parse
+    from robotree.tui.playing import Silent
+    from robotree.tui.verbs import call
+
+    line = parse(["call", "arm-1.go_to", "x=0.3", "y=0", "x=0.4"], shapes(Where.SHELL), {})
+    with pytest.raises(ValueRefused, match="x is given twice") as refused:
+        await call(realm.fleet, line, Silent())
+    assert exit_codes.code_of(refused.value) == exit_codes.USAGE
+    assert realm.arm.calls == []
+
+
+PRINTERS = [
+    ["--help"],
+    ["help", "call"],
+    ["help", "wire"],
+    ["--version"],
+    ["wire", "dissector"],
+    ["wire", "dialect", "--lang", "xml", "OUT"],
+]
+
+
+@pytest.mark.parametrize("words", PRINTERS, ids=" ".join)
+def test_a_reader_who_has_left_ends_a_verb_in_silence(words: list[str], tmp_path: Path) -> None:
+    assert _unread([str(tmp_path / "a") if word == "OUT" else word for word in words]) == (
+        exit_codes.DONE,
+        "",
+    )
+
+
+def _unread(words: list[str]) -> tuple[int, str]:
+    """Run a verb whose standard output nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as out:
+        done = subprocess.run(
+            [*ROBOTREE, *words], stdout=out, stderr=subprocess.PIPE, text=True, timeout=30, check=False
+        )
+    return done.returncode, done.stderr

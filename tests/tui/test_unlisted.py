@@ -1,0 +1,72 @@
+"""Lists without a lookup service: what is known is told, and that it may be old."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.actions import Where, shapes
+from robotree.tui.grammar import parse
+from robotree.tui.shell import Console, carry_out
+from robotree.vr.fleet import Fleet
+from robotree.vr.testing import until
+
+if TYPE_CHECKING:
+    from conftest import Realm
+
+
+async def newcomer(realm: Realm) -> Fleet:
+    """A fleet that came after the last lookup service had gone: nobody ever told it a list."""
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    realm.network.kill(realm.members["lookup-1"])
+    await until(lambda: realm.fleet.stale, "the lookup service has gone")
+    fleet = Fleet(realm.network.join("newcomer"))
+    await fleet.start()
+    return fleet
+
+
+@pytest.mark.parametrize("words", [["ls"], ["ls", "--views"]])
+async def test_without_a_lookup_service_what_is_known_is_listed_as_stale(
+    words: list[str], realm: Realm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet = await newcomer(realm)
+    line = parse(words, shapes(Where.SHELL), {})
+    assert await carry_out(fleet, line, Console(as_json=False)) == exit_codes.NOBODY
+    people = capsys.readouterr()
+    assert "no lookup service answers; this list may be old" in people.err
+    listed = [row.split()[0] for row in people.out.splitlines()]
+    assert listed == (["NAME", "cell"] if "--views" in words else ["NAME", "mover", "rover-1"])
+    assert all("stale" in row for row in people.out.splitlines()[1:])
+
+    assert await carry_out(fleet, line, Console(as_json=True)) == exit_codes.NOBODY
+    programs = capsys.readouterr()
+    data = json.loads(programs.out)
+    assert data
+    assert all(one["stale"] is True for one in data)
+    assert json.loads(programs.err)["error"] == "OldList"
+    await fleet.close()
+
+
+async def test_who_saw_the_last_lookup_service_go_still_knows_its_list(
+    realm: Realm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    realm.network.kill(realm.members["lookup-1"])
+    await until(lambda: realm.fleet.stale, "the lookup service has gone")
+    line = parse(["ls"], shapes(Where.SHELL), {})
+    assert await carry_out(realm.fleet, line, Console(as_json=False)) == exit_codes.NOBODY
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split()[0] for row in rows] == ["NAME", "arm-1", "rover-1"]
+
+
+async def test_a_list_that_a_lookup_service_gave_is_not_in_doubt(
+    realm: Realm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = parse(["ls"], shapes(Where.SHELL), {})
+    assert await carry_out(realm.fleet, line, Console(as_json=False)) == exit_codes.DONE
+    said = capsys.readouterr()
+    assert "stale" not in said.out
+    assert said.err == ""

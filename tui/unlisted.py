@@ -1,0 +1,56 @@
+"""Who is known while no lookup service lives: those that are seen alive say themselves what they are."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.description import Listing, RobotDescription
+    from robotree.vr.fleet import Fleet
+
+
+async def known(fleet: Fleet, role: Literal["robot", "view"]) -> Sequence[Listing]:
+    """Return what a lookup service would list, as far as it can be known.
+
+    Args:
+        fleet: what it remembers of lookup services that were lost is part of it.
+        role: of the agents.
+
+    Returns:
+        A listing each; robots that are enslaved are left out, as they are from every list.
+    """
+    if role == "view":
+        return await _views(fleet)
+    described = {robot.name: robot for robot in await fleet.tree()}
+    remembered = [one for one in fleet.robots() if one.name not in described]
+    return [*remembered, *(_listing(robot) for robot in described.values() if robot.bond is None)]
+
+
+def _listing(robot: RobotDescription) -> Listing:
+    from robotree.vr.description import Listing
+
+    return Listing(
+        address=robot.address,
+        kinds=robot.kinds,
+        doc=robot.doc.partition("\n")[0],
+        host=robot.host,
+        commands=tuple(command.name for command in robot.commands if command.available),
+        attributes=robot.attributes,
+    )
+
+
+async def _views(fleet: Fleet) -> list[Listing]:
+    from robotree.vr.description import Listing
+    from robotree.vr.errors import VrError
+
+    found = {view.name: view for view in fleet.views()}
+    for address in fleet.directory.present("view"):
+        with contextlib.suppress(VrError):  # it has gone meanwhile
+            cameras = (await fleet.describe_view(address.name)).cameras
+            found.setdefault(
+                address.name,
+                Listing(address=address, kinds=("View",), attributes={"cameras": ", ".join(cameras)}),
+            )
+    return list(found.values())
