@@ -4,12 +4,12 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoSuchView
+      AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
                       Stopped · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
-      TransportError  Unreachable · NoAnswer · TransportClosed · Garbled
+      TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
       SpaceError      BrokenSpace
 """
@@ -97,6 +97,12 @@ class NoSuchHost(AddressError):
     """No living host has this name."""
 
     sentence = "no host named {name!r} is running; start one with `robotree host {name}`"
+
+
+class NoHost(AddressError):
+    """No host lives at all."""
+
+    sentence = "no host is running; start one with `robotree host NAME`"
 
 
 class NoSuchView(AddressError):
@@ -263,6 +269,12 @@ class NoAnswer(TransportError):
     """No answer came in the time allowed."""
 
     sentence = "{key} did not answer within {seconds:.3g} s; it hangs or the network is cut"
+
+
+class NotConfirmed(TransportError):
+    """Not all who were told to do something at once have confirmed it."""
+
+    sentence = "{order} is confirmed by {told} but NOT by {untold}; {advice}"
 
 
 class TransportClosed(TransportError):

@@ -6,19 +6,20 @@ Every method takes names as people type them, finds the agents, asks them, and r
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.bundle import Bundle
+from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.description import Listing, RobotDescription, Template
-from robotree.vr.errors import NoSuchHost, NotInControl, Unreachable, VrError
+from robotree.vr.errors import NoHost, NoSuchRobot, NotInControl, VrError
 from robotree.vr.host.client import DEFAULT_DEADLINE, RobotClient
 from robotree.vr.host.host_client import HostClient
 from robotree.vr.host.view_agent import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.transport import Registration, Silent, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -26,8 +27,17 @@ CALLER = "operator"
 GLANCE = 1.5
 """[s] to wait for each agent when many are asked at once: one that hangs must not hide the others."""
 
+CONFIRM = 3.0
+"""[s] for all robots to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
+nothing; this is how long it takes to say that somebody has not confirmed it."""
+
+LOOK = 0.05
+"""[s] between two looks at who is there and has not been told."""
+
 OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
+Tell = Callable[[RobotClient], Coroutine[Any, Any, None]]
+"""Gives one robot an order."""
 
 _R = TypeVar("_R")
 
@@ -160,17 +170,24 @@ class Fleet:
 
         Raises:
             NoSuchRobot: there is none of this name.
-            TransportError: one that lives did not confirm it; all others were told before this is raised.
+            NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
+                were told before this is raised; it names both.
         """
-        return await self._tell_all(name, lambda robot: robot.safe_stop("the operator's protective stop"))
+        return await self._tell_all(
+            name, "the protective stop", lambda robot: robot.safe_stop("the operator's protective stop")
+        )
 
     async def resume(self, name: str | None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
 
         Returns:
-            The names of the robots that were told.
+            The names of the robots that have confirmed it.
+
+        Raises:
+            NoSuchRobot: there is none of this name.
+            NotConfirmed: one has not confirmed it; see `stop`.
         """
-        return await self._tell_all(name, lambda robot: robot.resume())
+        return await self._tell_all(name, "the release of the stop", lambda robot: robot.resume())
 
     # -- who commands whom ------------------------------------------------------------------------
 
@@ -185,7 +202,8 @@ class Fleet:
 
         Raises:
             BundleError: the file cannot be used.
-            NoSuchHost: there is no such host, or none at all.
+            NoSuchHost: there is no such host.
+            NoHost: there is none at all.
             AddressError: the name cannot be one, or is taken.
         """
         check_name(name)
@@ -221,29 +239,60 @@ class Fleet:
             return await self.directory.resolve(name, "host")
         hosts = self.directory.present("host")
         if not hosts:
-            raise NoSuchHost(name="host")
+            raise NoHost
         return hosts[0]
 
-    async def _tell_all(
-        self, name: str | None, tell: Callable[[RobotClient], Awaitable[None]]
-    ) -> Sequence[str]:
-        if name is not None:
-            await tell(await self._robot(name))
-            return [name]
-        robots = [self._client(address, GLANCE) for address in self.directory.present("robot")]
-        results = await asyncio.gather(*(tell(robot) for robot in robots), return_exceptions=True)
-        told: list[str] = []
-        failures: list[BaseException] = []
-        for robot, result in zip(robots, results, strict=True):
-            if result is None:
-                told.append(robot.address.name)
-            elif not isinstance(
-                result, Unreachable | NotInControl
-            ):  # it ended meanwhile; its parent tells it
-                failures.append(result)
-        if failures:
-            raise failures[0]
-        return told
+    async def _tell_all(self, name: str | None, order: Order, tell: Tell) -> Sequence[str]:
+        asked: dict[Address, asyncio.Future[None]] = {}
+        if name is None:
+            silent = await self._ask_all(asked, tell)
+        else:
+            silent = await self._ask_one(name, asked, tell)
+        await asyncio.gather(*asked.values(), return_exceptions=True)
+        answers = {address: asking.exception() for address, asking in asked.items()}
+        if any(answers.values()):  # of those who fell silent meanwhile, somebody else may know more
+            silent += await self._transport.silent(everyone("robot", name or "*"))
+        confirmations = Confirmations(order)
+        missed = {one.key for one in silent}
+        for one in silent:
+            address = Address.parse(one.key)
+            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
+        for address, answer in answers.items():
+            if address.key not in missed and not isinstance(answer, NotInControl):  # its parent tells it
+                confirmations.take(address.name, answer)
+        return confirmations.settle()
+
+    async def _ask_one(
+        self, name: str, asked: dict[Address, asyncio.Future[None]], tell: Tell
+    ) -> list[Silent]:
+        try:
+            address = await self.directory.resolve(name)
+        except NoSuchRobot:
+            if silent := await self._transport.silent(everyone("robot", name)):
+                return silent
+            raise
+        asked[address] = asyncio.ensure_future(tell(self._client(address, CONFIRM)))
+        return []
+
+    async def _ask_all(self, asked: dict[Address, asyncio.Future[None]], tell: Tell) -> list[Silent]:
+        """Ask all who are seen at once, then those who come to sight while everybody is looked for."""
+        loop = asyncio.get_running_loop()
+        latest = loop.time() + CONFIRM
+        seen = set(self.directory.present("robot"))
+        while True:
+            for address in seen - asked.keys():
+                asked[address] = asyncio.ensure_future(tell(self._client(address, CONFIRM)))
+            silent = await self._transport.silent(everyone("robot"))
+            # in this order: who is silent no longer is seen now
+            seen = _addresses(await self._transport.present(everyone("robot")))
+            if asked.keys() >= seen and (not silent or loop.time() > latest):
+                return silent
+            if silent:
+                await asyncio.sleep(LOOK)
+
+
+def _addresses(keys: Iterable[str]) -> set[Address]:
+    return {address for address in map(Address.parse, keys) if address is not None}
 
 
 def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:

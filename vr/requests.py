@@ -15,7 +15,6 @@ from robotree.vr.address import Address
 from robotree.vr.description import Listing, RobotDescription, Template
 from robotree.vr.errors import Garbled, VrError
 
-
 PATIENCE = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
 

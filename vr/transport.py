@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Protocol
 
+import msgspec
+
 Respond = Callable[[bytes], None]
 """Send one reply; may be called any number of times until the handler returns."""
 
@@ -24,6 +26,17 @@ SampleHandler = Callable[[str, bytes], None]
 
 PresenceHandler = Callable[[str, bool], None]
 """Takes one change of presence: the key, and whether it is there now. Must not block."""
+
+
+class Silent(msgspec.Struct, frozen=True):
+    """Something that a living process holds present, and that is not seen from here."""
+
+    key: str
+    """As announced."""
+    where: str
+    """Who holds it, for people: `process 4711`."""
+    remedy: str
+    """What a person can do about it."""
 
 
 class Registration(Protocol):
@@ -75,6 +88,14 @@ class Transport(Protocol):
 
     async def present(self, pattern: str) -> list[str]:
         """Return the keys that are present now."""
+        ...
+
+    async def silent(self, pattern: str) -> list[Silent]:
+        """Return what is present under a pattern for its holder but not for us.
+
+        Presence cannot tell a process that hangs from one that never was, least of all to a newcomer. Where
+        somebody else knows who lives, this compares. Things on their way look silent for a moment.
+        """
         ...
 
     async def close(self) -> None:

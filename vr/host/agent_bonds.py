@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from typing import Any
 
 from robotree.vr.address import Address
 from robotree.vr.bond import Bond, Slots
+from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.context import CommandContext
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import (
@@ -32,7 +33,14 @@ from robotree.vr.lease import DEFAULT_TERM, Lessee
 from robotree.vr.transport import Registration, Transport
 
 FAREWELL = 2.0
-"""[s] for a child to confirm its release or a stop; after that its lease runs out by itself."""
+"""[s] for a child to confirm its release; after that its lease runs out by itself."""
+
+SHARE = 0.8
+"""Of the time that somebody waits for a parent, what the parent waits for its children: a tree of any depth
+knows who did not answer before the one at the top gives up."""
+
+LONGEST = 60.0
+"""[s] Nobody waits longer for a stop."""
 
 TICK = 0.001
 """[s] Shorter waits are none."""
@@ -214,23 +222,43 @@ class BondKeeper:
         link.hurry.set()  # the renewal's answer tells what is new, for good
         return await link.client.describe()
 
-    async def safe_stop(self, reason: str) -> None:
+    async def safe_stop(self, reason: str, *, within: float) -> None:
         """Stop all children, at the same time.
 
-        Raises:
-            VrError: one could not be told; the others were.
-        """
-        await _all(link.client.safe_stop(reason, timeout=FAREWELL) for link in self._links.values())
+        Args:
+            reason: of the stop.
+            within: [s] for which whoever asked this robot waits.
 
-    async def resume(self) -> None:
+        Raises:
+            NotConfirmed: one of those below has not confirmed it; all were told.
+        """
+        timeout = _less(within)
+        await self._tell_all(
+            "the protective stop", lambda link: link.client.safe_stop(reason, timeout=timeout)
+        )
+
+    async def resume(self, *, within: float) -> None:
         """Release the stop of all children, at the same time.
 
+        Args:
+            within: [s] for which whoever asked this robot waits.
+
         Raises:
-            VrError: one could not be told, or refused; the others were told.
+            NotConfirmed: one of those below has not confirmed it; all were told.
         """
-        await _all(
-            link.client.resume(epoch=link.bond.lease.epoch, timeout=FAREWELL) for link in self._links.values()
+        timeout = _less(within)
+        await self._tell_all(
+            "the release of the stop",
+            lambda link: link.client.resume(epoch=link.bond.lease.epoch, timeout=timeout),
         )
+
+    async def _tell_all(self, order: Order, tell: Callable[[Link], Awaitable[None]]) -> None:
+        links = list(self._links.values())
+        answers = await asyncio.gather(*(tell(link) for link in links), return_exceptions=True)
+        confirmations = Confirmations(order)
+        for link, answer in zip(links, answers, strict=True):
+            confirmations.take(link.bond.child.name, answer)
+        confirmations.settle()
 
     # -- keeping ----------------------------------------------------------------------------------
 
@@ -295,12 +323,9 @@ class BondKeeper:
         self._on_change()
 
 
-async def _all(questions: Iterable[Awaitable[None]]) -> None:
-    """Ask all at the same time; raise the first error when all have answered or failed."""
-    results = await asyncio.gather(*questions, return_exceptions=True)
-    for result in results:
-        if isinstance(result, BaseException):
-            raise result
+def _less(within: float) -> float:
+    """Return how long to wait for those below, so that the one above still hears who did not answer [s]."""
+    return SHARE * within if 0 < within < LONGEST else SHARE * LONGEST
 
 
 def _now() -> float:

@@ -14,6 +14,7 @@ from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
 from robotree.vr.host.asking import ask
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import (
+    PATIENCE,
     Accepted,
     Call,
     Cancel,
@@ -41,8 +42,6 @@ from robotree.vr.transport import Transport
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
-PATIENCE = 5.0
-"""[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
 MARGIN = 5.0
 """[s] after the deadline in which the robot may still say how its command ended."""
 
@@ -190,12 +189,18 @@ class RobotClient:
         Args:
             reason: for those whose commands it ends.
             timeout: [s] to wait until all below have been told; None: the client's patience.
+
+        Raises:
+            NotConfirmed: it has, but one below it has not confirmed the stop.
+            TransportError: it has not.
         """
-        await self._ask(SafeStop(reason=reason), Done, urgent=True, timeout=timeout)
+        within = self._patience if timeout is None else timeout
+        await self._ask(SafeStop(reason=reason, within=within), Done, urgent=True, timeout=within)
 
     async def resume(self, *, epoch: int | None = None, timeout: float | None = None) -> None:
         """Release the protective stop of the robot and of all robots below it; see `safe_stop`."""
-        await self._ask(Resume(epoch=epoch), Done, urgent=True, timeout=timeout)
+        within = self._patience if timeout is None else timeout
+        await self._ask(Resume(epoch=epoch, within=within), Done, urgent=True, timeout=within)
 
     # -- what operators ask -----------------------------------------------------------------------
 

@@ -133,6 +133,19 @@ async def many_are_present(join: Join) -> None:
     await close_all(member, watcher)
 
 
+async def who_is_seen_is_not_silent(join: Join) -> None:
+    """What is present here and there is silent nowhere; what was taken back neither."""
+    one, other = await join(), await join()
+    tokens = [await one.announce(f"robot/a/{number}") for number in range(3)]
+    await until_present(other, "robot/a/*", [f"robot/a/{number}" for number in range(3)])
+    promise(await other.silent("robot/**") == [], "who is seen is not silent")
+    for token in tokens:
+        await token.close()
+    await until_present(other, "robot/a/*", [])
+    promise(await other.silent("**") == [], "who has left is not silent")
+    await close_all(one, other)
+
+
 async def a_closed_transport_says_so(join: Join) -> None:
     """Everything asked of it afterwards raises, what waits ends, and closing again does nothing."""
     server, caller = await join(), await join()

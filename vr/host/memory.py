@@ -19,7 +19,7 @@ from robotree.vr.errors import TransportClosed
 from robotree.vr.host.memory_link import Link
 from robotree.vr.host.pattern import matches
 from robotree.vr.host.replies import Replies
-from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, SampleHandler
+from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, SampleHandler, Silent
 
 _log = logging.getLogger(__name__)
 
@@ -215,6 +215,17 @@ class MemoryTransport:
         """See `Transport.present`."""
         self._check(pattern)
         return self._visible(pattern)
+
+    async def silent(self, pattern: str) -> list[Silent]:
+        """See `Transport.silent`."""
+        self._check(pattern)
+        return [
+            Silent(key, member.name, f"thaw {member.name}")
+            for member in self.network.members
+            if not self._sees(member)
+            for key in member.tokens
+            if matches(pattern, key)
+        ]
 
     async def close(self) -> None:
         """See `Transport.close`."""

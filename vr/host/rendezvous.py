@@ -5,6 +5,9 @@ keeps locked for as long as it lives. Whoever comes locks the door, sweeps out t
 any more, dials all others, and writes its own. The lock on the door puts arrivals in order, so of any two
 processes the later one dials the earlier one, and never both: two that dial each other can end up split for
 ever (zenoh issue 2806; measured with Zenoh 1.10.2).
+
+Beside its entry each process keeps a list of what it has announced. A process that hangs says nothing to the
+network, and nothing at all to those who come later; here it is still seen, with all that it holds.
 """
 
 from __future__ import annotations
@@ -15,8 +18,9 @@ import os
 import secrets
 import stat
 import tempfile
+import threading
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from robotree.vr.address import check_name
@@ -32,6 +36,8 @@ LONGEST_SOCKET = 100
 """Characters of a path that every Unix takes for a socket; the smallest limit is 104, final zero included."""
 
 _ENTRY = ".entry"
+_HELD = ".held"
+_NEW = ".new"
 
 
 def runtime_directory() -> Path:
@@ -73,6 +79,8 @@ class Rendezvous:
             self._make_private(directory)
         self._tag = f"{os.getpid()}-{secrets.token_hex(4)}"
         self._lock: int | None = None
+        self._held: list[str] = []
+        self._holding = threading.Lock()
         self.socket = self._short(self.directory / self._tag)
 
     @property
@@ -109,10 +117,44 @@ class Rendezvous:
 
     def leave(self) -> None:
         """Take the own entry back. Twice is once."""
-        lock, self._lock = self._lock, None
-        if lock is not None:
-            self._entry(self._tag).unlink(missing_ok=True)
-            os.close(lock)
+        with self._holding:
+            lock, self._lock = self._lock, None
+            if lock is not None:
+                self._forget(self._tag)
+                os.close(lock)
+
+    def hold(self, key: str) -> None:
+        """Write down what this process is about to announce. From any thread."""
+        with self._holding:
+            self._held.append(key)
+            self._write_held()
+
+    def let_go(self, key: str) -> None:
+        """Strike out what this process has announced no longer. From any thread."""
+        with self._holding:
+            self._held.remove(key)
+            self._write_held()
+
+    def held(self) -> dict[str, int]:
+        """Return what all living processes hold: process ids by key. Takes no door, waits for nobody."""
+        found: dict[str, int] = {}
+        for tag, _ in self._held_entries():
+            with contextlib.suppress(OSError):  # it has announced nothing, or left just now
+                keys = (self.directory / f"{tag}{_HELD}").read_text().splitlines()
+                found.update(dict.fromkeys(keys, int(tag.partition("-")[0])))
+        return found
+
+    def _write_held(self) -> None:
+        if self._lock is None:
+            return
+        path = self.directory / f"{self._tag}{_HELD}"
+        new = path.with_suffix(_NEW)
+        new.write_text("\n".join(self._held))
+        new.rename(path)  # at once: whoever reads meanwhile reads the old list or the new one
+
+    def _forget(self, tag: str) -> None:
+        for suffix in (_HELD, _NEW, _ENTRY):
+            (self.directory / f"{tag}{suffix}").unlink(missing_ok=True)
 
     def _entry(self, tag: str) -> Path:
         return self.directory / f"{tag}{_ENTRY}"
@@ -135,28 +177,37 @@ class Rendezvous:
 
     def _living(self) -> list[str]:
         """Read the entries that somebody holds; sweep out the others, with the sockets they left behind."""
-        locators: list[str] = []
+        return [locator for _, locator in self._held_entries(sweep=True) if locator]
+
+    def _held_entries(self, *, sweep: bool = False) -> Iterator[tuple[str, str]]:
+        """Return tag and locator of each entry that somebody holds.
+
+        Args:
+            sweep: remove the others. Only while the door is locked: whoever enters holds its entry not yet.
+        """
         for path in sorted(self.directory.glob(f"*{_ENTRY}")):
             try:
                 handle = os.open(path, os.O_RDWR)
             except FileNotFoundError:
                 continue  # it left just now; leaving takes no door
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # shared: two who look at the entry of a dead process must not take each other for it
+                fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
-                locators.append(os.pread(handle, 4096, 0).decode())
+                yield path.name.removesuffix(_ENTRY), os.pread(handle, 4096, 0).decode()
             else:
-                self._sweep(path, os.pread(handle, 4096, 0).decode(errors="replace"))
+                if sweep:
+                    self._sweep(path, os.pread(handle, 4096, 0).decode(errors="replace"))
             finally:
                 os.close(handle)
-        return [locator for locator in locators if locator]
 
     def _sweep(self, entry: Path, locator: str) -> None:
+        tag = entry.name.removesuffix(_ENTRY)
         _, _, socket = locator.partition("/")
-        if Path(socket).name == entry.name.removesuffix(_ENTRY):
+        if Path(socket).name == tag:
             Path(socket).unlink(missing_ok=True)
             Path(f"{socket}.lock").unlink(missing_ok=True)
-        entry.unlink(missing_ok=True)
+        self._forget(tag)
 
     def _short(self, wanted: Path) -> Path:
         """Return the path, or one elsewhere if the system does not take so long a path for a socket."""

@@ -19,11 +19,19 @@ import zenoh
 from robotree.vr.errors import TransportClosed
 from robotree.vr.host.errors import RealmUnusable
 from robotree.vr.host.inbox import Inbox
+from robotree.vr.host.pattern import matches
 from robotree.vr.host.presence import Presence
 from robotree.vr.host.rendezvous import Rendezvous, realm_name
 from robotree.vr.host.replies import Replies
 from robotree.vr.host.zenoh_session import LEASE, Session
-from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, Respond, SampleHandler
+from robotree.vr.transport import (
+    PresenceHandler,
+    Registration,
+    RequestHandler,
+    Respond,
+    SampleHandler,
+    Silent,
+)
 
 LARGE = 8192
 """Bytes from which on a reply is sent by a thread: a stalled receiver may block the sender for a second."""
@@ -167,9 +175,9 @@ class ZenohTransport:
 
     async def announce(self, key: str) -> Registration:
         """See `Transport.announce`."""
-        session = self._open(key)
-        token = await self.in_thread(lambda: session.liveliness().declare_token(key))
-        return _Declared(self, token.undeclare)
+        self._open(key)
+        token = await self.in_thread(partial(self.session.announce, key))
+        return _Declared(self, partial(self.session.take_back, key, token))
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""
@@ -216,6 +224,17 @@ class ZenohTransport:
         await self.in_thread(ask)
         await complete
         return sorted(keys)
+
+    async def silent(self, pattern: str) -> list[Silent]:
+        """See `Transport.silent`: the rendezvous knows who lives, whether or not it speaks."""
+        self._open(pattern)
+        held = await self.in_thread(self.session.held)
+        seen = set(await self.present(pattern))
+        return [
+            Silent(key, f"process {pid}", f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it")
+            for key, pid in sorted(held.items())
+            if matches(pattern, key) and key not in seen
+        ]
 
     async def close(self) -> None:
         """See `Transport.close`."""

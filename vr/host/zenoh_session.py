@@ -75,6 +75,31 @@ class Session:
             atexit.register(self.close)
             self._place.enter()
 
+    def announce(self, key: str) -> zenoh.LivelinessToken:
+        """Be present under a key, for the network and at the rendezvous.
+
+        Raises:
+            zenoh.ZError: the session has closed meanwhile.
+        """
+        session = self.zenoh
+        if session is None:
+            raise zenoh.ZError(f"the session is closed: {key}")
+        self._place.hold(key)  # first: who cannot be seen must be known of
+        try:
+            return session.liveliness().declare_token(key)
+        except zenoh.ZError:
+            self._place.let_go(key)
+            raise
+
+    def take_back(self, key: str, token: zenoh.LivelinessToken) -> None:
+        """Be present no longer under a key."""
+        token.undeclare()
+        self._place.let_go(key)
+
+    def held(self) -> dict[str, int]:
+        """Return what the living processes of the realm hold present: process ids by key."""
+        return self._place.held()
+
     def close(self) -> None:
         """Leave. Twice is once."""
         atexit.unregister(self.close)

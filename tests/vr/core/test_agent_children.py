@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import threading
 from typing import Annotated, Any
@@ -23,7 +24,14 @@ from robotree.vr import (
     VrError,
     command,
 )
-from robotree.vr.errors import BadArgument, CommandFailed, NoSuchCommand, NotInControl, Stopped
+from robotree.vr.errors import (
+    BadArgument,
+    CommandFailed,
+    NoSuchCommand,
+    NotConfirmed,
+    NotInControl,
+    Stopped,
+)
 from robotree.vr.host.execution import ChildCall
 from robotree.vr.mailbox import LONGEST_QUEUE
 
@@ -397,10 +405,31 @@ async def test_a_stop_that_does_not_reach_a_child_says_so_but_reaches_the_others
     driver, left, right = await crew(realm, "left", "right")
     realm.network.lease = 1000.0
     realm.network.freeze(left.transport)
-    with pytest.raises(VrError, match=r"robot/rover-left/.* did not answer within"):
+    with pytest.raises(VrError, match=r"by rover-right but NOT by rover-left \(it did not"):
         await realm.client(driver).safe_stop("look out")
     assert right.robot.stops == ["look out"]
     realm.network.thaw(left.transport)
+
+
+async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(realm: Any) -> None:
+    class Over(VirtualRobot):
+        below = Child("Robot")
+
+    top, *others = [await realm.start(Over(f"level-{number}")) for number in range(4)]
+    rover = await realm.start(Rover("rover"))
+    for parent, child in itertools.pairwise([top, *others, rover]):
+        await realm.client(parent).enslave("below", child.address)
+    realm.network.lease = 1000.0
+    realm.network.freeze(rover.transport)
+    loop = asyncio.get_running_loop()
+    for order in (realm.client(top).safe_stop, realm.client(top).resume):
+        began = loop.time()
+        with pytest.raises(
+            NotConfirmed, match=r"by level-1, level-2, level-3 but NOT by rover \(it did not answer\)"
+        ):
+            await order(timeout=1.0)
+        assert loop.time() - began < 1.0
+    realm.network.thaw(rover.transport)
 
 
 async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -> None:

@@ -16,13 +16,14 @@ from robotree.vr.errors import (
     BrokenSource,
     DuplicateName,
     LeaseDenied,
-    NoAnswer,
+    NoHost,
     NoSuchCommand,
     NoSuchFile,
     NoSuchHost,
     NoSuchRobot,
     NoSuchSlot,
     NoSuchView,
+    NotConfirmed,
     NotInControl,
     NotVirtual,
     SlotEmpty,
@@ -217,12 +218,53 @@ async def test_a_stop_reaches_everybody_the_enslaved_too(world: World) -> None:
 
 async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    with pytest.raises(NoAnswer, match="robot/r1/"):
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
         await world.fleet.stop(None)
     rover = world.agents["r2"].robot
     assert isinstance(rover, Rover)
     assert rover.stopped
     world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+
+
+async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -> None:
+    """Its presence stands, its door is shut: nobody knows what its hardware does."""
+    (key,) = world.agents["r1"].transport.served  # type: ignore[attr-defined]
+    world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(it ended or cannot be reached"):
+        await world.fleet.stop(None)
+    with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
+        await world.fleet.stop("r1")
+    assert key.startswith("robot/r1/")
+
+
+async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World) -> None:
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    newcomer = Fleet(world.network.join("newcomer"))
+    await newcomer.start()
+    silent = r"NOT by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
+    with pytest.raises(NotConfirmed, match=f"confirmed by r2 but {silent}"):
+        await newcomer.stop(None)
+    with pytest.raises(NotConfirmed, match=f"confirmed by nobody but {silent}"):
+        await newcomer.stop("r1")
+    with pytest.raises(NotConfirmed, match="look at them, then release it again, then: thaw r1"):
+        await newcomer.resume(None)
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+    assert list(await newcomer.stop(None)) == ["r1", "r2"]
+    await newcomer.close()
+
+
+async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    newcomer = Fleet(world.network.join("newcomer"))
+    await newcomer.start()
+    stopping = asyncio.create_task(newcomer.stop(None))
+    rover = world.agents["r2"].robot
+    assert isinstance(rover, Rover)
+    await until(lambda: bool(rover.stopped), "the others are told at once")
+    assert not stopping.done()
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+    assert list(await stopping) == ["r1", "r2"]
+    await newcomer.close()
 
 
 async def test_views_are_found_and_looked_through(world: World) -> None:
@@ -260,7 +302,7 @@ async def test_the_host_is_the_one_named_else_the_first(world: World) -> None:
         await world.create("c", host="host-7")
     await other.close()
     await world.host.close()
-    with pytest.raises(NoSuchHost, match="start one with"):
+    with pytest.raises(NoHost, match="no host is running; start one with `robotree host NAME`"):
         await world.create("d")
 
 

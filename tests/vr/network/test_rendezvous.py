@@ -40,6 +40,34 @@ def test_the_entry_of_the_dead_is_swept_out_with_its_socket(tmp_path: Path) -> N
     assert (tmp_path / "precious").read_text() == "kept"
 
 
+def test_what_a_process_holds_is_known_to_others_until_it_leaves(tmp_path: Path) -> None:
+    one, other = Rendezvous("test", tmp_path / "r"), Rendezvous("test", tmp_path / "r")
+    for place in (one, other):
+        with place.door():
+            place.enter()
+    for key in ("robot/a/1", "robot/b/1", "host/h/1"):
+        one.hold(key)
+    one.let_go("robot/b/1")
+    assert other.held() == one.held() == {"robot/a/1": os.getpid(), "host/h/1": os.getpid()}
+    one.leave()
+    one.hold("robot/c/1")
+    assert other.held() == {}
+    other.leave()
+    assert [path.name for path in other.directory.iterdir()] == [".door"]
+
+
+def test_who_only_looks_leaves_the_entries_of_the_dead_to_the_next_who_enters(tmp_path: Path) -> None:
+    """An entry that nobody holds may be that of a process which is just entering."""
+    place = Rendezvous("test", tmp_path / "r")
+    (tmp_path / "r/test/7-dead.entry").write_text(f"unixsock-stream/{tmp_path}/r/test/7-dead")
+    (tmp_path / "r/test/7-dead.held").write_text("robot/a/1")
+    assert place.held() == {}
+    assert (tmp_path / "r/test/7-dead.entry").exists()
+    with place.door():
+        pass
+    assert [path.name for path in place.directory.iterdir()] == [".door"]
+
+
 def test_a_door_that_stays_locked_names_who_holds_it(tmp_path: Path) -> None:
     one, other = Rendezvous("test", tmp_path / "r"), Rendezvous("test", tmp_path / "r")
     held = pytest.raises(RealmUnusable, match=f"process {os.getpid()} has held the door")

@@ -1,0 +1,95 @@
+"""A stop among real processes of which one hangs: it reaches all others, and nobody calls it complete."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from robotree.vr.errors import NoSuchRobot, NotConfirmed, Stopped
+from robotree.vr.fleet import Fleet
+from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.testing import until
+
+Start = Callable[[str, str], Awaitable[Any]]
+Look = Callable[[], Awaitable[Fleet]]
+
+
+@pytest.fixture
+async def look(join_zenoh: Callable[[], Awaitable[ZenohTransport]]) -> AsyncIterator[Look]:
+    """Return a way to come into the realm and look around."""
+    fleets: list[Fleet] = []
+
+    async def come() -> Fleet:
+        fleets.append(Fleet(await join_zenoh()))
+        await fleets[-1].start()
+        return fleets[-1]
+
+    yield come
+    for fleet in fleets:
+        await fleet.close()
+
+
+async def robots(start: Start, *names: str) -> list[Any]:
+    members = [await start("robot", name) for name in names]
+    await asyncio.gather(*(member.ready() for member in members))
+    return members
+
+
+def hangs(name: str, member: Any) -> str:
+    pid = member.process.pid
+    return (
+        rf"but NOT by {name} \(in process {pid}, which hangs\); press the emergency stop of whatever they "
+        rf"drive, then: `kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it$"
+    )
+
+
+async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach(
+    start: Start, look: Look
+) -> None:
+    _, frozen = await robots(start, "awake", "frozen")
+    frozen.signal(signal.SIGSTOP)
+    fleet = await look()
+    began = time.monotonic()
+    with pytest.raises(
+        NotConfirmed, match=r"^the protective stop is confirmed by awake " + hangs("frozen", frozen)
+    ):
+        await fleet.stop(None)
+    assert time.monotonic() - began < 6
+    with pytest.raises(Stopped):
+        await fleet.call("awake", "move", {"x": 1.0})
+    with pytest.raises(NotConfirmed, match="confirmed by nobody " + hangs("frozen", frozen)):
+        await fleet.stop("frozen")
+    with pytest.raises(NoSuchRobot):
+        await fleet.stop("nobody")
+    frozen.signal(signal.SIGCONT)
+    assert list(await fleet.stop(None)) == ["awake", "frozen"]
+
+
+async def test_who_was_there_before_a_process_froze_knows_it_too(start: Start, look: Look) -> None:
+    _, frozen = await robots(start, "awake", "frozen")
+    fleet = await look()
+    await until(lambda: len(fleet.directory.present("robot")) == 2, "both are seen")
+    frozen.signal(signal.SIGSTOP)
+    with pytest.raises(NotConfirmed, match="confirmed by awake " + hangs("frozen", frozen)):
+        await fleet.stop(None)
+    await until(lambda: len(fleet.directory.present("robot")) == 1, "its presence is over")
+    with pytest.raises(NotConfirmed, match="confirmed by awake " + hangs("frozen", frozen)):
+        await fleet.stop(None)
+    frozen.signal(signal.SIGKILL)
+    await frozen.process.wait()
+    assert list(await fleet.stop(None)) == ["awake"], "the dead hold nothing"
+
+
+async def test_a_frozen_process_that_holds_no_robot_spoils_no_stop(start: Start, look: Look) -> None:
+    await robots(start, "awake")
+    lookup = await start("lookup", "l1")
+    await lookup.ready()
+    lookup.signal(signal.SIGSTOP)
+    fleet = await look()
+    assert list(await fleet.stop(None)) == ["awake"]
+    lookup.signal(signal.SIGCONT)

@@ -1,0 +1,85 @@
+"""Who of many that were told the same has confirmed it: all, or one error that names the others. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from robotree.vr.errors import NoAnswer, NotConfirmed, Unreachable, VrError
+
+Order = Literal["the protective stop", "the release of the stop"]
+
+_ADVICE: dict[Order, str] = {
+    "the protective stop": "press the emergency stop of whatever they drive",
+    "the release of the stop": "look at them, then release it again",
+}
+_BETWEEN = "; "
+_NOBODY = "nobody"
+
+
+class Confirmations:
+    """What came back of one order."""
+
+    def __init__(self, order: Order) -> None:
+        """Begin: nobody has confirmed."""
+        self._order: Order = order
+        self._told: set[str] = set()
+        self._untold: dict[str, None] = {}
+        self._remedies: dict[str, None] = {}
+
+    def take(self, name: str, answer: BaseException | None) -> None:
+        """Take the answer of one robot, for itself and for all below it.
+
+        Args:
+            name: of the robot.
+            answer: None: it has confirmed. An error: it has not, or one below it has not.
+
+        Raises:
+            BaseException: `answer`, when it is nothing that a robot could have answered.
+        """
+        if answer is not None and not isinstance(answer, VrError):
+            raise answer
+        if answer is None or isinstance(answer, NotConfirmed):
+            self._told.add(name)
+        if isinstance(answer, NotConfirmed):  # the robot itself has; some below it have not
+            told = str(answer.data["told"])
+            self._told.update(told.split(", ") if told != _NOBODY else ())
+            self._untold.update(dict.fromkeys(str(answer.data["untold"]).split(_BETWEEN)))
+        elif answer is not None:
+            self._untold[f"{name} ({_reason(answer)})"] = None
+
+    def miss(self, name: str, where: str, remedy: str) -> None:
+        """Note one that lives and could not even be asked.
+
+        Args:
+            name: of the robot.
+            where: it lives, for people.
+            remedy: what a person can do about it.
+        """
+        self._untold[f"{name} (in {where}, which hangs)"] = None
+        self._remedies[remedy] = None
+
+    def settle(self) -> Sequence[str]:
+        """Return the names of those that have confirmed, if all have.
+
+        Raises:
+            NotConfirmed: some have not; names both sides, and what to do next.
+        """
+        if self._untold:
+            raise NotConfirmed(
+                order=self._order,
+                told=", ".join(sorted(self._told)) or _NOBODY,
+                untold=_BETWEEN.join(self._untold),
+                advice=", then: ".join((_ADVICE[self._order], *self._remedies)),
+            )
+        return sorted(self._told)
+
+
+def _reason(error: VrError) -> str:
+    match error:
+        case NoAnswer():
+            return "it did not answer"
+        case Unreachable():
+            return "it ended or cannot be reached"
+        case _:
+            return str(error).replace(_BETWEEN, ", ")
