@@ -6,7 +6,9 @@ out over MAVLink. A *view* stands for the cameras and instruments around a robot
     motion · translate · guard · outcome · twin     pure: words of one side into words of the other
     session · backoff                               pure: the conversation with one controller
     connection · errand                             the shell: links, and the threads that commands run in
-    robot_proxy · arm · rover · kinds               the robots; a new kind is one class and one line
+    robot_proxy                                     what every kind of robot has in common
+    arm · rover                                     the kinds; a new one is one module
+    kinds · kind_file                               found by name, and in files of other people
     view                                            pictures and readings of a workspace
     agent                                           all of it on a network of agents
 """

@@ -2,40 +2,73 @@
 
 from __future__ import annotations
 
-import random
+import math
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import msgspec
 
-from robotree.protocol.links.url import connect
-from robotree.protocol.messages import Gripper, GripperState, Tool
-from robotree.proxy.connection import Dial
-from robotree.proxy.guard import ArmLimits, Span
-from robotree.proxy.motion import GoTo, Grip, Hold
+from robotree.protocol.messages import Gripper, GripperState, Tool, Verb
+from robotree.proxy.guard import Limits, Span
+from robotree.proxy.motion import Hold, Motion, Request
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import twist_of
 from robotree.vr.command import command
-from robotree.vr.units import Range, Unit
+from robotree.vr.units import Unit
 
-LIMITS = ArmLimits()
-OPEN, CLOSED = LIMITS.width.upper, LIMITS.width.lower
+LIMITS: Limits = {
+    "x": Span(-0.65, 0.65, "m"),
+    "y": Span(-0.65, 0.65, "m"),
+    "z": Span(0.025, 0.80, "m"),
+    "twist": Span(-math.pi, math.pi, "rad"),
+    "speed": Span(0.005, 0.25, "m/s"),
+    "width": Span(0.0, 0.08, "m"),
+}
+"""The box of W in which the tool may be sent, and how fast. Whether a point of it is within reach, only the
+controller knows. The finger tips reach 0.02 m below the tool point, and the table is at 0. An impact's peak
+force grows with speed: 35 N at 0.05 m/s, 130 N at 0.2 m/s against a hard table."""
+OPEN, CLOSED = LIMITS["width"].upper, LIMITS["width"].lower
 """[m] Widths of the open and of the closed gripper."""
+USUAL_SPEED = 0.15
+"""[m/s] when the caller names none. The proxy always tells the controller a speed: a command then means the
+same to every controller, whatever it would do without one (docs/decisions/0008)."""
 
-
-def _within(span: Span) -> Range:
-    return Range(span.lower, span.upper)
-
-
-X = Annotated[float, Unit("m"), _within(LIMITS.x), "forward, from the foot of the arm"]
-Y = Annotated[float, Unit("m"), _within(LIMITS.y), "to the left"]
-Z = Annotated[float, Unit("m"), _within(LIMITS.z), "up, from the table"]
-Twist = Annotated[float, Unit("rad"), _within(LIMITS.twist), "of the gripper, counterclockwise from above"]
+X = Annotated[float, Unit("m"), LIMITS["x"].range, "forward, from the foot of the arm"]
+Y = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left"]
+Z = Annotated[float, Unit("m"), LIMITS["z"].range, "up, from the table"]
+Twist = Annotated[float, Unit("rad"), LIMITS["twist"].range, "of the gripper, counterclockwise from above"]
 Speed = Annotated[
-    float, Unit("m/s"), _within(LIMITS.speed), "along the way; slower where contact is expected"
+    float, Unit("m/s"), LIMITS["speed"].range, "along the way; slower where contact is expected"
 ]
-Width = Annotated[float, Unit("m"), _within(LIMITS.width), "between the fingers"]
+Width = Annotated[float, Unit("m"), LIMITS["width"].range, "between the fingers"]
 Force = Annotated[float, Unit("N"), "of the world on the tool"]
 Torque = Annotated[float, Unit("N*m"), "of the world on the tool"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoTo(Motion):
+    """Move the tool to x, y, z [m] at speed [m/s], pointing down, twist [rad] about the vertical."""
+
+    x: float
+    y: float
+    z: float
+    twist: float
+    speed: float
+
+    def request(self) -> Request:
+        """GO_TO."""
+        return Request(Verb.GO_TO, (self.x, self.y, self.z, self.twist, self.speed))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grip(Motion):
+    """Bring the fingers to a width [m]; an object in between stops them earlier."""
+
+    width: float
+
+    def request(self) -> Request:
+        """GRIP."""
+        return Request(Verb.GRIP, (self.width,))
 
 
 class ArmInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,20 +92,10 @@ class ArmInfo(msgspec.Struct, frozen=True, kw_only=True):
 class Arm(RobotProxy):
     """A compliant arm: goes to points, gripper down, yields when pushed, and feels what it touches."""
 
-    def __init__(
-        self,
-        name: str,
-        url: str,
-        limits: ArmLimits = LIMITS,
-        *,
-        dial: Dial = connect,
-        chance: random.Random | None = None,
-    ) -> None:
-        """Prepare the proxy of one arm; see `RobotProxy`."""
-        super().__init__(name, url, limits, dial=dial, chance=chance)
+    limits = LIMITS
 
     @command(effect="repeat")
-    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: Speed = 0.15) -> None:
+    def go_to(self, x: X, y: Y, z: Z, twist: Twist, speed: Speed = USUAL_SPEED) -> None:
         """Move the gripper to a point, on a line if there is one, and turn it."""
         self.carry_out(GoTo(x=x, y=y, z=z, twist=twist, speed=speed))
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, GoalSilent
 from robotree.proxy.connection import Connection
+from robotree.proxy.motion import Request
 from robotree.proxy.session import Event
-from robotree.proxy.translate import Request
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,9 @@
 What goes wrong afterwards is told with the errors of `robotree.vr.errors`, so that every caller knows them.
 
     VrError
-      ProxyError      UnknownKind · BadController
+      ProxyError      UnknownKind · NoKind · SeveralKinds · BadController
+
+A kind's file that cannot be read or run is told as a virtual robot's is: NoSuchFile, BrokenSource.
 """
 
 from __future__ import annotations
@@ -18,7 +20,19 @@ class ProxyError(VrError):
 class UnknownKind(ProxyError):
     """Nobody has written a proxy for this kind of robot."""
 
-    sentence = "{kind!r} is no kind of robot; there is: {known}"
+    sentence = "{kind!r} is no kind of robot; there is: {known}, or a file with one of your own: ./{kind}.py"
+
+
+class NoKind(ProxyError):
+    """The file defines no (such) kind of robot."""
+
+    sentence = "{path} defines no kind of robot{wanted}; it needs a class that derives from RobotProxy"
+
+
+class SeveralKinds(ProxyError):
+    """The file defines several kinds of robots and none was named."""
+
+    sentence = "{path} defines several kinds of robots ({known}); say which: {path}:CLASS"
 
 
 class BadController(ProxyError):

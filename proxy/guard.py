@@ -8,10 +8,13 @@ same arm has another workspace in another cell. Each refusal names the value, th
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
 
-from robotree.proxy.motion import Motion, Move
+from robotree.proxy.motion import Motion
 from robotree.vr.errors import BadArgument, StaleEpoch
+from robotree.vr.units import Range
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,42 +38,39 @@ class Span:
         return self.lower <= value <= self.upper  # False for NaN
 
     def __str__(self) -> str:
-        return f"{self.lower:g} to {self.upper:g} {self.unit}"
+        return f"{self.lower:g} to {self.upper:g} {self.unit}".rstrip()
+
+    @property
+    def range(self) -> Range:
+        """The same for the annotation of a command's parameter, so that callers see it."""
+        return Range(self.lower, self.upper)
 
 
-Limits = dict[str, Span]
+Limits = Mapping[str, Span]
+"""What may be asked of one kind of robot in one place: a span by the name of each number of its motions."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmLimits:
-    """The box of W in which the tool may be sent, and how fast.
+NO_LIMITS: Limits = MappingProxyType({})
+"""Of a robot of which nothing may be asked that has a number."""
 
-    Narrower than the arm in speed, wider in space: whether a point of the box is within reach, only the
-    controller knows.
+
+def changed(limits: Limits, changes: Limits) -> Limits:
+    """The limits of a kind in another place.
+
+    Args:
+        limits: of the kind.
+        changes: what is different there.
+
+    Raises:
+        ValueError: a change is of no limit of this kind, so nothing would be limited by it.
     """
-
-    x: Span = Span(-0.65, 0.65, "m")
-    y: Span = Span(-0.65, 0.65, "m")
-    z: Span = Span(0.025, 0.80, "m")
-    """The finger tips reach 0.02 m below the tool point, and the table is at 0."""
-    twist: Span = Span(-math.pi, math.pi, "rad")
-    speed: Span = Span(0.005, 0.25, "m/s")
-    """An impact's peak force grows with speed: 35 N at 0.05 m/s, 130 N at 0.2 m/s against a hard table."""
-    width: Span = Span(0.0, 0.08, "m")
+    if strange := sorted(changes.keys() - limits.keys()):
+        msg = f"there is no limit {', '.join(strange)}; there is: {', '.join(limits)}"
+        raise ValueError(msg)
+    return {**limits, **changes}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoverLimits:
-    """How far one move may lead, and how fast; and the arena around the origin of W that it may not leave."""
-
-    x: Span = Span(-3.0, 3.0, "m")
-    y: Span = Span(-3.0, 3.0, "m")
-    speed: Span = Span(0.01, 1.0, "m/s")
-    arena_x: Span = Span(-1.5, 1.5, "m")
-    arena_y: Span = Span(-1.5, 1.5, "m")
-
-
-def check(motion: Motion, limits: ArmLimits | RoverLimits, *, command: str) -> None:
+def check(motion: Motion, limits: Limits, *, command: str) -> None:
     """Refuse a motion with any value out of its limit. A value for which no limit is known is refused, too.
 
     Args:
@@ -81,39 +81,14 @@ def check(motion: Motion, limits: ArmLimits | RoverLimits, *, command: str) -> N
     Raises:
         BadArgument: it names the first such value.
     """
-    spans: Limits = spans_of(limits)
     for name, value in asdict(motion).items():
-        span = spans.get(name)
+        span = limits.get(name)
         if span is None:
             raise BadArgument(
                 command=command, parameter=name, reason="this robot knows no limit for it; not sent"
             )
         if value not in span:
             raise BadArgument(command=command, parameter=name, reason=_out_of(value, span))
-
-
-def check_arrival(motion: Move, here: tuple[float, float], limits: RoverLimits, *, command: str) -> None:
-    """Refuse a move that would end outside the arena.
-
-    Args:
-        motion: what is about to be sent.
-        here: (2,) x, y [m] in W, where the base stands now.
-        limits: those of this robot in this place.
-        command: name of the command, for the sentence.
-
-    Raises:
-        BadArgument: it names the direction that leads out.
-    """
-    ends = {"x": (here[0] + motion.x, limits.arena_x), "y": (here[1] + motion.y, limits.arena_y)}
-    for name, (end, span) in ends.items():
-        if end not in span:
-            reason = f"the move would end at {end:.3f} {span.unit}, the arena is {span}; send it another way"
-            raise BadArgument(command=command, parameter=name, reason=reason)
-
-
-def spans_of(limits: ArmLimits | RoverLimits) -> Limits:
-    """The spans of a limits value by name."""
-    return {name: getattr(limits, name) for name in type(limits).__dataclass_fields__}
 
 
 def _out_of(value: float, span: Span) -> str:

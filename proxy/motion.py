@@ -1,45 +1,41 @@
 """What a proxy can ask of a controller, in the words and units of the agents' side.
 
-A motion is a wish without a sender: no key, no epoch, no time. `guard` judges it, `translate` puts it on the
-wire. Lengths are in metres along the axes of the cell's frame W, angles in radians about its vertical, speeds
-in metres per second.
+A motion is a wish without a sender: no key, no epoch, no time. `guard` judges its numbers; how the wire puts
+it, it knows itself. The motions of a kind of robot stand in the module of that kind. Here is what they have
+in common, and the one that every controller knows.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
+
+from robotree.protocol.messages import Verb
+
+
+class Request(NamedTuple):
+    """What a goal asks for, as the wire puts it."""
+
+    verb: int
+    """One of `Verb`, or a number from 0x8000 on that a controller and its proxy have agreed upon."""
+    args: tuple[float, ...]
+    """Up to seven, in the order and units of the dialect; what is left out, and NaN, is as it is now."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GoTo:
-    """Move the tool to a point, pointing down."""
+class Motion(ABC):
+    """One wish. Its fields are numbers, and each has a limit of the same name."""
 
-    x: float
-    y: float
-    z: float
-    twist: float
-    speed: float
+    @abstractmethod
+    def request(self) -> Request:
+        """Put it into the wire's words. Pure."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grip:
-    """Bring the fingers to a distance from each other; an object in between stops them earlier."""
-
-    width: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Move:
-    """Move a mobile base by x, y from where it stands, without turning."""
-
-    x: float
-    y: float
-    speed: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hold:
+class Hold(Motion):
     """Stay, compliantly, and drop any other goal."""
 
-
-Motion = GoTo | Grip | Move | Hold
+    def request(self) -> Request:
+        """HOLD takes no arguments."""
+        return Request(Verb.HOLD, ())

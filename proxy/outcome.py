@@ -24,6 +24,7 @@ SENTENCES: dict[Reason, str] = {
     Reason.LINK_SILENT: "the controller heard nothing from the proxy for too long and holds",
     Reason.OPERATOR: "somebody asked for it",
     Reason.FAULT: "the controller found a fault in itself",
+    Reason.NOT_IN_CONTROL: "somebody on another link is in operator control; ask them to give it up",
 }
 """One for every reason of the dialect; a test compares."""
 LONGEST_TEXT = 80

@@ -3,7 +3,7 @@
 What is common to all kinds of robots is here: the connection, the twin, the guard before the wire, and the
 way of a command: its key becomes the goal's key, its lease's epoch the goal's epoch, its deadline the goal's
 time to live, and when it is cancelled the goal is cancelled, too. A new kind of robot is one class with its
-commands (`arm.py`, `rover.py`).
+limits and its commands, in a module with its motions (`arm.py`, `rover.py`, or a file of yours).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from robotree.protocol.messages import Message
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.errand import Desk, Errand, NotSent
-from robotree.proxy.guard import ArmLimits, Fence, RoverLimits, check
+from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of
 from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
-from robotree.proxy.translate import goal_key, request_of, time_to_live
+from robotree.proxy.translate import READERS, Readers, goal_key, time_to_live
 from robotree.vr.command import command
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
@@ -43,11 +43,16 @@ NEXT = "look after the controller, the proxy goes on dialling"
 class RobotProxy(Robot):
     """Stands for one robot, which its controller moves."""
 
+    limits: Limits = NO_LIMITS
+    """What is refused before the wire; a kind says its own."""
+    readers: Readers = READERS
+    """How its telemetry reads; a kind may say its own."""
+
     def __init__(
         self,
         name: str,
         url: str,
-        limits: ArmLimits | RoverLimits,
+        limits: Limits = NO_LIMITS,
         *,
         dial: Dial = connect,
         chance: random.Random | None = None,
@@ -57,16 +62,20 @@ class RobotProxy(Robot):
         Args:
             name: of the robot, unique in the realm.
             url: where its controller listens.
-            limits: what is refused before the wire.
+            limits: those that are not the kind's in this place.
             dial: opens a link.
             chance: for the waits between attempts to connect.
+
+        Raises:
+            BadName: that cannot be a name.
+            ValueError: the kind has no such limit.
         """
         super().__init__(name, {"controller": url})
         self.online = False
         self.on_change: Callable[[], None] = lambda: None
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
-        self._limits = limits
-        self._session = Session()
+        self.limits = changed(self.limits, limits)
+        self._session = Session(readers=self.readers)
         self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
         self._desk = Desk(self._connection)
         self._fence = Fence(name)
@@ -125,11 +134,11 @@ class RobotProxy(Robot):
             DeadlineExceeded: its time was over first.
         """
         context = self.context
-        check(motion, self._limits, command=f"{self.name}.{context.command}")
+        check(motion, self.limits, command=f"{self.name}.{context.command}")
         self._fence.raise_to(self.controller_epoch)
         self._fence.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
-        errand = self._desk.send_out(goal_key(context.key), request_of(motion), epoch=context.epoch, ttl=ttl)
+        errand = self._desk.send_out(goal_key(context.key), motion.request(), epoch=context.epoch, ttl=ttl)
         try:
             self._accompany(errand)
         finally:

@@ -2,28 +2,67 @@
 
 from __future__ import annotations
 
-import random
+from dataclasses import dataclass
 from typing import Annotated
 
 import msgspec
 
-from robotree.protocol.links.url import connect
-from robotree.protocol.messages import LocalPositionNed
-from robotree.proxy.connection import Dial
-from robotree.proxy.guard import RoverLimits, check_arrival
-from robotree.proxy.motion import Move
+from robotree.protocol.messages import LocalPositionNed, Verb
+from robotree.proxy.guard import Limits, Span
+from robotree.proxy.motion import Motion, Request
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import readings_of
 from robotree.vr.command import command
-from robotree.vr.units import Range, Unit
+from robotree.vr.errors import BadArgument
+from robotree.vr.units import Unit
 
-LIMITS = RoverLimits()
+LIMITS: Limits = {
+    "x": Span(-3.0, 3.0, "m"),
+    "y": Span(-3.0, 3.0, "m"),
+    "speed": Span(0.01, 1.0, "m/s"),
+    "arena_x": Span(-1.5, 1.5, "m"),
+    "arena_y": Span(-1.5, 1.5, "m"),
+}
+"""How far one move may lead, and how fast; and the arena around the origin of W that it may not leave."""
+USUAL_SPEED = 0.4
+"""[m/s] when the caller names none."""
 
-Ahead = Annotated[float, Unit("m"), Range(LIMITS.x.lower, LIMITS.x.upper), "forward; negative: backward"]
-Aside = Annotated[
-    float, Unit("m"), Range(LIMITS.y.lower, LIMITS.y.upper), "to the left; negative: to the right"
-]
-Speed = Annotated[float, Unit("m/s"), Range(LIMITS.speed.lower, LIMITS.speed.upper), "along the way"]
+Ahead = Annotated[float, Unit("m"), LIMITS["x"].range, "forward; negative: backward"]
+Aside = Annotated[float, Unit("m"), LIMITS["y"].range, "to the left; negative: to the right"]
+Speed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move(Motion):
+    """Move a mobile base by x, y [m] from where it stands, without turning, at speed [m/s]."""
+
+    x: float
+    y: float
+    speed: float
+
+    def request(self) -> Request:
+        """MOVE."""
+        return Request(Verb.MOVE, (self.x, self.y, self.speed))
+
+
+def check_arrival(motion: Move, here: tuple[float, float], limits: Limits, *, command: str) -> None:
+    """Refuse a move that would end outside the arena.
+
+    Args:
+        motion: what is about to be sent.
+        here: (2,) x, y [m] in W, where the base stands now.
+        limits: those of this robot in this place.
+        command: name of the command, for the sentence.
+
+    Raises:
+        BadArgument: it names the direction that leads out.
+    """
+    ends = {"x": here[0] + motion.x, "y": here[1] + motion.y}
+    for name, end in ends.items():
+        span = limits[f"arena_{name}"]
+        if end not in span:
+            reason = f"the move would end at {end:.3f} {span.unit}, the arena is {span}; send it another way"
+            raise BadArgument(command=command, parameter=name, reason=reason)
 
 
 class RoverInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,25 +77,14 @@ class RoverInfo(msgspec.Struct, frozen=True, kw_only=True):
 class Rover(RobotProxy):
     """A rover: it moves by a distance, forward and aside."""
 
-    def __init__(
-        self,
-        name: str,
-        url: str,
-        limits: RoverLimits = LIMITS,
-        *,
-        dial: Dial = connect,
-        chance: random.Random | None = None,
-    ) -> None:
-        """Prepare the proxy of one rover; see `RobotProxy`."""
-        super().__init__(name, url, limits, dial=dial, chance=chance)
-        self._arena = limits
+    limits = LIMITS
 
     @command
-    def move(self, x: Ahead, y: Aside, speed: Speed = 0.4) -> None:
+    def move(self, x: Ahead, y: Aside, speed: Speed = USUAL_SPEED) -> None:
         """Move by a distance from here, without turning."""
         here = self.get_info()
         motion = Move(x=x, y=y, speed=speed)
-        check_arrival(motion, (here.x, here.y), self._arena, command=f"{self.name}.move")
+        check_arrival(motion, (here.x, here.y), self.limits, command=f"{self.name}.move")
         self.carry_out(motion)
 
     @command(effect="read")

@@ -35,8 +35,9 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
+from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
-from robotree.proxy.translate import Request, Target
+from robotree.proxy.translate import READERS, Readers, Target
 from robotree.proxy.twin import Twin
 
 CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
@@ -88,14 +89,19 @@ class Session:
     Args:
         component: which part of the supervisor's system speaks; the controller knows goals by it.
         controller: whom to speak to.
+        readers: how the telemetry reads.
     """
 
     def __init__(
-        self, *, component: int = MavComponent.MISSIONPLANNER, controller: Target = CONTROLLER
+        self,
+        *,
+        component: int = MavComponent.MISSIONPLANNER,
+        controller: Target = CONTROLLER,
+        readers: Readers = READERS,
     ) -> None:
         self.component = component
         self.controller = controller
-        self.twin = Twin()
+        self.twin = Twin(readers)
         self.online = False
         self.trouble = "its controller was not heard yet"
         """Why it is offline, for people, as one clause."""

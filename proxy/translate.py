@@ -1,4 +1,6 @@
-"""Between the agents' words and the wire's: motions into goals, telemetry into readings. Pure.
+"""Between the agents' words and the wire's: keys and deadlines of goals, telemetry into readings. Pure.
+
+How a kind's motions read on the wire, they know themselves (`motion`).
 
 Two frames meet here. Commands and readings are in W (x forward, y left, z up), the wire's own messages too;
 only LOCAL_POSITION_NED is, by MAVLink's definition, north, east, down: W turned by half a turn about x.
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from robotree.protocol.messages import (
@@ -18,9 +20,7 @@ from robotree.protocol.messages import (
     LocalPositionNed,
     NamedValueFloat,
     Tool,
-    Verb,
 )
-from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
 
 FOREVER = 0.0
 """Time to live of a goal without a deadline."""
@@ -33,13 +33,6 @@ class Target(NamedTuple):
 
     system: int
     component: int
-
-
-class Request(NamedTuple):
-    """What a goal asks for, as the wire puts it."""
-
-    verb: Verb
-    args: tuple[float, ...]
 
 
 def goal_key(command_key: str) -> int:
@@ -62,34 +55,6 @@ def time_to_live(remaining: float) -> float:
         [s], never shorter than the wire can say when there is a deadline, and not longer.
     """
     return FOREVER if math.isinf(remaining) else max(SHORTEST, min(LONGEST, remaining))
-
-
-def request_of(motion: Motion) -> Request:
-    """Put a motion into the wire's words."""
-    match motion:
-        case GoTo(x=x, y=y, z=z, twist=twist, speed=speed):
-            return Request(Verb.GO_TO, (x, y, z, twist, speed))
-        case Grip(width=width):
-            return Request(Verb.GRIP, (width,))
-        case Move(x=x, y=y, speed=speed):
-            return Request(Verb.MOVE, (x, y, speed))
-        case Hold():
-            return Request(Verb.HOLD, ())
-
-
-def motion_of(verb: int, args: tuple[float, ...]) -> Motion | None:
-    """Read a goal's words; None: they ask for no motion. The inverse of `request_of`."""
-    match verb, args:
-        case Verb.GO_TO, (x, y, z, twist, speed, *_):
-            return GoTo(x=x, y=y, z=z, twist=twist, speed=speed)
-        case Verb.GRIP, (width, *_):
-            return Grip(width=width)
-        case Verb.MOVE, (x, y, speed, *_):
-            return Move(x=x, y=y, speed=speed)
-        case Verb.HOLD, _:
-            return Hold()
-        case _:
-            return None
 
 
 # -- telemetry -------------------------------------------------------------------------------------
@@ -139,17 +104,19 @@ def _named(m: NamedValueFloat) -> dict[str, float]:
     return {LONG_NAMES.get(m.name, m.name): m.value} if m.name else {}
 
 
-READERS: dict[type[Any], Callable[[Any], dict[str, float]]] = {
+Readers = Mapping[type[Any], Callable[[Any], dict[str, float]]]
+
+READERS: Readers = {
     Tool: _tool,
     Gripper: _gripper,
     Joints: _joints,
     LocalPositionNed: _base,
     NamedValueFloat: _named,
 }
-"""How each telemetry message reads, in SI units and W. A new message is one function and one line here."""
+"""How each telemetry message reads, in SI units and W. A kind may have readers of its own."""
 
 
-def readings_of(message: AnyMessage) -> dict[str, float]:
+def readings_of(message: AnyMessage, readers: Readers = READERS) -> dict[str, float]:
     """What a message measures; empty when it is no telemetry. Numbers that are not finite are left out."""
-    read = READERS.get(type(message))
+    read = readers.get(type(message))
     return {} if read is None else {n: v for n, v in read(message).items() if math.isfinite(v)}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
 from robotree.protocol.messages import AnyMessage
-from robotree.proxy.translate import READERS, readings_of
+from robotree.proxy.translate import READERS, Readers, readings_of
 
 STALE = 1.0
 """[s] after which telemetry is old: five times the slowest stream that a controller sends by itself."""
@@ -23,6 +23,8 @@ T = TypeVar("T")
 class Twin:
     """What is known of one robot."""
 
+    readers: Readers = field(default_factory=lambda: READERS)
+    """How its telemetry reads."""
     heard_at: float = -math.inf
     """[s] when the last telemetry came."""
     _readings: dict[str, float] = field(default_factory=dict[str, float])
@@ -33,9 +35,9 @@ class Twin:
     def hear(self, message: AnyMessage, now: float) -> None:
         """Take in whatever came; what is no telemetry is remembered but measures nothing."""
         self._latest[type(message)] = (message, now)
-        if type(message) in READERS:
+        if type(message) in self.readers:
             self.heard_at = now
-            self._readings.update(readings_of(message))
+            self._readings.update(readings_of(message, self.readers))
 
     def latest(self, kind: type[T]) -> T | None:
         """The last message of a kind, however old, or None."""

@@ -227,7 +227,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="proxy KIND NAME --connect URL [--space FILE]",
-        help="Bring a robot's controller among the agents.",
+        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with a kind of yours.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),

@@ -96,13 +96,13 @@ class GoalClient:
         return list(self._pursuits)
 
     def start(
-        self, key: int, verb: Verb, args: Sequence[float], *, epoch: int, now: float, ttl: float = 0.0
+        self, key: int, verb: int, args: Sequence[float], *, epoch: int, now: float, ttl: float = 0.0
     ) -> list[Effect]:
         """Ask for a movement. With a key that is being pursued, the same request is sent once more.
 
         Args:
             key: unique for us, 1 to 2^64 - 1.
-            verb: what to do.
+            verb: what to do, a `Verb` or a number of your own.
             args: up to 7; the others are NaN, as it is now.
             epoch: of the lease.
             now: [s]

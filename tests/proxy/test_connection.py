@@ -16,8 +16,8 @@ from robotree.protocol.messages import GoalState, Verb
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.connection import Connection
 from robotree.proxy.errand import Desk, Errand, NotSent
+from robotree.proxy.motion import Request
 from robotree.proxy.session import Event, OnlineChanged, Session
-from robotree.proxy.translate import Request
 from robotree.vr.testing import until
 
 Controller = Any

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.proxy.guard import ArmLimits, Fence, RoverLimits, Span, check, check_arrival, spans_of
-from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
+from robotree.proxy import arm, rover
+from robotree.proxy.arm import GoTo, Grip
+from robotree.proxy.guard import NO_LIMITS, Fence, Span, changed, check
+from robotree.proxy.motion import Hold, Motion
+from robotree.proxy.rover import Move, check_arrival
 from robotree.vr.errors import BadArgument, StaleEpoch
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
@@ -23,9 +26,8 @@ arm_motions: st.SearchStrategy[Motion] = st.one_of(
 
 @given(motion=arm_motions)
 def test_what_passes_the_guard_is_within_every_limit(motion: Motion) -> None:
-    limits = ArmLimits()
-    spans = spans_of(limits)
-    within = all(spans[name].lower <= v <= spans[name].upper for name, v in asdict(motion).items())
+    limits = arm.LIMITS
+    within = all(limits[name].lower <= v <= limits[name].upper for name, v in asdict(motion).items())
     try:
         check(motion, limits, command="c")
     except BadArgument:
@@ -36,34 +38,45 @@ def test_what_passes_the_guard_is_within_every_limit(motion: Motion) -> None:
 
 @given(dx=value, dy=value, speed=value, x=near, y=near)
 def test_no_move_leads_out_of_the_arena(dx: float, dy: float, speed: float, x: float, y: float) -> None:
-    motion, limits = Move(x=dx, y=dy, speed=speed), RoverLimits()
+    motion, limits = Move(x=dx, y=dy, speed=speed), rover.LIMITS
     try:
         check(motion, limits, command="move")
         check_arrival(motion, (x, y), limits, command="move")
     except BadArgument:
         return
-    assert abs(x + dx) <= limits.arena_x.upper
-    assert abs(y + dy) <= limits.arena_y.upper
+    assert abs(x + dx) <= limits["arena_x"].upper
+    assert abs(y + dy) <= limits["arena_y"].upper
 
 
 def test_a_refusal_names_value_limit_and_unit() -> None:
     with pytest.raises(BadArgument, match=r"go_to: z: -0\.1 m is outside 0\.025 to 0\.8 m"):
-        check(GoTo(x=0.3, y=0, z=-0.1, twist=0, speed=0.1), ArmLimits(), command="go_to")
+        check(GoTo(x=0.3, y=0, z=-0.1, twist=0, speed=0.1), arm.LIMITS, command="go_to")
     with pytest.raises(BadArgument, match=r"is not a number; give one from 0 to 0\.08 m"):
-        check(Grip(width=math.nan), ArmLimits(), command="grip")
+        check(Grip(width=math.nan), arm.LIMITS, command="grip")
     with pytest.raises(BadArgument, match=r"y: the move would end at 1\.900 m, the arena is -1\.5 to 1\.5 m"):
-        check_arrival(Move(x=0, y=0.9, speed=0.3), (0.0, 1.0), RoverLimits(), command="move")
+        check_arrival(Move(x=0, y=0.9, speed=0.3), (0.0, 1.0), rover.LIMITS, command="move")
 
 
 def test_a_value_without_a_known_limit_is_not_sent() -> None:
     with pytest.raises(BadArgument, match="no limit"):
-        check(Grip(width=0.01), RoverLimits(), command="grip")
+        check(Grip(width=0.01), rover.LIMITS, command="grip")
 
 
 def test_another_place_has_another_box() -> None:
-    narrow = ArmLimits(x=Span(0.2, 0.4, "m"))
+    narrow = changed(arm.LIMITS, {"x": Span(0.2, 0.4, "m")})
     with pytest.raises(BadArgument, match=r"0\.5 m is outside 0\.2 to 0\.4 m"):
         check(GoTo(x=0.5, y=0, z=0.2, twist=0, speed=0.1), narrow, command="go_to")
+
+
+def test_a_change_of_a_limit_that_a_kind_does_not_have_is_a_mistake() -> None:
+    with pytest.raises(ValueError, match="there is no limit widht; there is: x, y, z, twist, speed, width"):
+        changed(arm.LIMITS, {"widht": Span(0.0, 0.04, "m")})
+
+
+def test_of_a_robot_without_limits_nothing_is_asked_that_has_a_number() -> None:
+    check(Hold(), NO_LIMITS, command="hold")
+    with pytest.raises(BadArgument, match="no limit"):
+        check(Grip(width=0.01), NO_LIMITS, command="grip")
 
 
 @given(lower=value, upper=value)

@@ -14,7 +14,7 @@ from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reason, Verb
 from robotree.proxy.arm import Arm
-from robotree.proxy.guard import ArmLimits, Span
+from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
 from robotree.proxy.translate import goal_key
@@ -159,7 +159,7 @@ async def test_a_deadline_ends_the_goal_at_the_controller_too(scene: Scene) -> N
 
 
 async def test_what_is_out_of_its_limits_never_reaches_the_wire(make_controller: type[Controller]) -> None:
-    limits = ArmLimits(x=Span(0.4, 0.5, "m"))
+    limits = {"x": Span(0.4, 0.5, "m")}
     async with acting(make_controller(), lambda url: Arm("arm-1", url, limits)) as scene:
         await scene.online()
         with pytest.raises(BadArgument, match=r"arm-1\.go_to: x: 0\.3 m is outside 0\.4 to 0\.5 m"):

@@ -10,8 +10,8 @@ from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.messages import Goal, GoalState, Heartbeat, ModeKind, Reason, SetMode, Verb
 from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
+from robotree.proxy.motion import Request
 from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged
-from robotree.proxy.translate import Request
 
 Talk = Any
 GRIP = Request(Verb.GRIP, (0.02,))

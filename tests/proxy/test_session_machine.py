@@ -13,8 +13,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robotree.protocol.messages import GoalState, ModeKind, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
+from robotree.proxy.motion import Request
 from robotree.proxy.session import RELEASE_WITHIN
-from robotree.proxy.translate import Request
 
 DURATIONS = st.sampled_from([0.1, 1.0, 2.5, 4.0, 8.0])
 """[s]"""

@@ -5,50 +5,15 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
-    Goal,
     Gripper,
     Heartbeat,
     Joints,
     LocalPositionNed,
     NamedValueFloat,
     Tool,
-    Verb,
 )
-from robotree.protocol.parser import Parser
-from robotree.protocol.services.goal_client import GoalClient
-from robotree.protocol.services.peer import Send
-from robotree.proxy.motion import GoTo, Grip, Hold, Motion, Move
-from robotree.proxy.translate import goal_key, motion_of, readings_of, request_of, time_to_live, twist_of
-
-numbers = st.floats(-10, 10, width=32)
-motions: st.SearchStrategy[Motion] = st.one_of(
-    st.builds(GoTo, x=numbers, y=numbers, z=numbers, twist=numbers, speed=numbers),
-    st.builds(Grip, width=numbers),
-    st.builds(Move, x=numbers, y=numbers, speed=numbers),
-    st.just(Hold()),
-)
-
-
-@given(motion=motions, key=st.integers(1, 2**64 - 1), epoch=st.integers(0, 2**32 - 1))
-def test_a_motion_survives_the_way_over_the_wire(motion: Motion, key: int, epoch: int) -> None:
-    request = request_of(motion)
-    client = GoalClient(1, 1)
-    (send,) = client.start(key, request.verb, request.args, epoch=epoch, now=0.0)
-    assert isinstance(send, Send)
-    (frame,) = Parser().feed(encode(send.message, sequence=0, system=255, component=190))
-    goal = frame.message
-    assert isinstance(goal, Goal)
-    assert motion_of(goal.verb, goal.args) == motion
-    assert (goal.key, goal.epoch) == (key, epoch)
-
-
-@given(verb=st.integers(0, 65535), args=st.lists(st.floats(), max_size=7))
-def test_what_asks_for_no_motion_is_none(verb: int, args: list[float]) -> None:
-    motion = motion_of(verb, tuple(args))
-    known = {Verb.GO_TO: 5, Verb.GRIP: 1, Verb.MOVE: 3, Verb.HOLD: 0}
-    assert (motion is not None) == (verb in known and len(args) >= known[Verb(verb)])
+from robotree.proxy.translate import goal_key, readings_of, time_to_live, twist_of
 
 
 @given(key=st.text())

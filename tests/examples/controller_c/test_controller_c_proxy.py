@@ -12,7 +12,7 @@ import pytest
 
 from robotree.protocol.messages import GoalState, Mode, ModeKind, Reason
 from robotree.proxy.agent import standing_for
-from robotree.proxy.guard import RoverLimits, Span
+from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, Stopped
 from robotree.vr.host.client import RobotClient
@@ -45,7 +45,7 @@ class Drive:
 
 @asynccontextmanager
 async def driving(port: int, **limits: Span) -> AsyncIterator[Drive]:
-    rover = Rover("rover-1", f"tcp:127.0.0.1:{port}", RoverLimits(**limits), chance=random.Random(1))
+    rover = Rover("rover-1", f"tcp:127.0.0.1:{port}", limits, chance=random.Random(1))
     network = MemoryNetwork()
     async with standing_for(rover, network.join("proxy")) as agent:
         drive = Drive(rover, RobotClient(network.join("caller"), agent.address))
