@@ -5,6 +5,8 @@ The same values occur in three shapes:
 * declared: one value per field in the order of the XML; text is `str`, a uint8_t array is `bytes`;
 * flat: what `struct` wants, in wire order, numeric arrays laid open;
 * bytes: the payload; `pack` writes the header before it, because one call of `struct` is cheaper than two.
+
+Everything that depends on the definition alone is decided once, in here, and not again for every frame.
 """
 
 from __future__ import annotations
@@ -28,8 +30,11 @@ if TYPE_CHECKING:
 Value = int | float | str | bytes | tuple[int, ...] | tuple[float, ...]
 Values = tuple[Any, ...]
 
-HEADER = struct.Struct("<BBBBBBB3s")
-"""Magic, length, incompatibility flags, compatibility flags, sequence, system, component, id."""
+HEADER = struct.Struct("<4sBBB3s")
+"""What a definition decides (magic, length, flags, flags), sequence, system, component, id."""
+MAGIC = 0xFD
+SIGNED = 0x01
+"""The only incompatibility flag there is."""
 PACKING_ERRORS = (struct.error, OverflowError, TypeError)
 """What `struct` raises for a value that does not fit."""
 _FLOATS = ("float", "double")
@@ -39,33 +44,41 @@ class Codec:
     """The precompiled form of one definition."""
 
     __slots__ = (
-        "_declare",
-        "_unpack",
         "build",
         "crc_extra",
         "definition",
+        "finite",
         "flatten",
         "flatten_declared",
         "id",
         "length",
         "pack",
+        "read",
+        "start",
+        "start_signed",
         "wire",
     )
 
-    def __init__(self, definition: Definition, build: Callable[..., Any]) -> None:
+    def __init__(self, definition: Definition, build: Callable[..., Any], *, finite: bool = False) -> None:
         self.definition = definition
         self.build = build
         """From declared values to the message."""
+        self.finite = finite
+        """Whether NaN and infinity are refused when it is sent."""
         self.id = definition.id.to_bytes(3, "little")
         self.crc_extra = bytes((definition.crc_extra,))
         self.length = definition.length
+        self.start = bytes((MAGIC, definition.length, 0, 0))
+        """The first bytes of a frame with the full payload."""
+        self.start_signed = bytes((MAGIC, definition.length, SIGNED, 0))
+        """The same, of one that will be signed."""
         self.pack = struct.Struct(HEADER.format + definition.format[1:]).pack
         """From the values of the header and flat values to bytes."""
-        self._unpack = struct.Struct(definition.format).unpack_from
         self.wire = tuple(sorted(definition.fields, key=lambda field: field.offset))
         names = [field.name for field in definition.fields]
         order = [field.name for field in self.wire]
-        self._declare = _declarer(definition)
+        self.read = _reader(definition, build)
+        """From bytes and the place of the payload, which goes to their end, to the message."""
         self.flatten = _flattener(definition, astuple if order == names else _wrapped(attrgetter, order))
         """From a typed message to flat values."""
         places = [names.index(name) for name in order]
@@ -73,12 +86,6 @@ class Codec:
             definition, tuple if order == names else _wrapped(itemgetter, places)
         )
         """From declared values to flat values."""
-
-    def message(self, payload: bytes) -> Any:
-        """The message of a payload; one that is shorter than we know it had zeros or extensions left out."""
-        if len(payload) < self.length:
-            payload = payload.ljust(self.length, b"\0")
-        return self.build(*self._declare(self._unpack(payload)))
 
     def content(self, message: Message) -> bytes:
         """The full payload of a message, zeros at its end included; equal when every bit is.
@@ -124,8 +131,29 @@ def _spans(wire: Sequence[Field]) -> list[slice]:
     return [slice(end - count, end) for count, end in zip(counts, ends[1:], strict=True)]
 
 
-def _declarer(definition: Definition) -> Callable[[Values], Values]:
-    """From unpacked to declared values, by one C call where there is no text."""
+def _reader(definition: Definition, build: Callable[..., Any]) -> Callable[[bytes, int], Any]:
+    """From payload to message; a payload that is shorter than we know it had zeros or extensions left out."""
+    unpack, length = struct.Struct(definition.format).unpack_from, definition.length
+    declare = _declarer(definition)
+    if declare is None:
+
+        def read_plain(data: bytes, begin: int) -> Any:
+            if len(data) - begin < length:
+                data = data.ljust(begin + length, b"\0")
+            return build(*unpack(data, begin))
+
+        return read_plain
+
+    def read(data: bytes, begin: int) -> Any:
+        if len(data) - begin < length:
+            data = data.ljust(begin + length, b"\0")
+        return build(*declare(unpack(data, begin)))
+
+    return read
+
+
+def _declarer(definition: Definition) -> Callable[[Values], Values] | None:
+    """From unpacked to declared values, by one C call where there is no text; None: they are the same."""
     wire = sorted(definition.fields, key=lambda field: field.offset)
     place: dict[str, Any] = {
         field.name: span if field.length and not field.is_bytes else span.start
@@ -133,8 +161,10 @@ def _declarer(definition: Definition) -> Callable[[Values], Values]:
     }
     keys = [place[field.name] for field in definition.fields]
     whole = keys == list(range(len(keys)))
-    pick: Callable[[Values], Values] = tuple if whole else _wrapped(itemgetter, keys)
     texts = [i for i, field in enumerate(definition.fields) if field.type == "char"]
+    if whole and not texts:
+        return None
+    pick: Callable[[Values], Values] = tuple if whole else _wrapped(itemgetter, keys)
     if not texts:
         return pick
 
@@ -162,10 +192,11 @@ def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable
         return get
     if len(openers) == 1:
         i, opener = openers[0]
+        place = slice(i, i + 1)
 
         def flatten_one(source: Any) -> Sequence[Any]:
             values = [*get(source)]
-            values[i : i + 1] = opener(values[i])
+            values[place] = opener(values[i])
             return values
 
         return flatten_one

@@ -17,17 +17,14 @@ import msgspec
 from fastcrc.crc16 import mcrf4xx
 from msgspec.structs import force_setattr
 
-from robotree.protocol.codec import HEADER, PACKING_ERRORS
+from robotree.protocol.codec import HEADER, MAGIC, PACKING_ERRORS
 from robotree.protocol.errors import InvalidMessage
-from robotree.protocol.messages.base import AnyMessage, Untyped, codec_of, fields_of
+from robotree.protocol.messages.base import AnyMessage, Untyped, fields_of
 
 if TYPE_CHECKING:
     from robotree.protocol.codec import Codec
 
-MAGIC = 0xFD
 MAGIC_V1 = 0xFE
-SIGNED = 0x01
-"""The only incompatibility flag there is."""
 SIGNATURE_BYTES = 13
 HEADER_BYTES = HEADER.size
 HEADER_BYTES_V1 = 6
@@ -116,9 +113,12 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
     @property
     def message(self) -> AnyMessage:
         """The message; made when first asked for, since many frames are only counted or passed on."""
-        if self.made is None:
-            force_setattr(self, "made", self.codec.message(self.payload))
-        return cast("AnyMessage", self.made)
+        made = self.made
+        if made is None:
+            body, read = self.body, self.codec.read
+            made = read(body, HEADER_BYTES if body[0] == MAGIC else HEADER_BYTES_V1)
+            force_setattr(self, "made", made)
+        return cast("AnyMessage", made)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Frame) and self.raw == other.raw
@@ -162,17 +162,21 @@ def encode(
         InvalidMessage: a field cannot hold its value.
         UnknownMessage: the dialect has no such message.
     """
-    codec = codec_of(message.msgid) if type(message) is Untyped else message.codec
+    codec = message.codec
     try:
-        flat = codec.flatten_declared(message.values) if type(message) is Untyped else codec.flatten(message)
+        if type(message) is Untyped:
+            flat = codec.flatten_declared(message.values)
+        else:
+            flatten = codec.flatten
+            flat = flatten(message)
     except (TypeError, IndexError) as error:
         raise InvalidMessage(
             codec.definition.name, "*", f"has a value of the wrong kind ({error})"
         ) from error
-    flags = 0 if signer is None else SIGNED
+    start = codec.start if signer is None else codec.start_signed
     try:
-        frame = codec.pack(MAGIC, codec.length, flags, 0, sequence & 0xFF, system, component, codec.id, *flat)
-        if message.finite and not isfinite(sum(flat)):
+        frame = codec.pack(start, sequence & 0xFF, system, component, codec.id, *flat)
+        if codec.finite and not isfinite(sum(flat)):
             codec.require_finite(flat)
     except PACKING_ERRORS as error:
         raise codec.diagnose(flat) from error

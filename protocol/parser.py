@@ -13,17 +13,15 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
-from robotree.protocol.codec import HEADER
+from robotree.protocol.codec import MAGIC, SIGNED
 from robotree.protocol.dialect.table import definitions
 from robotree.protocol.frame import (
     CRC_START,
     CRC_START_V1,
     HEADER_BYTES,
     HEADER_BYTES_V1,
-    MAGIC,
     MAGIC_V1,
     SIGNATURE_BYTES,
-    SIGNED,
     Frame,
 )
 from robotree.protocol.messages.base import codec_of
@@ -34,7 +32,8 @@ if TYPE_CHECKING:
 _OVERHEAD = 12
 """[bytes] of an unsigned frame around its payload."""
 _OVERHEAD_V1 = 8
-_HEADER = HEADER.unpack_from
+_HEADER = struct.Struct("<BBBxBH3s").unpack_from
+"""Magic, length, incompatibility flags, sequence, system and component as one number, id."""
 _CHECKSUM = struct.Struct("<H").unpack_from
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _LATE = 128
@@ -98,8 +97,8 @@ class Parser:
     def __init__(self, verifier: Verifier | None = None) -> None:
         self._verifier = verifier
         self._rest = b""
-        self._system = self._component = self._next = self._after_late = -1
-        self._expected: dict[tuple[int, int], int] = {}
+        self._speaker = self._next = self._after_late = -1
+        self._expected: dict[int, int] = {}
         self._received = self._bad_crc = self._unknown = self._incompatible = self._refused = 0
         self._version_1 = self._lost = self._late = self._skipped = self._bytes = 0
 
@@ -144,10 +143,11 @@ class Parser:
 
     def _run(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
         """Take the frames of MAVLink 2 that follow each other from `i` on; tells where they end."""
-        end, picky = len(buffer), self._verifier is not None
-        last_system, last_component, expected = self._system, self._component, self._next
+        end, take = len(buffer), frames.append
+        verify = None if self._verifier is None else self._verifier.verify
+        last_speaker, expected = self._speaker, self._next
         while i + _OVERHEAD <= end:
-            magic, length, flags, _, sequence, system, component, key = _HEADER(buffer, i)
+            magic, length, flags, sequence, speaker, key = _HEADER(buffer, i)
             codec = _CODECS[key]
             if magic != MAGIC or codec is None:
                 break
@@ -159,20 +159,21 @@ class Parser:
             (checksum,) = _CHECKSUM(buffer, crc)
             if mcrf4xx(body + codec.crc_extra, CRC_START) != checksum:
                 break
+            frame = Frame(body, codec, checksum, buffer[crc + 2 : stop] if flags else b"")
             i = stop
-            if flags or picky:
-                frame = Frame(body, codec, checksum, buffer[crc + 2 : stop])
-                if not self._admits(frame, flags):
-                    continue
-            else:
-                frame = Frame(body, codec, checksum)
-            if sequence == expected and system == last_system and component == last_component:
+            if flags & ~SIGNED:
+                self._incompatible += 1
+                continue
+            if verify is not None and not verify(frame):
+                self._refused += 1
+                continue
+            if sequence == expected and speaker == last_speaker:
                 expected = sequence + 1 & 0xFF
             else:
                 self._next = expected
-                self._turn(frame)
-                last_system, last_component, expected = system, component, self._next
-            frames.append(frame)
+                self._turn(speaker, sequence)
+                last_speaker, expected = speaker, self._next
+            take(frame)
         self._next = expected
         return i
 
@@ -208,10 +209,12 @@ class Parser:
         if mcrf4xx(body + codec.crc_extra, CRC_START_V1) != checksum:
             return self._step(i)
         frame = Frame(body, codec, checksum)
-        if self._admits(frame):
-            self._version_1 += 1
-            self._turn(frame)
-            frames.append(frame)
+        if self._verifier is not None and not self._verifier.verify(frame):
+            self._refused += 1
+            return crc + 2
+        self._version_1 += 1
+        self._turn(frame.system | frame.component << 8, frame.sequence)
+        frames.append(frame)
         return crc + 2
 
     def _step(self, i: int, *, unknown: bool = False) -> int:
@@ -223,31 +226,21 @@ class Parser:
             self._bad_crc += 1
         return i + 1
 
-    def _admits(self, frame: Frame, flags: int = 0) -> bool:
-        """Whether an intact frame may be handed out."""
-        if flags & ~SIGNED:
-            self._incompatible += 1
-            return False
-        if self._verifier is not None and not self._verifier.verify(frame):
-            self._refused += 1
-            return False
-        return True
-
-    def _turn(self, frame: Frame) -> None:
+    def _turn(self, speaker: int, sequence: int) -> None:
         """Count gaps where another speaker takes its turn, or the same one's numbers do not follow.
 
         Two late frames that follow each other are no late ones: the speaker began to count anew.
         """
         if self._next >= 0:
-            self._expected[self._system, self._component] = self._next
-        self._system, self._component = speaker = frame.system, frame.component
-        expected = self._expected.get(speaker, frame.sequence)
-        missing = (frame.sequence - expected) & 0xFF
-        follows = frame.sequence + 1 & 0xFF
+            self._expected[self._speaker] = self._next
+        self._speaker = speaker
+        expected = self._expected.get(speaker, sequence)
+        missing = (sequence - expected) & 0xFF
+        follows = sequence + 1 & 0xFF
         if missing < _LATE:
             self._lost += missing
             self._next = follows
         else:
             self._late += 1
-            self._next = follows if self._after_late == frame.sequence else expected
+            self._next = follows if self._after_late == sequence else expected
             self._after_late = follows

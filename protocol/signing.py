@@ -33,6 +33,8 @@ OLDEST_STREAM = 60 * UNITS
 LARGEST_CROWD = 4096
 """Streams that are remembered."""
 _DIGEST = 6
+_EPOCH, _UNITS = float(EPOCH), float(UNITS)
+"""Floats, because each frame that is sent multiplies with them and mixed arithmetic is slower."""
 
 
 class Key:
@@ -42,12 +44,13 @@ class Key:
         ValueError: it has another length.
     """
 
-    __slots__ = ("_hash", "fingerprint")
+    __slots__ = ("begin", "fingerprint")
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_BYTES:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(secret)}; make a new one")
-        self._hash = hashlib.sha256(secret)
+        self.begin = hashlib.sha256(secret).copy
+        """A SHA-256 that has taken the key and waits for more."""
         self.fingerprint = hashlib.sha256(b"robotree fingerprint" + secret).hexdigest()[:16]
         """Tells keys apart without telling them."""
 
@@ -55,12 +58,6 @@ class Key:
     def of_passphrase(cls, passphrase: str) -> Key:
         """The key that MAVProxy and QGroundControl make of a passphrase."""
         return cls(hashlib.sha256(passphrase.encode()).digest())
-
-    def digest(self, data: bytes) -> bytes:
-        """The six bytes that prove the key."""
-        running = self._hash.copy()
-        running.update(data)
-        return running.digest()[:_DIGEST]
 
     def __repr__(self) -> str:
         return f"<Key {self.fingerprint}>"
@@ -77,6 +74,8 @@ class SigningTime:
         persisted: the `last` of an earlier run.
     """
 
+    __slots__ = ("_clock", "last")
+
     def __init__(self, clock: Callable[[], float], persisted: int = 0) -> None:
         self._clock = clock
         self.last = persisted
@@ -84,15 +83,15 @@ class SigningTime:
 
     def now(self) -> int:
         """The timestamp of this moment."""
-        wall = int((self._clock() - EPOCH) * UNITS)
-        self.last = max(self.last, wall)
+        self.last = max(self.last, int((self._clock() - _EPOCH) * _UNITS))
         return self.last
 
     def next(self) -> int:
         """A timestamp for one frame."""
-        wall = int((self._clock() - EPOCH) * UNITS)
-        self.last = wall if wall > self.last else self.last + 1
-        return self.last
+        clock, last = self._clock, self.last
+        wall = int((clock() - _EPOCH) * _UNITS)
+        self.last = stamp = wall if wall > last else last + 1
+        return stamp
 
 
 class Signer:
@@ -104,13 +103,17 @@ class Signer:
         link_id: tells our links apart, 0 to 255.
     """
 
+    __slots__ = ("_begin", "_link", "_time")
+
     def __init__(self, key: Key, time: SigningTime, link_id: int = 0) -> None:
-        self._digest, self._next, self._link = key.digest, time.next, link_id
+        self._begin, self._time, self._link = key.begin, time, bytes((link_id,))
 
     def sign(self, frame: bytes) -> bytes:
         """The 13 bytes that follow a complete frame whose SIGNED flag is set."""
-        stamp = (self._next() << 8 | self._link).to_bytes(7, "little")
-        return stamp + self._digest(frame + stamp)
+        begin, stamp = self._begin, self._link + self._time.next().to_bytes(6, "little")
+        running = begin()
+        running.update(frame + stamp)
+        return stamp + running.digest()[:_DIGEST]
 
 
 class StreamTable:
@@ -160,7 +163,7 @@ class Verifier:
         streams: StreamTable,
         allow: Callable[[Frame], bool] = nothing_unsigned,
     ) -> None:
-        self._digest, self._time, self._allow = key.digest, time, allow
+        self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
         self._passed = self._allowed = self._unsigned = self._forged = self._replayed = 0
 
@@ -183,14 +186,15 @@ class Verifier:
             self._allowed += allowed
             self._unsigned += not allowed
             return allowed
-        proof = self._digest(frame.body + frame.checksum.to_bytes(2, "little") + signature[:7])
-        if not compare_digest(proof, signature[7:]):
+        begin, body, stamp = self._begin, frame.body, signature[:7]
+        running = begin()
+        running.update(body + frame.checksum.to_bytes(2, "little") + stamp)
+        if not compare_digest(running.digest()[:_DIGEST], signature[7:]):
             self._forged += 1
             return False
-        stream, timestamp = frame.body[5:7] + signature[:1], int.from_bytes(signature[1:7], "little")
-        if timestamp <= self._newest.get(stream, -1) or (
-            stream not in self._newest and self._is_old(timestamp)
-        ):
+        stream, timestamp = body[5:7] + stamp[:1], int.from_bytes(stamp, "little") >> 8
+        newest = self._newest.get(stream)
+        if self._is_old(timestamp) if newest is None else timestamp <= newest:
             self._replayed += 1
             return False
         self._newest[stream] = timestamp

@@ -11,16 +11,15 @@ import re
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
+from robotree.protocol.codec import MAGIC, SIGNED
 from robotree.protocol.dialect.table import definitions
 from robotree.protocol.frame import (
     CRC_START,
     CRC_START_V1,
     HEADER_BYTES,
     HEADER_BYTES_V1,
-    MAGIC,
     MAGIC_V1,
     SIGNATURE_BYTES,
-    SIGNED,
 )
 
 MAGICS = (MAGIC, MAGIC_V1)

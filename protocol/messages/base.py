@@ -80,7 +80,9 @@ def codec_of(msgid: int) -> Codec:
     """
     if (definition := definitions().get(msgid)) is None:
         raise UnknownMessage(msgid)
-    return Codec(definition, TYPED.get(msgid) or partial(_untyped, msgid))
+    if (typed := TYPED.get(msgid)) is None:
+        return Codec(definition, partial(_untyped, msgid))
+    return Codec(definition, typed, finite=typed.finite)
 
 
 def _untyped(msgid: int, *values: Value) -> Untyped:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.protocol.codec import MAGIC
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkRefused
-from robotree.protocol.frame import MAGIC, MAGIC_V1
+from robotree.protocol.frame import MAGIC_V1
 from robotree.protocol.isotp.frames import (
     CLASSIC,
     FD,
