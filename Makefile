@@ -17,11 +17,13 @@ help:  ## list the targets
 setup: $(STAMP)  ## build .venv from the hash-pinned lock
 
 # uv is taken from the machine when it is there, else installed into .venv by pip.
+# Other people's packages are compiled at once, as pip does: else every start of a process compiles them again
+# where PYTHONDONTWRITEBYTECODE is set.
 $(STAMP): $(LOCK) pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@command -v uv >/dev/null || test -x $(BIN)/uv || $(BIN)/python -m pip install --quiet --disable-pip-version-check uv
 	@UV=$$(command -v uv || echo $(BIN)/uv); \
-	  $$UV pip install --quiet --python $(BIN)/python --require-hashes -r $(LOCK) && \
+	  $$UV pip install --quiet --compile-bytecode --python $(BIN)/python --require-hashes -r $(LOCK) && \
 	  $$UV pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
 	@touch $@
 
