@@ -7,9 +7,10 @@ import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from robotree.protocol.errors import BadUrl
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import parse
 from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
@@ -38,6 +39,7 @@ async def run_proxy(
     *,
     realm: str | None = None,
     space_path: Path | None = None,
+    security: Sealing = UNSIGNED,
     ready: Ready = _nobody,
 ) -> None:
     """Stand for one robot in a realm until cancelled. The controller may come and go.
@@ -48,6 +50,7 @@ async def run_proxy(
         url: where its controller listens, as `tcp:127.0.0.1:5760`.
         realm: None: `$ROBOTREE_REALM`, else `default`.
         space_path: file in which calls are counted over restarts; None: they are not.
+        security: the keys of the link to the controller.
         ready: told the address once the robot can be called.
 
     Raises:
@@ -57,7 +60,7 @@ async def run_proxy(
         DuplicateName: a living robot has the name.
         TransportError: the realm cannot be joined.
     """
-    robot = kinds.make(kind, name, _checked(url))
+    robot = kinds.make(kind, name, _checked(url), security=security)
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)
@@ -70,13 +73,21 @@ async def run_proxy(
         await agent.closed.wait()
 
 
-async def run_view(name: str, url: str, *, realm: str | None = None, ready: Ready = _nobody) -> None:
+async def run_view(
+    name: str,
+    url: str,
+    *,
+    realm: str | None = None,
+    security: Sealing = UNSIGNED,
+    ready: Ready = _nobody,
+) -> None:
     """Show one workspace to a realm until cancelled. The controller may come and go.
 
     Args:
         name: of the view, unique in the realm.
         url: where the controller listens whose cameras it uses.
         realm: None: `$ROBOTREE_REALM`, else `default`.
+        security: the keys of the link to the controller.
         ready: told the address once the view can be looked at.
 
     Raises:
@@ -85,7 +96,7 @@ async def run_view(name: str, url: str, *, realm: str | None = None, ready: Read
         DuplicateName: a living view has the name.
         TransportError: the realm cannot be joined.
     """
-    view = WorkspaceView(name, _checked(url))
+    view = WorkspaceView(name, _checked(url), security=security)
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)
@@ -115,15 +126,8 @@ async def standing_for(
     registrar = Registrar(transport)
     agent = RobotAgent(robot, transport, registrar=registrar, space=space)
     robot.on_change = agent.notify
-    try:
-        await agent.start()
-        async with _meanwhile(robot.run()):
-            try:
-                yield agent
-            finally:
-                await agent.close()
-    finally:
-        await registrar.close()
+    async with _up(agent, registrar, robot.run):
+        yield agent
 
 
 @asynccontextmanager
@@ -143,11 +147,28 @@ async def showing(view: WorkspaceView, transport: Transport) -> AsyncGenerator[V
     """
     registrar = Registrar(transport)
     agent = ViewAgent(view, transport, view.name, registrar=registrar)
+    async with _up(agent, registrar, view.run):
+        yield agent
+
+
+class _Agent(Protocol):
+    """What robots' and views' agents have in common."""
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+
+@asynccontextmanager
+async def _up(
+    agent: _Agent, registrar: Registrar, run: Callable[[], Coroutine[Any, Any, None]]
+) -> AsyncGenerator[None]:
+    """An agent that is up inside the block, while what it stands for runs."""
     try:
         await agent.start()
-        async with _meanwhile(view.run()):
+        async with _meanwhile(run()):
             try:
-                yield agent
+                yield
             finally:
                 await agent.close()
     finally:

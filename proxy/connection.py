@@ -15,6 +15,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Accept, Handler, Link
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
@@ -40,6 +41,7 @@ class Connection:
         on_event: told everything the session has to tell, on the loop.
         dial: opens a link.
         chance: for the jitter of the waits between attempts.
+        security: the keys of our links.
     """
 
     def __init__(
@@ -50,9 +52,13 @@ class Connection:
         on_event: Callable[[Event], None],
         dial: Dial = connect,
         chance: random.Random | None = None,
+        security: Sealing = UNSIGNED,
     ) -> None:
         self.url = url
         self.session = session
+        self._security = security
+        self._keyed = False
+        self._signed = 0
         self._on_event = on_event
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
@@ -123,12 +129,15 @@ class Connection:
         endpoints: list[Endpoint] = []
 
         def accept(link: Link) -> Handler:
+            seals = self._security.seals(link.address)
+            self._keyed, self._signed = seals["signer"] is not None, 0
             endpoint = Endpoint(
                 link,
                 system=SUPERVISOR_SYSTEM,
                 component=self.session.component,
                 on_frame=self._hear,
                 on_closed=lambda reason: None if ended.done() else ended.set_result(reason),
+                **seals,
             )
             endpoints.append(endpoint)
             return endpoint
@@ -146,14 +155,26 @@ class Connection:
         finally:
             self._endpoint = None
             link.close()
+        if isinstance(reason, LinkClosed) and reason.by_us and self.session.disbelief:
+            return self.session.disbelief
         if isinstance(reason, LinkClosed):
             return f"its controller has closed the link {self.url}"
         return f"the link to its controller is broken: {reason}"
 
     async def _tick(self) -> None:
         while True:
+            if self._endpoint is not None:
+                self.session.disbelief = self._disbelief(self._endpoint.statistics.refused)
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
+
+    def _disbelief(self, refused: int) -> str:
+        """Why what comes over the present link is not heard."""
+        if self._signed:
+            return f"its controller signs what it says and this link has no key ({self._signed} refused)"
+        if refused and self._keyed:
+            return f"frames arrive but none is signed with our key ({refused} refused)"
+        return ""
 
     def _send(self, message: AnyMessage) -> None:
         if self._endpoint is None:
@@ -164,6 +185,10 @@ class Connection:
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
+        if frame.signed and not self._keyed:
+            # Who signs obeys nobody without the key: a robot that cannot be stopped must not look free.
+            self._signed += 1
+            return
         self.perform(self.session.hear(frame, self.now()))
 
     def _note(self, *, online: bool) -> None:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Message
 from robotree.protocol.services.goal_client import GoalSilent
@@ -56,6 +57,7 @@ class RobotProxy(Robot):
         *,
         dial: Dial = connect,
         chance: random.Random | None = None,
+        security: Sealing = UNSIGNED,
     ) -> None:
         """Prepare the proxy; nothing is opened before `run`.
 
@@ -65,6 +67,7 @@ class RobotProxy(Robot):
             limits: those that are not the kind's in this place.
             dial: opens a link.
             chance: for the waits between attempts to connect.
+            security: the keys of our links.
 
         Raises:
             BadName: that cannot be a name.
@@ -76,7 +79,9 @@ class RobotProxy(Robot):
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self.limits = changed(self.limits, limits)
         self._session = Session(readers=self.readers)
-        self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
+        self._connection = Connection(
+            url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
+        )
         self._desk = Desk(self._connection)
         self._fence = Fence(name)
         self._settled_at = 0.0

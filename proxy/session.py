@@ -107,6 +107,8 @@ class Session:
         """Why it is offline, for people, as one clause."""
         self.heard_at = -math.inf
         """[s] The last sign of life of the controller."""
+        self.disbelief = ""
+        """Why frames that arrive are not believed, as one clause; empty: no such frame came."""
         self._open = False
         self._opened_at = -math.inf
         self._goals = GoalClient(*controller)
@@ -150,7 +152,7 @@ class Session:
         """A link was opened; the controller has yet to be heard on it."""
         self._open = True
         self._opened_at = now
-        self.trouble = "nothing was heard from its controller yet"
+        self.trouble = self.disbelief or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
         return self.tick(now)
 
@@ -184,12 +186,15 @@ class Session:
         """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
         effects: list[Effect] = [*self._listener.tick(now), *self._goals.tick(now)]
         if self.online and now - self.heard_at >= SILENCE:
-            effects += self._turn(online=False, trouble=f"its controller has been silent for {SILENCE:g} s")
+            silent = f"its controller has been silent for {SILENCE:g} s"
+            effects += self._turn(online=False, trouble=self.disbelief or silent)
+        elif not self.online and self._open and self.disbelief:
+            self.trouble = self.disbelief
         if not self._open:
             return [effect for effect in effects if not isinstance(effect, Send)]
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
         if now - max(self._opened_at, self.heard_at) >= DEAD:
-            effects.append(Redial(f"nothing came over the link for {DEAD:g} s"))
+            effects.append(Redial(self.disbelief or f"nothing came over the link for {DEAD:g} s"))
         return effects + self._insist(now) + self._held_news()
 
     # -- what is asked of the controller -----------------------------------------------------------

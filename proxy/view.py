@@ -12,6 +12,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import MavComponent, PictureRequest
 from robotree.protocol.services.picture import Picture
@@ -56,6 +57,7 @@ class WorkspaceView:
         answer_within: float = ANSWER_WITHIN,
         dial: Dial = connect,
         chance: random.Random | None = None,
+        security: Sealing = UNSIGNED,
     ) -> None:
         """Prepare the view; nothing is opened before `run`.
 
@@ -65,11 +67,14 @@ class WorkspaceView:
             answer_within: [s] that one picture may take.
             dial: opens a link.
             chance: for the waits between attempts to connect.
+            security: the keys of our links.
         """
         self.name = name
         self._answer_within = answer_within
         self._session = Session(component=MavComponent.ONBOARD_COMPUTER)
-        self._connection = Connection(url, self._session, on_event=self._hear, dial=dial, chance=chance)
+        self._connection = Connection(
+            url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
+        )
         self._shared: dict[Wish, asyncio.Task[bytes]] = {}
         self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in CAMERAS}
         self._expected: dict[int, asyncio.Future[bytes]] = {}

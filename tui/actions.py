@@ -199,7 +199,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- run
     Action(
-        usage="demo [--headless] [--pictures FOLDER]",
+        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen.",
         group=PROCESS,
         where=Where.SHELL,
@@ -219,21 +219,21 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session", "robotree.tui.conditions"),
     ),
     Action(
-        usage="sim KIND --listen URL",
+        usage="sim KIND --listen URL [--key FILE]",
         help="Simulate a robot's controller on the wire.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="proxy KIND NAME --connect URL [--space FILE]",
-        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with a kind of yours.",
+        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE]",
+        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with yours.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="view NAME --connect URL",
+        usage="view NAME --connect URL [--key FILE]",
         help="Show the workspace of a robot's controller to whoever looks.",
         group=PROCESS,
         where=Where.SHELL,
@@ -269,7 +269,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
     ),
     Action(
-        usage="wire replay FILE [--connect URL] [--listen URL] [--speed SPEED]",
+        usage="wire replay FILE [--connect URL] [--listen URL] [--speed SPEED] [--key FILE]",
         help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max).",
         group=WIRE,
         where=Where.SHELL,
@@ -279,14 +279,15 @@ ACTIONS: tuple[Action, ...] = (
         ),
     ),
     Action(
-        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME]",
+        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME] [--key FILE]",
         help="Watch links: rate, age and last value of each message; loss, delay and bytes per second.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire monitor --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="wire ping --connect URL [--count COUNT] [--every TIME] [--for TIME] [--by SERVICE]",
+        usage="wire ping --connect URL [--count COUNT] [--every TIME] [--for TIME] [--by SERVICE]"
+        " [--key FILE]",
         help="Measure how long a frame takes there and back, by PING (or by timesync).",
         group=WIRE,
         where=Where.SHELL,
@@ -315,6 +316,13 @@ ACTIONS: tuple[Action, ...] = (
         examples=(
             "wire inject --listen tcp:127.0.0.1:5770 --connect tcp:127.0.0.1:5760 --loss 20% --delay 50ms",
         ),
+    ),
+    Action(
+        usage="wire key FILE [--links PATTERN] [--passphrase]",
+        help="Make a file with a signing key: the --key of sim, proxy, view and the verbs of the wire.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire key cell.key", "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase"),
     ),
     Action(
         usage="wire bench [PART …]",

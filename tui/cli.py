@@ -88,9 +88,10 @@ def _start(line: Line) -> int:
         case "demo":
             from robotree.tui import demo
 
-            pictures = line.text("--pictures")
+            over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
+            headless, pictures = line.flag("--headless"), line.text("--pictures")
             return _run(
-                demo.demo(headless=line.flag("--headless"), realm=line.text("--realm"), pictures=pictures)
+                demo.demo(headless=headless, realm=line.text("--realm"), pictures=pictures, wire=over)
             )
         case "run":
             from robotree.tui.playing import play_file
@@ -157,23 +158,29 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
     from robotree.sim.server import serve
+    from robotree.tui.wire.security import securing
 
-    await serve(line.text("KIND"), line.text("--listen"), ready=ready)
+    async with securing(line) as security:
+        await serve(line.text("KIND"), line.text("--listen"), ready=ready, security=security)
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_proxy
     from robotree.tui.state_files import space_file
+    from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
     space = space_file(line.text("--space"), realm, name)
-    await run_proxy(kind, name, url, realm=realm, space_path=space, ready=ready)
+    async with securing(line) as security:
+        await run_proxy(kind, name, url, realm=realm, space_path=space, security=security, ready=ready)
 
 
 async def _view(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_view
+    from robotree.tui.wire.security import securing
 
-    await run_view(line.text("NAME"), line.text("--connect"), realm=realm, ready=ready)
+    async with securing(line) as security:
+        await run_view(line.text("NAME"), line.text("--connect"), realm=realm, security=security, ready=ready)
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:

@@ -11,6 +11,7 @@ import os
 import tempfile
 import time
 from contextlib import chdir
+from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -25,7 +26,27 @@ LOOKUPS = ("lookup-1", "lookup-2")
 HOST = "host-1"
 
 
-async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
+class Wire(Enum):
+    """What joins the demo's controllers to their proxies and views."""
+
+    TCP = "tcp"
+    CAN_FD = "can fd"
+    CAN_CLASSIC = "classic can"
+
+    @classmethod
+    def of(cls, *, can: bool, classic: bool) -> Wire:
+        """Return the wire that the options name; classic is a kind of CAN."""
+        return cls.CAN_CLASSIC if classic else cls.CAN_FD if can else cls.TCP
+
+    def addresses(self, realm: str) -> tuple[str, str]:
+        """Where the arm's and the rover's controllers listen; on CAN, two nodes of one bus of the realm."""
+        if self is Wire.TCP:
+            return "tcp:127.0.0.1:0", "tcp:127.0.0.1:0"
+        bus = f"can:robotree/{realm}?fd={int(self is Wire.CAN_FD)}"
+        return f"{bus}&node=1", f"{bus}&node=2"
+
+
+async def demo(*, headless: bool, realm: str = "", pictures: str = "", wire: Wire = Wire.TCP) -> int:
     """Start everything, hand over to a person or to the session script, and end everything.
 
     Args:
@@ -33,6 +54,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
         realm: where; empty: the default realm for a person, so that a second terminal sees the demo, and
             a realm of its own for the script.
         pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
+        wire: between controllers and proxies.
 
     Returns:
         The exit code.
@@ -45,7 +67,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "") -> int:
                 note(
                     f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
                 )
-                await cast(crew, counting=not headless)
+                await cast(crew, counting=not headless, wire=wire)
                 if headless:
                     return await _play(realm, Path(pictures or "robotree-demo"))
                 return await _supervise(realm)
@@ -76,21 +98,22 @@ async def _alone(realm: str) -> None:
         raise DemoRuns(realm, taken)
 
 
-async def cast(crew: Crew, *, counting: bool = True) -> None:
+async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> None:
     """Bring up the demo's agents, each as soon as what it needs is there.
 
     Args:
         crew: whom they join.
         counting: whether calls are counted over restarts, in the user's state folder.
+        wire: between controllers and proxies.
 
     Raises:
         MemberFailed: one did not come up.
     """
-    anywhere = "tcp:127.0.0.1:0"
+    at_arm, at_rover = wire.addresses(crew.realm)
     counters = () if counting else ("--space", "none")
     arm, rover, *_ = await crew.start_all(
-        ("sim", "arm", "--listen", anywhere),
-        ("sim", "rover", "--listen", anywhere),
+        ("sim", "arm", "--listen", at_arm),
+        ("sim", "rover", "--listen", at_rover),
         *(("lookup", name) for name in LOOKUPS),
         ("host", HOST, *counters),
     )

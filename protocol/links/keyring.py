@@ -6,10 +6,14 @@ line matches is not signed::
 
     # the arm in the cell
     tcp:127.0.0.1:*   6f1b…
+
+Several programs of one machine may use one file: the time beside it only ever grows.
 """
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import os
 import secrets
 import stat
@@ -17,10 +21,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robotree.protocol.errors import ProtocolError
-from robotree.protocol.signing import KEY_BYTES, UNITS, Key
+from robotree.protocol.signing import KEY_BYTES, Key
 
 PERSIST_PERIOD = 10.0
-"""[s] between two calls of `Keyring.persist`; as much is added to the time when it is read."""
+"""[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
 
 
 class KeyFileError(ProtocolError):
@@ -44,14 +48,15 @@ class Keyring:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._time_path = path.with_name(f"{path.name}.time")
-        self._keys = [_read_line(path, number, line) for number, line in _lines(path)]
+        self.keys = [_read_line(path, number, line) for number, line in _lines(path)]
+        """Patterns and keys, in the order of the file."""
 
     def key_for(self, address: str) -> Key | None:
         """The key of a link; None: it is not signed."""
-        return next((key for pattern, key in self._keys if fnmatchcase(address, pattern)), None)
+        return next((key for pattern, key in self.keys if fnmatchcase(address, pattern)), None)
 
     def persisted(self) -> int:
-        """Where signing time has to go on; 0: nothing was persisted.
+        """The latest signing time that any program of ours has persisted; 0: none has.
 
         Raises:
             KeyFileError: the file beside the keys is not ours, or holds no time.
@@ -59,30 +64,57 @@ class Keyring:
         if not self._time_path.exists():
             return 0
         try:
-            return int(_read(self._time_path)) + int(PERSIST_PERIOD * UNITS)
+            return int(_read(self._time_path))
         except ValueError as error:
             raise KeyFileError(self._time_path, "holds no time; remove it") from error
 
     def persist(self, last: int) -> None:
-        """Remember the signing time; call it every `PERSIST_PERIOD` and at the end."""
-        draft = self._time_path.with_name(f"{self._time_path.name}.new")
-        _write(draft, f"{last}\n", os.O_TRUNC)
-        draft.replace(self._time_path)
+        """Remember the signing time; call it every `PERSIST_PERIOD` and at the end.
+
+        A later time that another program persisted stays.
+
+        Raises:
+            KeyFileError: it cannot be kept.
+        """
+        try:
+            with self._path.open("rb") as ours:
+                fcntl.flock(ours, fcntl.LOCK_EX)  # let go when the file is closed, or we are killed
+                if last > self.persisted():
+                    draft = self._time_path.with_name(f"{self._time_path.name}.new")
+                    _write(draft, f"{last}\n", os.O_TRUNC)
+                    draft.replace(self._time_path)
+        except OSError as error:
+            raise KeyFileError(self._time_path, f"cannot keep the signing time: {error.strerror}") from error
 
     def __repr__(self) -> str:
-        return f"<Keyring {self._path}: {', '.join(pattern for pattern, _ in self._keys)}>"
+        return f"<Keyring {self._path}: {', '.join(pattern for pattern, _ in self.keys)}>"
 
 
-def create(path: Path, pattern: str = "*") -> None:
-    """Make a file with one new key.
+def create(path: Path, pattern: str = "*", passphrase: str | None = None) -> None:
+    """Make a file with one key.
+
+    Args:
+        path: of the new file.
+        pattern: of the links that it is for.
+        passphrase: what MAVProxy and QGroundControl were told to make the key of; None: a key by chance.
 
     Raises:
-        KeyFileError: there is such a file already.
+        KeyFileError: there is such a file already, or it cannot be written, or the pattern has spaces.
     """
+    if not pattern.isascii() or not pattern.split() == [pattern] or pattern.startswith("#"):
+        raise KeyFileError(path, f"{pattern!r} is no pattern of addresses; write for example tcp:127.0.0.1:*")
+    secret = secrets.token_bytes(KEY_BYTES) if passphrase is None else secret_of(passphrase)
     try:
-        _write(path, f"{pattern} {secrets.token_hex(KEY_BYTES)}\n", os.O_EXCL)
+        _write(path, f"{pattern} {secret.hex()}\n", os.O_EXCL)
     except FileExistsError as error:
         raise KeyFileError(path, "exists already; a key is never overwritten") from error
+    except OSError as error:
+        raise KeyFileError(path, f"cannot be written: {error.strerror}") from error
+
+
+def secret_of(passphrase: str) -> bytes:
+    """The secret that MAVProxy and QGroundControl make of a passphrase: its SHA-256."""
+    return hashlib.sha256(passphrase.encode()).digest()
 
 
 def _lines(path: Path) -> list[tuple[int, str]]:

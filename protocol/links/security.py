@@ -8,16 +8,19 @@ async with persisting(security):
 from __future__ import annotations
 
 import asyncio
+import logging
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Protocol, TypedDict
 
-from robotree.protocol.links.keyring import PERSIST_PERIOD
-from robotree.protocol.signing import Signer, SigningTime, StreamTable, Verifier
+from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError
+from robotree.protocol.signing import UNITS, Signer, SigningTime, StreamTable, Verifier
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
 
     from robotree.protocol.links.keyring import Keyring
+
+_log = logging.getLogger(__name__)
 
 
 class Seals(TypedDict):
@@ -60,7 +63,10 @@ class Security:
 
     def __init__(self, keyring: Keyring, clock: Callable[[], float]) -> None:
         self._keyring = keyring
-        self._time = SigningTime(clock, keyring.persisted())
+        self._time = SigningTime(clock)
+        if (persisted := keyring.persisted()) > self._time.now():
+            # The wall clock was set back. Go on ahead of all that may have been signed before.
+            self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
         self._streams = StreamTable()
         self._links = 0
 
@@ -73,9 +79,21 @@ class Security:
             signer=Signer(key, self._time, link_id), verifier=Verifier(key, self._time, self._streams)
         )
 
-    def persist(self) -> None:
-        """Remember the time, so that a wall clock that is set back does no harm after a restart."""
-        self._keyring.persist(self._time.now())
+    @property
+    def now(self) -> int:
+        """The signing time of this moment."""
+        return self._time.now()
+
+    def persist(self, moment: int | None = None) -> None:
+        """Remember the time, so that a wall clock that is set back does no harm after a restart.
+
+        Args:
+            moment: a signing time; None: now. Given one, any thread may call this.
+
+        Raises:
+            KeyFileError: it cannot be kept.
+        """
+        self._keyring.persist(self.now if moment is None else moment)
 
 
 @asynccontextmanager
@@ -91,8 +109,11 @@ async def persisting(security: Security, period: float = PERSIST_PERIOD) -> Asyn
 
     async def persist_on() -> None:
         while True:
-            await asyncio.to_thread(security.persist)
             await asyncio.sleep(period)
+            try:
+                await asyncio.to_thread(security.persist, security.now)
+            except KeyFileError as error:  # the disk may be full for a while; the links must go on
+                _log.warning("%s", error)
 
     security.persist()  # a folder where nothing can be kept is told before anything is opened
     keeping = asyncio.get_running_loop().create_task(persist_on(), name="signing time")

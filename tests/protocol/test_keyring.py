@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError, Keyring, create
-from robotree.protocol.signing import UNITS, Key
+from robotree.protocol.links.keyring import KeyFileError, Keyring, create
+from robotree.protocol.signing import Key
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,13 +77,66 @@ def test_a_new_file_is_ours_alone_and_never_overwritten(tmp_path: Path) -> None:
     assert again.fingerprint == first.fingerprint
 
 
-def test_time_goes_on_after_a_restart_ahead_of_what_may_have_been_signed(path: Path) -> None:
+def test_time_is_kept_beside_the_keys(path: Path) -> None:
     ring = Keyring(path)
     assert ring.persisted() == 0
     ring.persist(1_000_000)
     ring.persist(2_000_000)
-    assert Keyring(path).persisted() == 2_000_000 + PERSIST_PERIOD * UNITS
+    assert Keyring(path).persisted() == 2_000_000
     assert path.with_name("wire.keys.time").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_program_whose_time_is_behind_does_not_set_the_common_time_back(path: Path) -> None:
+    ahead, behind = Keyring(path), Keyring(path)
+    ahead.persist(2_000_000)
+    behind.persist(1_000_000)
+    assert ahead.persisted() == behind.persisted() == 2_000_000
+
+
+PERSISTER = """
+import sys
+from pathlib import Path
+from robotree.protocol.links.keyring import Keyring
+ring, numbers = Keyring(Path(sys.argv[1])), range(int(sys.argv[2]), 4000, 2)
+newest = 0
+for number in numbers:
+    ring.persist(number)
+    seen = ring.persisted()
+    assert seen >= max(number, newest), (number, newest, seen)
+    newest = seen
+"""
+
+
+def test_programs_that_share_a_file_never_see_its_time_go_back(path: Path) -> None:
+    programs = [
+        subprocess.Popen([sys.executable, "-c", PERSISTER, str(path), first], stderr=subprocess.PIPE)
+        for first in ("3900", "3901")
+    ]
+    for program in programs:
+        _, told = program.communicate(timeout=60)
+        assert program.returncode == 0, told.decode()
+    assert Keyring(path).persisted() == 3999
+    assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]
+
+
+def test_a_time_that_cannot_be_kept_is_told(path: Path) -> None:
+    ring = Keyring(path)
+    path.with_name("wire.keys.time.new").mkdir()
+    with pytest.raises(KeyFileError, match="cannot keep the signing time"):
+        ring.persist(1)
+
+
+@pytest.mark.parametrize("pattern", ["", "tcp:* x", "# all", "\n"])
+def test_a_pattern_that_would_not_be_read_again_is_refused(tmp_path: Path, pattern: str) -> None:
+    with pytest.raises(KeyFileError, match="is no pattern of addresses"):
+        create(tmp_path / "new.keys", pattern)
+    assert not (tmp_path / "new.keys").exists()
+
+
+def test_a_passphrase_makes_the_key_that_ground_stations_make_of_it(tmp_path: Path) -> None:
+    create(tmp_path / "new.keys", passphrase="correct horse")  # noqa: S106  not in use
+    ((_, key),) = Keyring(tmp_path / "new.keys").keys
+    assert key.fingerprint == Key.of_passphrase("correct horse").fingerprint
 
 
 def test_a_time_file_that_makes_no_sense_is_refused(path: Path) -> None:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.links.keyring import Keyring
-from robotree.protocol.links.security import Security
+from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError, Keyring
+from robotree.protocol.links.security import Security, persisting
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
+from robotree.protocol.signing import UNITS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,3 +104,55 @@ def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recor
     assert verifier is not None
     assert Parser(verifier).feed(recording) == []
     assert verifier.statistics.replayed == 1
+
+
+def test_signing_time_is_the_wall_clocks_however_often_a_program_starts(keys: Path) -> None:
+    """Else a file used by many short programs would run ahead until long ones refuse them all."""
+    first = Security(Keyring(keys), lambda: NOW)
+    for start in range(1, 100):
+        security = Security(Keyring(keys), lambda start=start: NOW + start / 10)
+        security.persist()
+    assert security.now - first.now == pytest.approx(9.9 * UNITS, abs=2)
+
+
+def test_after_a_crash_under_a_clock_that_was_set_back_nothing_is_signed_with_an_old_time(keys: Path) -> None:
+    before = Security(Keyring(keys), lambda: NOW)
+    before.persist()
+    unpersisted = Security(Keyring(keys), lambda: NOW + 0.99 * PERSIST_PERIOD).now  # and then it is killed
+    after = Security(Keyring(keys), lambda: NOW - 5)
+    assert after.now > unpersisted
+
+
+async def test_the_time_is_persisted_again_and_again_and_at_the_end(keys: Path) -> None:
+    clock = NOW
+    ring = Keyring(keys)
+    async with persisting(Security(ring, lambda: clock), period=0.001) as security:
+        at_start = ring.persisted()
+        assert at_start == security.now
+        clock += 100
+        async with asyncio.timeout(10):
+            while ring.persisted() == at_start:  # noqa: ASYNC110  a file has no event
+                await asyncio.sleep(0.001)
+        clock += 100
+    assert ring.persisted() == at_start + 200 * UNITS
+
+
+async def test_a_disk_that_is_full_for_a_while_ends_no_link(
+    keys: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    in_the_way = keys.with_name("wire.keys.time.new")
+    clock = NOW
+    async with persisting(Security(Keyring(keys), lambda: clock), period=0.001):
+        in_the_way.mkdir()
+        clock += 1
+        async with asyncio.timeout(10):
+            while "cannot keep the signing time" not in caplog.text:  # noqa: ASYNC110  a log has no event
+                await asyncio.sleep(0.001)
+        in_the_way.rmdir()
+
+
+async def test_a_place_where_time_cannot_be_kept_is_told_at_once(keys: Path) -> None:
+    keys.with_name("wire.keys.time.new").mkdir()
+    with pytest.raises(KeyFileError, match="cannot keep"):
+        async with persisting(Security(Keyring(keys), lambda: NOW)):
+            pytest.fail("nothing is opened")

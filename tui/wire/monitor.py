@@ -12,12 +12,14 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.tui import values
 from robotree.tui.grammar import Line
 from robotree.tui.wire.decode import fields
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import Lasting, lasting
+from robotree.tui.wire.security import securing
 from robotree.tui.wording import columns
 
 PERIOD = 1.0
@@ -30,12 +32,13 @@ _HOME_AND_CLEAR = "\x1b[H\x1b[J"
 class Watched:
     """A handler that watches its link; the delay is learnt by asking for the far clock."""
 
-    def __init__(self, link: Link, here: Lasting) -> None:
-        """Watch until `here` is over."""
+    def __init__(self, link: Link, here: Lasting, security: Sealing = UNSIGNED) -> None:
+        """Watch until `here` is over; what is asked is signed, what comes is shown, signed or not."""
         self._here = here
         self._clock = asyncio.get_running_loop().time
         self.gauge = LinkGauge(link.address, self._clock())
-        self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard)
+        signer = security.seals(link.address)["signer"]
+        self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard, signer=signer)
 
     def received(self, data: bytes) -> None:
         """Count what came."""
@@ -63,11 +66,11 @@ def run(line: Line) -> int:
 async def _watch(line: Line) -> int:
     period = values.duration(line.text("--every")) if line.text("--every") else PERIOD
     urls = [line.text("--connect"), *line.many("URL")]
-    async with lasting(line) as here:
+    async with lasting(line) as here, securing(line) as security:
         watched: list[Watched] = []
 
         def accept(link: Link) -> Watched:
-            watched.append(Watched(link, here))
+            watched.append(Watched(link, here, security))
             return watched[-1]
 
         links = [await connect(url, accept) for url in urls]

@@ -22,6 +22,7 @@ from robotree.tui.grammar import Line
 from robotree.tui.terminal import complain, put
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import lasting
+from robotree.tui.wire.security import securing
 
 EVERY = 0.2
 """[s] between two questions."""
@@ -102,7 +103,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
     every = values.duration(line.text("--every")) if line.text("--every") else EVERY
     times: dict[int, float] = {}
     asked = 0
-    async with lasting(line) as here:
+    async with lasting(line) as here, securing(line) as security:
 
         def hear(frame: Frame) -> None:
             answer = asker.heard(frame, None, clock())
@@ -116,7 +117,10 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
         mouth: list[Endpoint] = []
 
         def accept(link: Link) -> Endpoint:
-            ears = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end)
+            seals = security.seals(link.address)
+            ears = Endpoint(
+                link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end, **seals
+            )
             mouth.append(ears)
             return ears
 

@@ -11,12 +11,17 @@ from robotree.protocol.capture.errors import BadRecording
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.capture.replay import schedule
 from robotree.protocol.errors import LinkError
+from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link, Listener
+from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect, listen
+from robotree.protocol.parser import Parser
+from robotree.protocol.signing import Signer
 from robotree.tui.errors import BadLine, ValueRefused
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import note, put
 from robotree.tui.wire.lasting import Lasting, lasting
+from robotree.tui.wire.security import securing
 
 BREATH = 0.005
 """[s] between two looks whether a far end has read."""
@@ -27,28 +32,49 @@ LAST_WORDS = 2.0
 class Listeners:
     """Everyone who hears the replay."""
 
-    def __init__(self, here: Lasting) -> None:
+    def __init__(self, here: Lasting, security: Sealing = UNSIGNED) -> None:
         """Nobody yet."""
-        self._here = here
-        self.links: set[Link] = set()
+        self._here, self._security = here, security
+        self.links: dict[Link, Signer | None] = {}
         self.somebody = asyncio.Event()
 
     def accept(self, link: Link) -> _Deaf:
         """Somebody has come."""
-        self.links.add(link)
+        self.links[link] = self._security.seals(link.address)["signer"]
         self.somebody.set()
         return _Deaf(self, link)
 
     def gone(self, link: Link, reason: LinkError) -> None:
         """Somebody has left; with the last one the replay ends."""
-        self.links.discard(link)
+        self.links.pop(link, None)
         if not self.links:
             self._here.end(reason)
+
+    def send(self, data: bytes) -> None:
+        """Say a frame again; with a key it is signed anew, for its old signature is one that was heard."""
+        for link, signer in self.links.items():
+            link.send(data if signer is None else _signed(data, signer))
 
     @property
     def congested(self) -> bool:
         """Whether somebody has not read what was sent."""
         return any(link.congested for link in self.links)
+
+
+def _signed(data: bytes, signer: Signer) -> bytes:
+    """The same messages from the same speakers; what is no frame of the dialect stays as it is."""
+    frames = Parser().feed(data)
+    again = [
+        encode(
+            one.message,
+            sequence=one.sequence,
+            system=one.system,
+            component=one.component,
+            signer=signer,
+        )
+        for one in frames
+    ]
+    return b"".join(again) or data
 
 
 class _Deaf:
@@ -93,8 +119,8 @@ def speed(text: str) -> float:
 
 async def _replay(line: Line, moments: Generator[tuple[float, bytes]]) -> int:
     listener: Listener | None = None
-    async with lasting(line) as here:
-        crowd = Listeners(here)
+    async with lasting(line) as here, securing(line) as security:
+        crowd = Listeners(here, security)
         if line.text("--connect"):
             await connect(line.text("--connect"), crowd.accept)
         else:
@@ -122,8 +148,7 @@ async def _send(moments: Generator[tuple[float, bytes]], crowd: Listeners, here:
             await here.wait(BREATH)
         if here.over:
             break
-        for link in crowd.links:
-            link.send(data)
+        crowd.send(data)
         sent += 1
     left = loop.time() + LAST_WORDS
     while crowd.congested and loop.time() < left:

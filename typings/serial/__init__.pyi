@@ -1,4 +1,4 @@
-"""What robotree uses of pyserial, which has no types of its own."""
+# What robotree uses of pyserial, which has no types of its own.
 
 class SerialException(OSError): ...
 

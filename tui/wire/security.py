@@ -1,0 +1,38 @@
+"""The keys of the links that a command opens: `--key FILE`, or `$ROBOTREE_KEY`.
+
+The file is one that `robotree wire key FILE` makes. Its path is all that command lines, logs and errors show.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.links.security import UNSIGNED, Sealing, Security, persisting
+from robotree.tui.grammar import Line
+
+VARIABLE = "ROBOTREE_KEY"
+NOTHING = "none"
+"""What is given instead of a file by who wants links without keys although the variable is set."""
+
+
+@asynccontextmanager
+async def securing(line: Line) -> AsyncGenerator[Sealing]:
+    """Read the keys for what a line starts, and keep their time inside the block.
+
+    Yields:
+        What signs the links; without a file, nothing does.
+
+    Raises:
+        KeyFileError: the file cannot be used.
+    """
+    given = line.text("--key") or os.environ.get(VARIABLE) or NOTHING
+    if given == NOTHING:
+        yield UNSIGNED
+        return
+    async with persisting(Security(Keyring(Path(given)), time.time)) as security:
+        yield security
