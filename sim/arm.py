@@ -11,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, Verb
-from robotree.sim.compliance import TOOL_STIFFNESS, NaturalAdmittance
+from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.arm_tuning import PARAMETERS, SLOWEST, ArmTuning
+from robotree.sim.compliance import NaturalAdmittance
 from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, UnknownVerb
 from robotree.sim.gripper import WIDEST, Grip, Gripper
@@ -20,14 +21,12 @@ from robotree.sim.kinematics import Kinematics, twist_of
 from robotree.sim.limits import require
 from robotree.sim.models.arm import ArmPorts
 from robotree.sim.motion import Follower
-from robotree.sim.planner import TOOL_SPEED, Planner
+from robotree.sim.parameters import Parameter
+from robotree.sim.planner import TWIST, Planner
+from robotree.sim.pursuit import Group, Pursuit
 from robotree.sim.vectors import Vector
 from robotree.sim.wrist import WristSensor
 
-TOP_SPEED: Final = 0.25
-"""[m/s] that a goal may ask for: the reduced speed of ISO 10218-1 for people near an arm."""
-SLOWEST: Final = 0.005
-"""[m/s] that a goal may ask for."""
 REACHED: Final = 0.004
 """[m] between tool and goal that counts as reached; friction leaves 1 mm, 3 mm at worst."""
 YIELDING: Final = 0.025
@@ -85,6 +84,8 @@ class Arm:
 
     def __init__(self, ports: ArmPorts) -> None:
         self._ports = ports
+        self.tuning = ArmTuning()
+        """What `parameters` change; it is read in every control period."""
         self._kinematics = Kinematics()
         self._planner = Planner(Kinematics())
         self._law = NaturalAdmittance()
@@ -96,6 +97,7 @@ class Arm:
         self._error: Vector = np.zeros(3)
         self._load = self._waited = self._still = self._peak = 0.0
         self._running: Callable[[], Progress] = _ended
+        self._pursuit: Pursuit | None = None
         self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
             Verb.GO_TO: self._go_to,
             Verb.GRIP: self._grip,
@@ -106,6 +108,16 @@ class Arm:
     def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
         return self._verbs.keys()
+
+    @property
+    def kinds(self) -> Collection[SetpointKind]:
+        """The set-points that it can follow."""
+        return (SetpointKind.TOOL_POSE, SetpointKind.TOOL_VELOCITY)
+
+    @property
+    def parameters(self) -> Collection[Parameter]:
+        """What can be tuned on it."""
+        return PARAMETERS
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
         """Check and plan one movement; nothing moves yet.
@@ -124,6 +136,28 @@ class Arm:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
         return self._verbs[Verb(verb)](args)
 
+    def follow(self, kind: int, args: tuple[float, ...]) -> None:
+        """Follow a set-point from now on, within the limits of speed and place.
+
+        Args:
+            kind: TOOL_POSE or TOOL_VELOCITY.
+            args: (7,) as in robotree.xml.
+
+        Raises:
+            OutOfReach: no posture brings the tool there; what ran goes on.
+        """
+        start = self._follower.setpoint
+        if kind == SetpointKind.TOOL_POSE:
+            here = start.pose.tolist()
+            target = np.array([_or_now(*each) for each in zip("xyzt", args, here, strict=False)])
+            target[3] = start.pose[3] + math.remainder(target[3] - start.pose[3], math.tau)
+            self._planner.check(target, np.array(self._ports.q))
+            self._pursue().toward(target)
+        else:
+            pursuit = self._pursue()
+            rate = [_or_now(*each) for each in zip("xyzt", args, pursuit.rate.tolist(), strict=False)]
+            pursuit.along(np.array(rate))
+
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
         return self._running()
@@ -136,7 +170,10 @@ class Arm:
 
     def control(self, dt: float) -> None:
         """One period [s] of the control law."""
-        ports = self._ports
+        ports, tuning = self._ports, self.tuning
+        self._law.tune(tuning.stiffness, tuning.force_limit, dt)
+        self._gripper.speed = tuning.grip_speed
+        ports.finger_limit[:] = -2.0 * tuning.grip_force, 2.0 * tuning.grip_force
         dynamics = self._kinematics.dynamics(ports.q, ports.v)
         self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
         setpoint = self._follower.advance(dt, self._load)
@@ -174,9 +211,10 @@ class Arm:
         names = ("x", "y", "z", "twist")
         start = self._follower.setpoint
         goal = np.array([_or_now(*each) for each in zip(names, args, start.pose.tolist(), strict=False)])
-        speed = _or_now("speed", args[4], TOOL_SPEED)
-        require("speed", speed, SLOWEST, TOP_SPEED, "m/s")
-        path = self._planner.plan(start, np.array(self._ports.q), goal, speed)
+        tuning = self.tuning
+        speed = _or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
+        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
+        path = self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
 
         def begin() -> None:
             self._follower.follow(path)
@@ -198,6 +236,26 @@ class Arm:
     def _stay(self, _: tuple[float, ...]) -> Start:
         return self.hold
 
+    def _pursue(self) -> Pursuit:
+        """The pursuit that runs, else a new one from where the attractor is."""
+        tuning = self.tuning
+        groups = (
+            Group(slice(0, 3), tuning.top_speed, tuning.acceleration),
+            Group(slice(3, 4), TWIST[0], TWIST[1]),
+        )
+        if self._running != self._pursuing or self._pursuit is None:
+            self._pursuit = Pursuit(self._follower.setpoint, groups, self._stands)
+            self._follower.chase(self._pursuit)
+            self._running = self._pursuing
+        self._pursuit.limit(groups)
+        return self._pursuit
+
+    def _stands(self, pose: Vector) -> bool:
+        return self._planner.stands(pose, np.array(self._ports.q))
+
+    def _pursuing(self) -> Progress:
+        return Progress(0.0)
+
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
         if self._follower.blocked:
@@ -207,7 +265,7 @@ class Arm:
         if self._still >= STILL_FOR:
             # At rest spring and world balance: what the world's pull does not explain is friction's share.
             short = float(np.linalg.norm(self._error))
-            unexplained = float(np.linalg.norm(self._error + self._wrench[:3] / TOOL_STIFFNESS))
+            unexplained = float(np.linalg.norm(self._error + self._wrench[:3] / self._law.stiffness))
             if unexplained < REACHED and short < YIELDING:
                 return Progress(1.0, done=True, text=self._held_up() if short > REACHED else "")
         if self._waited > SETTLE_WITHIN:

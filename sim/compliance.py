@@ -42,6 +42,10 @@ TORQUE_LIMIT: Final = 4.0
 
 TOOL_STIFFNESS: Final = 500.0
 """[N/m] of the translational spring: a push of 10 N yields 20 mm."""
+STIFFENING: Final = 500.0
+"""[N/m per s] at which the spring is tuned."""
+STRENGTHENING: Final = 20.0
+"""[N/s] at which the bound of its pull is tuned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,27 @@ class NaturalAdmittance:
         self._roll_stiffness, self._roll_damping = gains.roll_stiffness, gains.roll_damping
         self._beta, self._leak = gains.beta, gains.leak
         self._reference: Vector = np.zeros(6)
+        self._critical = gains.damping[0] / math.sqrt(gains.stiffness[0])
+        self.stiffness, self.force_limit = gains.stiffness[0], FORCE_LIMIT
+        """Of the translational spring: [N/m], and its largest pull [N]. Set them with `tune`."""
+
+    def tune(self, stiffness: float, force_limit: float, dt: float) -> None:
+        """Bring the translational spring nearer to what is wanted of it.
+
+        A spring that is taut must not jump when it is tuned, so both change at `STIFFENING` and
+        `STRENGTHENING`. The damping keeps its ratio to the critical one: D ~ sqrt(K).
+
+        Args:
+            stiffness: wanted [N/m].
+            force_limit: wanted [N].
+            dt: control period [s].
+        """
+        if stiffness == self.stiffness and force_limit == self.force_limit:
+            return
+        self.stiffness = _nearer(self.stiffness, stiffness, STIFFENING * dt)
+        self.force_limit = _nearer(self.force_limit, force_limit, STRENGTHENING * dt)
+        self._stiffness[:3] = self.stiffness
+        self._damping[:3] = self._critical * math.sqrt(self.stiffness)
 
     def effort(
         self, dynamics: Dynamics, q: Vector, v: Vector, attractor: Setpoint, wrench: Vector, dt: float
@@ -112,7 +137,7 @@ class NaturalAdmittance:
         error[3:] = pin.log3(tool_down(float(attractor.pose[3])) @ dynamics.rotation.T)
         force = self._stiffness * error
         fx, fy, fz, tx, ty, tz = force.tolist()
-        pull, turn = math.hypot(fx, fy, fz) / FORCE_LIMIT, math.hypot(tx, ty, tz) / TORQUE_LIMIT
+        pull, turn = math.hypot(fx, fy, fz) / self.force_limit, math.hypot(tx, ty, tz) / TORQUE_LIMIT
         if pull > 1.0:
             force[:3] /= pull
         if turn > 1.0:
@@ -129,3 +154,8 @@ class NaturalAdmittance:
         )
         torque = wanted + dynamics.bias + self._beta * (dynamics.mass @ (self._reference - v))
         return Effort(torque, max(pull, turn), error[:3])
+
+
+def _nearer(now: float, wanted: float, step: float) -> float:
+    """`now`, moved towards `wanted` by `step` at most."""
+    return now + min(max(wanted - now, -step), step)

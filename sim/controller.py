@@ -4,12 +4,12 @@ Frames may be posted from any thread; everything else happens in whichever threa
 of steps at a time. So a test in virtual time and a server in real time run the very same code.
 """
 
-from collections import deque
 from collections.abc import Hashable, Mapping
 
 from robotree.protocol.frame import Frame
 from robotree.sim.cell import Cell
 from robotree.sim.firmware import Firmware, Outgoing
+from robotree.sim.intake import Heard, Intake, Opened
 
 
 class Controller:
@@ -23,23 +23,35 @@ class Controller:
 
     def __init__(self, cell: Cell, firmware: Firmware, cameras: Mapping[int, str]) -> None:
         self.cell, self.firmware, self.cameras = cell, firmware, cameras
-        self._inbox: deque[tuple[Frame | None, Hashable]] = deque()
+        self._intake = Intake()
 
     def post(self, frame: Frame, via: Hashable) -> None:
-        """Leave a frame that came over the link `via`; it is heard before the next batch. From any thread."""
-        self._inbox.append((frame, via))
+        """Leave a frame that came over the link `via`, to be heard before the next batch. From any thread.
+
+        A link that brings more than its share loses some; see `intake`.
+        """
+        self._intake.put(frame, via)
 
     def greet(self, via: Hashable) -> None:
         """A link `via` was opened; who is on it is told at once what this is. From any thread."""
-        self._inbox.append((None, via))
+        self._intake.open(via)
+
+    def leave(self, via: Hashable) -> None:
+        """The link `via` has ended. From any thread."""
+        self._intake.close(via)
 
     def advance(self) -> list[Outgoing]:
         """Hear what was posted, let the world go on for one batch, and say what is to be said."""
         out: list[Outgoing] = []
-        while self._inbox:
-            frame, via = self._inbox.popleft()
-            now = self.cell.time_ms
-            out += self.firmware.greet(via, now) if frame is None else self.firmware.hear(frame, via, now)
+        now = self.cell.time_ms
+        for event in self._intake.take():
+            if isinstance(event, Heard):
+                out += self.firmware.hear(event.frame, event.via, now)
+            elif isinstance(event, Opened):
+                out += self.firmware.greet(event.via, now)
+            else:
+                self.firmware.leave(event.via, now)
+        self.firmware.gauges.overrun = self._intake.dropped
         self.cell.advance()
         out += self.firmware.tick(self.cell.time_ms)
         return out

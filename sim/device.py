@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
-from robotree.protocol.messages import Reason, Verb
+from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.parameters import Parameter
 
 Start: TypeAlias = Callable[[], None]
 """Begins the movement that was prepared."""
@@ -39,6 +40,21 @@ class Device(Protocol):
         """What it can be asked to do."""
         ...
 
+    @property
+    def kinds(self) -> Collection[SetpointKind]:
+        """The set-points that it can follow."""
+        ...
+
+    @property
+    def parameters(self) -> Collection[Parameter]:
+        """What can be tuned on it, in an order that stays."""
+        ...
+
+    @property
+    def tuning(self) -> object:
+        """What `parameters` are attributes of."""
+        ...
+
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
         """Check and plan one movement; nothing moves yet.
 
@@ -54,8 +70,20 @@ class Device(Protocol):
         """
         ...
 
+    def follow(self, kind: int, args: tuple[float, ...]) -> None:
+        """Follow a set-point from now on, smoothly and within the limits, in place of whatever runs.
+
+        Args:
+            kind: what it says, one of `kinds`.
+            args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
+
+        Raises:
+            GoalRefused: it lies outside the limits; what ran goes on.
+        """
+        ...
+
     def progress(self) -> Progress:
-        """How far the movement is that was begun last."""
+        """How far the movement is that was begun last; a set-point is never done."""
         ...
 
     def hold(self) -> None:

@@ -9,7 +9,7 @@ from typing import Final
 WIDEST: Final = 0.08
 """[m] gap of the open gripper."""
 SPEED: Final = 0.12
-"""[m/s] of the gap."""
+"""[m/s] of the gap, unless it is tuned."""
 AT_WIDTH: Final = 0.001
 """[m] that counts as being at the width asked for."""
 STILL: Final = 0.002
@@ -36,6 +36,8 @@ class Gripper:
     def __init__(self, width: float) -> None:
         self.commanded = width
         """Width asked for [m]."""
+        self.speed = SPEED
+        """At which the gap is led [m/s]."""
         self.state = Grip.AT_WIDTH
         self._led = width
         self._still = 0.0
@@ -62,7 +64,7 @@ class Gripper:
         Returns:
             The gap that the servo should hold now [m].
         """
-        step = SPEED * dt
+        step = self.speed * dt
         self._led += min(max(self.commanded - self._led, -step), step)
         led_there = self._led == self.commanded
         self._still = self._still + dt if led_there and abs(speed) < STILL else 0.0

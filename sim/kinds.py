@@ -8,11 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from robotree.protocol.messages import MavComponent, MavType
+from robotree.protocol.messages import MavComponent, MavProtocolCapability, MavType
 from robotree.sim.errors import UnknownKind
 
 if TYPE_CHECKING:
     from robotree.sim.controller import Controller
+    from robotree.sim.firmware import Identity
+
+NOTHING_MORE: Final = MavProtocolCapability(0)
+"""What a kind offers beyond every controller of ours, if nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,18 @@ def kind(name: str) -> Kind:
     return found
 
 
+def _identity(kind: str, system: int, capabilities: MavProtocolCapability = NOTHING_MORE) -> "Identity":
+    """What the controller of a simulated robot says of itself; its uid is the same at every start."""
+    from hashlib import sha256
+    from importlib.metadata import version
+    from time import time
+
+    from robotree.sim.firmware import Identity
+
+    uid = int.from_bytes(sha256(f"robotree {kind} {system}".encode()).digest()[:8])
+    return Identity(version=version("robotree"), uid=uid, capabilities=capabilities, wall=time)
+
+
 def _arm(system: int, silence: float) -> "Controller":
     from robotree.sim import telemetry, worlds
     from robotree.sim.controller import Controller
@@ -48,7 +64,10 @@ def _arm(system: int, silence: float) -> "Controller":
 
     world = worlds.arm_world()
     streams = telemetry.arm_streams(world)
-    firmware = Firmware(world.arm, streams, system=system, kind=MavType.GENERIC, silence=silence)
+    identity = _identity("arm", system, MavProtocolCapability.GRIPPER)
+    firmware = Firmware(
+        world.arm, streams, system=system, kind=MavType.GENERIC, silence=silence, identity=identity
+    )
     cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"}
     return Controller(world.cell, firmware, cameras)
 
@@ -60,7 +79,10 @@ def _rover(system: int, silence: float) -> "Controller":
 
     world = worlds.rover_world()
     streams = telemetry.rover_streams(world)
-    firmware = Firmware(world.rover, streams, system=system, kind=MavType.GROUND_ROVER, silence=silence)
+    identity = _identity("rover", system)
+    firmware = Firmware(
+        world.rover, streams, system=system, kind=MavType.GROUND_ROVER, silence=silence, identity=identity
+    )
     cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"}
     return Controller(world.cell, firmware, cameras)
 

@@ -182,6 +182,14 @@ def _azimuth(limits: Sequence[float], radius: float) -> tuple[float, ...]:
     return (limits[0], limits[1] / radius, *limits[2:])
 
 
+class Chase(Protocol):
+    """Something that leads the attractor without a path."""
+
+    def advance(self, dt: float, pace: float) -> Setpoint:
+        """Lead on for `dt` [s] at a share `pace` of the full pace."""
+        ...
+
+
 class Follower:
     """The attractor on its leash.
 
@@ -192,13 +200,14 @@ class Follower:
     def __init__(self, at: Vector) -> None:
         self.setpoint = Setpoint(np.array(at), np.zeros(len(at)))
         self._path: Path | None = None
+        self._chase: Chase | None = None
         self._time = 0.0
         self._taut = 0.0
 
     @property
     def moving(self) -> bool:
-        """Whether a path is being followed."""
-        return self._path is not None
+        """Whether a path or a chase is being followed."""
+        return self._path is not None or self._chase is not None
 
     @property
     def progress(self) -> float:
@@ -214,11 +223,15 @@ class Follower:
 
     def follow(self, path: Path) -> None:
         """Leave whatever is being followed and begin `path`."""
-        self._path, self._time, self._taut = path, 0.0, 0.0
+        self._path, self._chase, self._time, self._taut = path, None, 0.0, 0.0
+
+    def chase(self, chase: Chase) -> None:
+        """Leave whatever is being followed and be led by `chase`."""
+        self._path, self._chase, self._taut = None, chase, 0.0
 
     def rest(self, at: Vector) -> None:
         """Drop the path and rest at `at`."""
-        self._path, self._taut = None, 0.0
+        self._path, self._chase, self._taut = None, None, 0.0
         self.setpoint = Setpoint(np.array(at), np.zeros(len(at)))
 
     def advance(self, dt: float, load: float) -> Setpoint:
@@ -231,9 +244,12 @@ class Follower:
         Returns:
             The set-point for this period.
         """
+        pace = min(max((1.0 - load) / (1.0 - LEASH_SLACK), 0.0), 1.0)
+        if self._chase is not None:
+            self.setpoint = self._chase.advance(dt, pace)
+            return self.setpoint
         if self._path is None:
             return self.setpoint
-        pace = min(max((1.0 - load) / (1.0 - LEASH_SLACK), 0.0), 1.0)
         self._taut = self._taut + dt if pace < _STANDSTILL else 0.0
         self._time += dt * pace
         if self._time >= self._path.duration:

@@ -49,7 +49,14 @@ class Planner:
     def __init__(self, kinematics: Kinematics) -> None:
         self._kinematics = kinematics
 
-    def plan(self, start: Setpoint, q: Vector, goal: Vector, speed: float = TOOL_SPEED) -> Path:
+    def plan(
+        self,
+        start: Setpoint,
+        q: Vector,
+        goal: Vector,
+        speed: float = TOOL_SPEED,
+        acceleration: float = TOOL_ACCELERATION,
+    ) -> Path:
         """Find a way.
 
         Args:
@@ -57,6 +64,7 @@ class Planner:
             q: (6,) posture of the arm now [rad].
             goal: (4,) x, y, z [m] in W and twist [rad]; of all equal twists the nearest is taken.
             speed: highest speed of the tool [m/s].
+            acceleration: its highest acceleration [m/s2].
 
         Returns:
             A path that the arm can walk.
@@ -66,10 +74,10 @@ class Planner:
             PathBlocked: the goal can be reached, but on none of the ways tried from here.
         """
         goal = np.array((*goal[:3], start.pose[3] + math.remainder(goal[3] - start.pose[3], math.tau)))
-        self._check_reach(goal, q)
+        self.check(goal, q)
         limits = Limits(
             velocity=(speed, speed, speed, TWIST[0]),
-            acceleration=(TOOL_ACCELERATION,) * 3 + (TWIST[1],),
+            acceleration=(acceleration,) * 3 + (TWIST[1],),
             jerk=(TOOL_JERK,) * 3 + (TWIST[2],),
         )
         other = goal - np.array((0.0, 0.0, 0.0, math.copysign(math.tau, goal[3] - start.pose[3])))
@@ -80,7 +88,16 @@ class Planner:
                     return path
         raise PathBlocked(goal.tolist())
 
-    def _check_reach(self, goal: Vector, q: Vector) -> None:
+    def check(self, goal: Vector, q: Vector) -> None:
+        """Refuse a place where the tool cannot be, whichever way leads there.
+
+        Args:
+            goal: (4,) x, y, z [m] in W and twist [rad].
+            q: (6,) posture of the arm now [rad].
+
+        Raises:
+            OutOfReach: with the limit.
+        """
         x, y, z, twist = goal
         if z < LOWEST:
             raise OutOfReach(goal.tolist(), f"keep z at {LOWEST} m or more, for the table")
@@ -91,6 +108,18 @@ class Planner:
             if self._kinematics.solve(goal[:3], tool_down(twist), seed).reached:
                 return
         raise OutOfReach(goal.tolist(), "no posture brings the tool there")
+
+    def stands(self, pose: Vector, q: Vector) -> bool:
+        """Whether the arm can go on from the posture `q` (6,) [rad] to a pose (4,) that is near."""
+        x, y, z, twist = pose.tolist()
+        if z < LOWEST or math.hypot(x, y) < NEAREST:
+            return False
+        kinematics = self._kinematics
+        found = kinematics.solve(pose[:3], tool_down(twist), q, iterations=25)
+        lower = np.minimum(kinematics.lower + JOINT_MARGIN, q)
+        upper = np.maximum(kinematics.upper - JOINT_MARGIN, q)
+        inside = bool((found.q >= lower).all() and (found.q <= upper).all())
+        return found.reached and inside and float(np.abs(found.q - q).max()) <= JUMP
 
     def _walkable(self, path: Path, q: Vector) -> bool:
         """Whether a posture follows the last all the way; margins may be what they are now, not less."""

@@ -18,6 +18,8 @@ from robotree.sim.firmware import Outgoing
 
 LARGEST_DEBT: Final = 0.25
 """[s] behind the wall clock that is still made good."""
+LOAD_SHARE: Final = 0.01
+"""Share of the latest batch in the load that is told: a time constant of half a second."""
 
 
 class Pacer:
@@ -71,7 +73,7 @@ class RealTime:
     ) -> None:
         self._controller, self._tell, self._fail = controller, tell, fail
         self._over = threading.Event()
-        period = BATCH * float(controller.cell.model.opt.timestep) / hurry
+        self._period = period = BATCH * float(controller.cell.model.opt.timestep) / hurry
         self._pacer = Pacer(period, time.monotonic())
         self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
         self._thread.start()
@@ -87,11 +89,15 @@ class RealTime:
         self._thread.join()
 
     def _run(self) -> None:
+        gauges, began = self._controller.firmware.gauges, time.thread_time()
         try:
             while not self._over.is_set():
                 out = self._controller.advance()
                 if out:
                     self._tell(out)
+                now = time.thread_time()
+                gauges.load += LOAD_SHARE * ((now - began) / self._period - gauges.load)
+                began = now
                 time.sleep(self._pacer.wait(time.monotonic()))
         except Exception as error:  # noqa: BLE001  the thread's last fence: whoever owns it must hear
             self._fail(error)

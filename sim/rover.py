@@ -7,13 +7,15 @@ from typing import Final
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, Verb
+from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.device import ENDED, Progress, Start
 from robotree.sim.errors import BadArgument, OutOfReach, UnknownVerb
 from robotree.sim.limits import require
 from robotree.sim.models.rover import RoverPorts
 from robotree.sim.models.scenery import ARENA
 from robotree.sim.motion import Follower, Limits, Line
+from robotree.sim.parameters import Parameter
+from robotree.sim.pursuit import Group, Pursuit
 from robotree.sim.vectors import Vector
 
 STIFFNESS: Final = 800.0
@@ -40,6 +42,25 @@ SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a path by which the rover must be there, or something holds it."""
 
 
+@dataclass(slots=True)
+class RoverTuning:
+    """What can be tuned on the rover while it runs; see `PARAMETERS`."""
+
+    speed: float = SPEED
+    top_speed: float = TOP_SPEED
+    acceleration: float = ACCELERATION
+    force_limit: float = FORCE_LIMIT
+
+
+PARAMETERS: Final = (
+    Parameter("BASE_SPEED", "speed", SLOWEST, TOP_SPEED, "m/s, of a goal that names no speed"),
+    Parameter("BASE_SPEED_MAX", "top_speed", SLOWEST, TOP_SPEED, "m/s, that a goal or set-point may ask for"),
+    Parameter("BASE_ACCEL", "acceleration", 0.1, ACCELERATION, "m/s2, of the next movement"),
+    Parameter("DRIVE_FORCE_MAX", "force_limit", 5.0, FORCE_LIMIT, "N, of the drive at most"),
+)
+"""What people can tune, and how far: never beyond what the rover was measured with."""
+
+
 @dataclass(frozen=True, slots=True)
 class RoverState:
     """One reading: `position` (2,) [m] and `velocity` (2,) [m/s], x and y in W."""
@@ -57,6 +78,9 @@ class Rover:
 
     def __init__(self, ports: RoverPorts) -> None:
         self._ports = ports
+        self.tuning = RoverTuning()
+        """What `parameters` change; it is read in every control period."""
+        self._pursuit: Pursuit | None = None
         self._follower = Follower(ports.position)
         self._load = self._waited = 0.0
         self._running: Callable[[], Progress] = _ended
@@ -69,6 +93,16 @@ class Rover:
     def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
         return self._verbs.keys()
+
+    @property
+    def kinds(self) -> Collection[SetpointKind]:
+        """The set-points that it can follow."""
+        return (SetpointKind.BASE_VELOCITY,)
+
+    @property
+    def parameters(self) -> Collection[Parameter]:
+        """What can be tuned on it."""
+        return PARAMETERS
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
         """Check and plan one movement; nothing moves yet.
@@ -87,6 +121,22 @@ class Rover:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
         return self._verbs[Verb(verb)](args)
 
+    def follow(self, kind: int, args: tuple[float, ...]) -> None:  # noqa: ARG002  there is one kind
+        """Follow a set-point from now on, within the limits of speed and of the floor.
+
+        Args:
+            kind: BASE_VELOCITY.
+            args: (7,) as in robotree.xml; the turn rate must be 0 or NaN, this base does not turn.
+
+        Raises:
+            BadArgument: it should turn; what ran goes on.
+        """
+        if args[2] and not math.isnan(args[2]):
+            raise BadArgument("turn rate", args[2], "0: this base does not turn")
+        pursuit = self._pursue()
+        wanted = zip(args, pursuit.rate.tolist(), strict=False)
+        pursuit.along(np.array([now if math.isnan(asked) else asked for asked, now in wanted]))
+
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
         return self._running()
@@ -102,7 +152,7 @@ class Rover:
         setpoint = self._follower.advance(dt, self._load)
         self._waited = 0.0 if self._follower.moving else self._waited + dt
         pull = STIFFNESS * (setpoint.pose - ports.position)
-        self._load = math.hypot(pull[0], pull[1]) / FORCE_LIMIT
+        self._load = math.hypot(pull[0], pull[1]) / self.tuning.force_limit
         if self._load > 1.0:
             pull /= self._load
         ports.force[:] = pull + DAMPING * (setpoint.velocity - ports.velocity)
@@ -115,15 +165,16 @@ class Rover:
         for name, value in zip(("dx", "dy"), args, strict=False):
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
-        speed = SPEED if math.isnan(args[2]) else args[2]
-        require("speed", speed, SLOWEST, TOP_SPEED, "m/s")
+        tuning = self.tuning
+        speed = min(tuning.speed, tuning.top_speed) if math.isnan(args[2]) else args[2]
+        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
         start = self._follower.setpoint
         # From a set-point at rest, so that the errors of many moves do not add up.
         origin = self._ports.position if self._follower.moving else start.pose
         goal = origin + np.array(args[:2])
         if float(np.abs(goal).max()) > ARENA:
             raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
-        limits = Limits((speed, speed), (ACCELERATION,) * 2, (JERK,) * 2)
+        limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2)
         path = Line(start, goal, limits)
 
         def begin() -> None:
@@ -134,6 +185,19 @@ class Rover:
 
     def _stay(self, _: tuple[float, ...]) -> Start:
         return self.hold
+
+    def _pursue(self) -> Pursuit:
+        """The pursuit that runs, else a new one from where the set-point is."""
+        groups = (Group(slice(0, 2), self.tuning.top_speed, self.tuning.acceleration),)
+        if self._running != self._pursuing or self._pursuit is None:
+            self._pursuit = Pursuit(self._follower.setpoint, groups, _on_the_floor)
+            self._follower.chase(self._pursuit)
+            self._running = self._pursuing
+        self._pursuit.limit(groups)
+        return self._pursuit
+
+    def _pursuing(self) -> Progress:
+        return Progress(0.0)
 
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
@@ -146,6 +210,10 @@ class Rover:
         if short < REACHED and standing:
             return Progress(1.0, done=True)
         return Progress(min(fraction, 0.99))
+
+
+def _on_the_floor(place: Vector) -> bool:
+    return float(np.abs(place).max()) <= ARENA
 
 
 def _ended() -> Progress:

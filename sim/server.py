@@ -17,8 +17,9 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import listen
-from robotree.protocol.messages import PictureRequest
+from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
 from robotree.protocol.services.picture import split
+from robotree.protocol.services.statustext import Speaker
 from robotree.sim.camera import Studio, fit, jpeg
 from robotree.sim.controller import Controller
 from robotree.sim.errors import CannotListen
@@ -26,6 +27,9 @@ from robotree.sim.firmware import COMPONENT, SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
 from robotree.sim.realtime import Pace, RealTime
 
+LARGEST_CROWD: Final = 32
+"""Clients that are served at a time; each costs its telemetry."""
+KEY_REFUSED: Final = "Keys are not taken over the wire; give the controller a key file, and start it again."
 SYSTEM: Final = 1
 """MAVLink system id that ground stations expect of the first robot on a link."""
 
@@ -87,16 +91,29 @@ class Connection:
             **security.seals(link.address),
         )
         self._controller, self._darkroom, self._leave = controller, darkroom, leave
+        self.spoken = False
+        """Whether an intact frame has come."""
         self._wanted: dict[int, PictureRequest] = {}
         self._drawing: asyncio.Task[None] | None = None
+        self._key_refused = False
         controller.greet(self.endpoint)
 
     def send(self, outgoing: Outgoing) -> None:
         """Say something to this client."""
         self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
 
+    def refuse(self, text: str) -> None:
+        """Tell the client why it is not served (any more), and end the link."""
+        for chunk in Speaker().say(MavSeverity.ERROR, text):
+            self.endpoint.send(chunk)
+        self.endpoint.link.close()
+
     def _hear(self, frame: Frame) -> None:
+        self.spoken = True
         message = frame.message
+        if isinstance(message, SetupSigning):
+            self._refuse_key()
+            return
         if not isinstance(message, PictureRequest):
             self._controller.post(frame, self.endpoint)
             return
@@ -111,6 +128,16 @@ class Connection:
                     self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}"
                 )
 
+    def _refuse_key(self) -> None:
+        """A key that comes over the wire is never taken: any program of this machine could lock us out.
+
+        Said once, and neither logged nor passed on.
+        """
+        if not self._key_refused:
+            self._key_refused = True
+            for chunk in Speaker().say(MavSeverity.WARNING, KEY_REFUSED):
+                self.endpoint.send(chunk)
+
     async def _draw_wanted(self) -> None:
         try:
             while self._wanted:
@@ -124,6 +151,7 @@ class Connection:
     def _closed(self, _: LinkError) -> None:
         if self._drawing is not None:
             self._drawing.cancel()
+        self._controller.leave(self.endpoint)
         self._leave(self)
 
 
@@ -147,7 +175,16 @@ class Server:
         return self._realtime.pace
 
     def accept(self, link: Link) -> Endpoint:
-        """A client has come."""
+        """A client has come.
+
+        Where `LARGEST_CROWD` are served already, the one that has been silent from the beginning for the
+        longest time makes room; where all have spoken, the newcomer is told so and sent away.
+        """
+        silent = next((each for each in self._connections.values() if not each.spoken), None)
+        full = len(self._connections) >= LARGEST_CROWD
+        if full and silent is not None:
+            del self._connections[silent.endpoint]
+            silent.refuse("Somebody else came, and you have said nothing; send a heartbeat at once.")
         connection = Connection(
             link,
             self._controller.firmware.system,
@@ -156,7 +193,10 @@ class Server:
             self._left,
             self._security,
         )
-        self._connections[connection.endpoint] = connection
+        if full and silent is None:
+            connection.refuse(f"{LARGEST_CROWD} clients are served already; end one of them.")
+        else:
+            self._connections[connection.endpoint] = connection
         return connection.endpoint
 
     def close(self) -> None:
@@ -165,7 +205,7 @@ class Server:
         self._darkroom.close()
 
     def _left(self, connection: Connection) -> None:
-        del self._connections[connection.endpoint]
+        self._connections.pop(connection.endpoint, None)
 
     def _tell(self, out: list[Outgoing]) -> None:
         self._loop.call_soon_threadsafe(self._deliver, out)

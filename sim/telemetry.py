@@ -34,10 +34,22 @@ _GRIPPER_STATES: Final = {
 
 
 class Stream(NamedTuple):
-    """Messages that leave every `period` [ms]; `read` gets controller time [ms] and whether a goal runs."""
+    """Messages of one kind.
 
-    period: int
+    Attributes:
+        kind: of message.
+        period: [ms] between two, unless a client asks for another; None: only when asked for.
+        read: the messages of one reading, at controller time [ms] and told whether something moves.
+    """
+
+    kind: type[Message]
+    period: int | None
     read: Callable[[int, bool], Sequence[Message]]
+
+    @property
+    def msgid(self) -> int:
+        """Of its kind, on the wire."""
+        return self.kind.codec.definition.id
 
 
 def arm_streams(world: ArmWorld) -> tuple[Stream, ...]:
@@ -46,24 +58,33 @@ def arm_streams(world: ArmWorld) -> tuple[Stream, ...]:
     `peak_f` is `ArmState.peak_force`: the largest true net contact force on the hand since the start.
     """
 
-    def pose(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+    def joints(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+        q = world.arm.state().q
+        return (Joints(time_boot_ms=now, position=_padded(q), count=len(q)),)
+
+    def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001
         state = world.arm.state()
         x, y, z = state.position.tolist()
         fx, fy, fz, tx, ty, tz = state.wrench.tolist()
-        return (
-            Joints(time_boot_ms=now, position=_padded(state.q), count=len(state.q)),
-            Tool(now, x, y, z, fx, fy, fz, tx, ty, tz, quaternion(state.rotation), int(busy)),
-        )
+        return (Tool(now, x, y, z, fx, fy, fz, tx, ty, tz, quaternion(state.rotation), int(busy)),)
 
-    def rest(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+    def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
         state = world.arm.state()
+        grip = _GRIPPER_STATES[state.grip]
+        return (Gripper(now, state.width, state.width_commanded, state.grip_force, grip),)
+
+    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
         return (
-            Gripper(now, state.width, state.width_commanded, state.grip_force, _GRIPPER_STATES[state.grip]),
             NamedValueFloat(now, "lever", world.lever_angle),
-            NamedValueFloat(now, "peak_f", state.peak_force),
+            NamedValueFloat(now, "peak_f", world.arm.state().peak_force),
         )
 
-    return Stream(HOT, pose), Stream(WARM, rest)
+    return (
+        Stream(Joints, HOT, joints),
+        Stream(Tool, HOT, tool),
+        Stream(Gripper, WARM, gripper),
+        Stream(NamedValueFloat, WARM, values),
+    )
 
 
 def rover_streams(world: RoverWorld) -> tuple[Stream, ...]:
@@ -74,7 +95,7 @@ def rover_streams(world: RoverWorld) -> tuple[Stream, ...]:
         (x, y), (vx, vy) = state.position.tolist(), state.velocity.tolist()
         return (LocalPositionNed(now, x, -y, 0.0, vx, -vy, 0.0),)
 
-    return (Stream(HOT, pose),)
+    return (Stream(LocalPositionNed, HOT, pose),)
 
 
 def quaternion(rotation: Matrix) -> tuple[int, int, int, int]:

@@ -17,12 +17,15 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.loopback import Accidents, Loopback
 from robotree.protocol.messages import (
     AnyMessage,
+    CommandAck,
+    CommandLong,
     Goal,
     GoalCancel,
     GoalState,
     GoalStatus,
     Heartbeat,
     MavAutopilot,
+    MavResult,
     MavState,
     MavType,
     Message,
@@ -48,11 +51,22 @@ class Operator:
     Args:
         controller: whom it commands; its world advances when the operator waits.
         delay: that every frame takes, each way [s of the world's time].
-        component: of system 255, under which it speaks.
+        component: under which it speaks.
+        system: whose component that is.
+        crowd: everybody who is connected to that controller, itself included.
     """
 
-    def __init__(self, controller: Controller, delay: float = 0.0, component: int = 190) -> None:
-        self.controller, self.component = controller, component
+    def __init__(
+        self,
+        controller: Controller,
+        delay: float = 0.0,
+        component: int = 190,
+        system: int = 255,
+        crowd: "list[Operator] | None" = None,
+    ) -> None:
+        self.controller, self.system, self.component = controller, system, component
+        self._crowd = [] if crowd is None else crowd
+        self._crowd.append(self)
         self.heard: list[tuple[float, AnyMessage]] = []
         """Everything that was heard, each with the world's time [s]."""
         self.silent = False
@@ -60,22 +74,44 @@ class Operator:
         self._keys = itertools.count(1)
         self._statuses: dict[int, GoalStatus] = {}
         self._beat_at = 0.0
+        self._acks: list[CommandAck] = []
         self._wire = Loopback(self._near, self._far, Accidents(delay=delay), now=self.now)
+        controller.greet(self.far)
 
     @property
     def now(self) -> float:
         """The world's time [s]."""
         return self.controller.cell.time_ms / 1000
 
+    def another(self, component: int = 190, system: int = 254) -> "Operator":
+        """Somebody else, connected to the same controller by a wire of their own."""
+        return Operator(self.controller, component=component, system=system, crowd=self._crowd)
+
+    def leave(self) -> None:
+        """Close the wire."""
+        self._crowd.remove(self)
+        self.controller.leave(self.far)
+
     def step(self) -> None:
-        """One batch of the world, and what the wire carries meanwhile."""
+        """One batch of the world, and what the wires carry meanwhile."""
+        for each in self._crowd:
+            each.speak()
+        for outgoing in self.controller.advance():
+            for each in self._crowd:
+                if outgoing.via in {None, each.far}:
+                    each.far.send(outgoing.message)
+        for each in self._crowd:
+            each.carry()
+
+    def speak(self) -> None:
+        """Say what is due, and let the wire carry it."""
         if not self.silent and self.now >= self._beat_at:
             self._beat_at = self.now + 1.0
             self.say(Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE))
-        self._wire.advance(self.now)
-        for outgoing in self.controller.advance():
-            if outgoing.via in {None, self.far}:
-                self.far.send(outgoing.message)
+        self.carry()
+
+    def carry(self) -> None:
+        """Let the wire carry what is on it."""
         self._wire.advance(self.now)
 
     def wait(self, seconds: float) -> None:
@@ -147,6 +183,25 @@ class Operator:
         """Ask for a mode."""
         self.say(SetMode(epoch, 0, 0, mode))
 
+    def command(self, command: int, *params: float, within: float = 30.0) -> CommandAck:
+        """Send a command and wait for its last answer; what is left out of the parameters is NaN.
+
+        Raises:
+            TimeoutError: there was none.
+        """
+        self.order(command, *params)
+        self.until(lambda: bool(self._acks) and self._acks[-1].result != MavResult.IN_PROGRESS, within)
+        return self._acks[-1]
+
+    def order(self, command: int, *params: float) -> None:
+        """Send a command and do not wait for its answer."""
+        self._acks.clear()
+        self.say(CommandLong(1, 1, command, 0, *(*params, *(NAN,) * (_ARGUMENTS - len(params)))))
+
+    def all(self, kind: type[M]) -> list[M]:
+        """All messages of a kind that were heard."""
+        return [message for _, message in self.heard if isinstance(message, kind)]
+
     def latest(self, kind: type[M]) -> M:
         """The message of a kind that was heard last."""
         return next(message for _, message in reversed(self.heard) if isinstance(message, kind))
@@ -157,7 +212,7 @@ class Operator:
         return ModeKind(mode.mode), Reason(mode.reason)
 
     def _near(self, link: Link) -> Endpoint:
-        self._near_end = Endpoint(link, system=255, component=self.component, on_frame=self._hear)
+        self._near_end = Endpoint(link, system=self.system, component=self.component, on_frame=self._hear)
         return self._near_end
 
     def _far(self, link: Link) -> Endpoint:
@@ -172,6 +227,8 @@ class Operator:
         self.heard.append((self._wire.now, message))
         if isinstance(message, GoalStatus) and message.target_component == self.component:
             self._statuses[message.key] = message
+        if isinstance(message, CommandAck) and message.target_system == self.system:
+            self._acks.append(message)
 
 
 class ArmBench:

@@ -25,6 +25,15 @@ class Watchdog:
         self._commander: Voice | None = None
         self._heard: int | None = None
 
+    @property
+    def silence(self) -> float:
+        """The patience in [s], as people tune it."""
+        return self.patience / 1000
+
+    @silence.setter
+    def silence(self, seconds: float) -> None:
+        self.patience = round(1000 * seconds)
+
     def hear(self, voice: Voice, now: int) -> None:
         """Somebody was heard at `now` [ms]."""
         if self._commander in {None, voice}:

@@ -3,7 +3,8 @@
 MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
 repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a second or two. So a request with
 the same content from the same peer is answered with the stored result when it says that it is a repetition,
-or when it comes within `REPETITION`; a command that moves should be a goal, which has a key. While a command
+or when it comes within `REPETITION`; a command that moves should be a goal, which has a key. A refusal is not
+stored: nothing was done, and what was in the way may be gone when it is asked for again. While a command
 is in progress the same request is answered with its progress, and another one of its kind is rejected for
 now. Questions and stops are carried out every time, whoever asks.
 """
@@ -37,6 +38,8 @@ LARGEST_CROWD = 256
 """Results that are stored."""
 UNKNOWN_PROGRESS = 255
 _NO_INTEGER = 0x7FFFFFFF
+_DONE = frozenset({MavResult.ACCEPTED, MavResult.IN_PROGRESS})
+"""Answers that say that something was done."""
 
 
 class Request(msgspec.Struct, frozen=True):
@@ -159,7 +162,11 @@ class CommandServer:
         refusal = self._guard(request) if self._guard is not None else None
         answer = Answer(refusal) if refusal is not None else handler(request, now)
         effects = _sends(request, answer)
-        self._store(_Record(request.peer, request.params, _answer_ack(request, answer), since=now, told=now))
+        if answer.result in _DONE:
+            ack = _answer_ack(request, answer)
+            self._store(_Record(request.peer, request.params, ack, since=now, told=now))
+        else:
+            self._records.pop((request.peer, request.command), None)
         return effects
 
     def _cancel(self, command: int, peer: Peer, now: float) -> list[Effect]:

@@ -90,13 +90,13 @@ class Intervals:
 
 
 def handlers(
-    intervals: Callable[[Hashable], Intervals], produce: Callable[[int, Request], Sequence[AnyMessage]]
+    intervals: Callable[[Hashable], Intervals], produce: Callable[[int, float], Sequence[AnyMessage]]
 ) -> dict[int, Handler]:
     """The commands of this service, for `CommandServer(always=…)`.
 
     Args:
         intervals: the rates of a link.
-        produce: what is asked for, by id; several where a message has instances, none where there is none.
+        produce: what is asked for, by id, at a moment [s]; several where a message has instances, none where there is none.
     """
 
     def set_interval(request: Request, now: float) -> Answer:
@@ -108,8 +108,8 @@ def handlers(
         told = intervals(request.peer.via).get(_msgid(request))
         return Answer(MavResult.ACCEPTED if told.interval_us else MavResult.DENIED, messages=(told,))
 
-    def request_message(request: Request, _: float) -> Answer:
-        messages = tuple(produce(_msgid(request), request))
+    def request_message(request: Request, now: float) -> Answer:
+        messages = tuple(produce(_msgid(request), now))
         return Answer(MavResult.ACCEPTED if messages else MavResult.DENIED, messages=messages)
 
     return {

@@ -31,6 +31,7 @@ class ArmPorts:
         finger_speed: (1,) [m/s].
         finger_target: (1,) slide asked for [m].
         finger_force: (1,) force of the gripper's servo on its tendon [N]; half of it reaches each finger.
+        finger_limit: (2,) smallest and largest force of that servo [N].
         wrist_force: (3,) what link6 exerts on the hand, in the sensor's frame [N].
         wrist_torque: (3,) the same, torque [N m].
         contact: (n, 3) force of contacts (and applied pushes) on each of the n bodies of the hand, axes of W
@@ -47,6 +48,7 @@ class ArmPorts:
     finger_speed: Vector
     finger_target: Vector
     finger_force: Vector
+    finger_limit: Vector
     wrist_force: Vector
     wrist_torque: Vector
     contact: Vector
@@ -76,6 +78,7 @@ def bind(model: mujoco.MjModel, data: mujoco.MjData, prefix: str = PREFIX) -> Ar
         finger_speed=data.qvel[fv : fv + 1],
         finger_target=data.ctrl[ug : ug + 1],
         finger_force=data.actuator_force[grip : grip + 1],
+        finger_limit=model.actuator_forcerange[grip],
         wrist_force=data.sensordata[force : force + 3],
         wrist_torque=data.sensordata[torque : torque + 3],
         contact=data.cfrc_ext[bodies, 3:],

@@ -51,7 +51,9 @@ def test_a_long_sleep_is_dropped_and_counted(nap: float) -> None:
 def test_a_cell_runs_in_its_thread_until_it_is_closed() -> None:
     told: queue.SimpleQueue[list[Outgoing]] = queue.SimpleQueue()
     failures: list[Exception] = []
-    running = RealTime(kind("rover").build(1, 2.0), told.put, failures.append)
+    controller = kind("rover").build(1, 2.0)
+    controller.greet("a link")
+    running = RealTime(controller, told.put, failures.append)
     seen: set[type] = set()
     while not {Heartbeat, LocalPositionNed} <= seen:
         seen |= {type(outgoing.message) for outgoing in told.get(timeout=10)}

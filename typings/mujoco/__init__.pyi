@@ -70,6 +70,7 @@ class _Sensor(_Named):
 class MjModel:
     opt: MjOption
     actuator_ctrladr: NDArray[np.int32]
+    actuator_forcerange: _Array
     body_subtreemass: _Array
     cam_fovy: _Array
     dof_frictionloss: _Array

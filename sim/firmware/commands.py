@@ -1,0 +1,221 @@
+"""COMMAND_LONG and COMMAND_INT on the robot: each command of the field's tools, and what it does here.
+
+A command that moves is a goal without a key: it is checked, planned and carried out like one, takes the place
+of whatever runs, and tells its progress. A command whose link has closed goes on, as a goal does, until its
+sender counts as silent.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from collections.abc import Callable, Mapping
+from math import nan
+from typing import Final
+
+from robotree.protocol.messages import (
+    CommandCancel,
+    CommandInt,
+    CommandLong,
+    GoalState,
+    GripperActions,
+    MavCmd,
+    MavResult,
+    MavSeverity,
+    ModeKind,
+    Reason,
+    Verb,
+)
+from robotree.protocol.services.command import Answer, CommandAbandoned, CommandServer, Handler, Request
+from robotree.protocol.services.peer import Peer
+from robotree.sim.device import Device
+from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.movement import Job, Movement
+from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
+from robotree.sim.firmware.rights import Rights
+from robotree.sim.gripper import WIDEST
+
+_PX4_AUTO: Final = 4
+_PX4_LOITER: Final = 3
+"""MAVSDK's "hold": DO_SET_MODE with PX4's numbers for main mode and sub-mode, whatever the autopilot."""
+_RESULTS: Final = {
+    GoalState.SUCCEEDED: MavResult.ACCEPTED,
+    GoalState.CANCELLED: MavResult.CANCELLED,
+    GoalState.FAILED: MavResult.FAILED,
+}
+
+_WIDTHS: Final[Mapping[float, float]] = {
+    GripperActions.RELEASE: WIDEST,
+    GripperActions.GRAB: 0.0,
+    GripperActions.HOLD: nan,
+}
+"""[m] between the fingers that DO_GRIPPER means; NaN: as they are."""
+
+Arguments = Callable[[Request], tuple[float, ...]]
+"""The (7,) arguments of a verb from a command's parameters."""
+
+
+def _or_default(value: float) -> float:
+    """A speed: the field's tools send 0 where nothing was given, and 0 would be no speed."""
+    return value or nan
+
+
+MOVING: Final[Mapping[MavCmd, tuple[Verb, Arguments]]] = {
+    MavCmd.ROBOTREE_GO_TO: (
+        Verb.GO_TO,
+        lambda request: (*request.params[:4], _or_default(request.params[6]), nan, nan),
+    ),
+    MavCmd.ROBOTREE_GRIP: (Verb.GRIP, lambda request: (request.params[0], *(nan,) * 6)),
+    MavCmd.ROBOTREE_MOVE: (
+        Verb.MOVE,
+        lambda request: (*request.params[:2], _or_default(request.params[6]), *(nan,) * 4),
+    ),
+    MavCmd.ROBOTREE_HOLD: (Verb.HOLD, lambda _: (nan,) * 7),
+}
+"""The commands that are a verb by another name."""
+
+
+class Commands:
+    """The commands of one controller.
+
+    Args:
+        device: moves.
+        movement: carries out what moves.
+        rights: who may.
+        herald: explains refusals.
+        stop: the protective stop, at a moment [ms].
+        release: its end, at a moment [ms].
+        questions: more that is answered to anyone, by command.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        movement: Movement,
+        rights: Rights,
+        herald: Herald,
+        *,
+        stop: Callable[[int], list[Outgoing]],
+        release: Callable[[], list[Outgoing]],
+        questions: Mapping[int, Handler],
+    ) -> None:
+        self._device, self._movement, self._rights, self._herald = device, movement, rights, herald
+        self._stop, self._release = stop, release
+        self._news: list[Outgoing] = []
+        moving: dict[int, Handler] = {
+            command: self._mover(verb, arguments)
+            for command, (verb, arguments) in MOVING.items()
+            if verb in device.verbs
+        }
+        if Verb.GRIP in device.verbs:
+            moving[MavCmd.DO_GRIPPER] = self._gripper
+        always: dict[int, Handler] = {
+            MavCmd.COMPONENT_ARM_DISARM: self._arm,
+            MavCmd.DO_FLIGHTTERMINATION: self._terminate,
+            MavCmd.DO_SET_MODE: self._set_mode,
+            MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            MavCmd.REQUEST_OPERATOR_CONTROL: rights.control.handle,
+        }
+        self._server = CommandServer(moving, {**always, **questions})
+
+    def hear(self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int) -> list[Outgoing]:
+        """Take a command, or the end of one."""
+        effects = self._server.receive(message, peer, now / 1000)
+        for effect in effects:
+            if isinstance(effect, CommandAbandoned):
+                self._movement.leave((effect.peer, effect.command), now)
+        news, self._news = self._news, []
+        return sends(effects) + news
+
+    def tick(self, now: int) -> list[Outgoing]:
+        """Tell those who wait that their command still goes on."""
+        return sends(self._server.tick(now / 1000))
+
+    # -- what moves
+
+    def _mover(self, verb: Verb, arguments: Arguments) -> Handler:
+        return lambda request, now: self._move(request, verb, arguments(request), now)
+
+    def _move(self, request: Request, verb: Verb, args: tuple[float, ...], now: float) -> Answer:
+        if (why := self._rights.why_not(request.peer)) is not None:
+            return self._refuse(MavResult.NOT_IN_CONTROL, why, Reason.NOT_IN_CONTROL)
+        if self._movement.stopped:
+            text = "A safe stop is in force; arm to release it first."
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, text, Reason.STOPPED)
+        try:
+            start = self._device.prepare(verb, args)
+        except GoalRefused as refusal:
+            return self._refuse(MavResult.DENIED, str(refusal), refusal.reason)
+        peer, command = request.peer, request.command
+
+        def progress(fraction: float, now: int) -> list[Outgoing]:
+            return sends(self._server.progress(peer, command, fraction, now / 1000))
+
+        def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
+            result = _RESULTS.get(state, MavResult.FAILED)
+            out = sends(self._server.finish(peer, command, result, now / 1000, reason))
+            return out + self._herald.tell(MavSeverity.NOTICE, text, peer.via) if text else out
+
+        job = Job((peer, command), (peer.system, peer.component), progress, finish)
+        self._news += self._movement.begin(job, start, round(1000 * now))
+        return Answer(MavResult.IN_PROGRESS)
+
+    def _gripper(self, request: Request, now: float) -> Answer:
+        if request.param(1) not in {0.0, 1.0}:
+            return self._refuse(MavResult.DENIED, "This robot has one gripper; name 0 or 1.")
+        width = _WIDTHS.get(request.param(2, default=-1.0))
+        if width is None:
+            return self._refuse(MavResult.DENIED, "A gripper releases (0), grabs (1) or holds (2).")
+        return self._move(request, Verb.GRIP, (width, *(nan,) * 6), now)
+
+    # -- stops and modes
+
+    def _arm(self, request: Request, now: float) -> Answer:
+        """Arm: release the stop. Disarm, forced (kill) or not: stop."""
+        if request.param(1, default=-1.0) == 0.0:
+            return self._stopped(now)
+        if request.param(1, default=-1.0) != 1.0:
+            return self._refuse(MavResult.DENIED, "Arm with 1, disarm with 0.")
+        return self._allowed(request, self._released)
+
+    def _terminate(self, request: Request, now: float) -> Answer:
+        if request.param(1) > 0.5:
+            return self._stopped(now)
+        return self._refuse(MavResult.DENIED, "A termination is not taken back; arm to release the stop.")
+
+    def _set_mode(self, request: Request, now: float) -> Answer:
+        main, sub = request.param(2), request.param(3)
+        if (main, sub) == (_PX4_AUTO, _PX4_LOITER) or main == ModeKind.HOLD:
+            return self._allowed(request, lambda: self._held(now))
+        if main == ModeKind.SAFE_STOP:
+            return self._stopped(now)
+        if main == ModeKind.READY:
+            return self._allowed(request, self._released)
+        return self._refuse(MavResult.DENIED, "Modes that can be set: 1 ready, 3 hold, 4 safe stop.")
+
+    def _reboot(self, _: Request, __: float) -> Answer:
+        return self._refuse(
+            MavResult.DENIED, "It reboots for nobody on the wire; end its process and start it again."
+        )
+
+    def _stopped(self, now: float) -> Answer:
+        self._news += self._stop(round(1000 * now))
+        return Answer(MavResult.ACCEPTED)
+
+    def _released(self) -> Answer:
+        self._news += self._release()
+        return Answer(MavResult.ACCEPTED)
+
+    def _held(self, now: float) -> Answer:
+        self._news += self._movement.interrupt(
+            Reason.OPERATOR, "Somebody asked for a hold.", round(1000 * now)
+        )
+        return Answer(MavResult.ACCEPTED)
+
+    def _allowed(self, request: Request, do: Callable[[], Answer]) -> Answer:
+        """Do it, if the peer may."""
+        if (why := self._rights.why_not(request.peer)) is not None:
+            return self._refuse(MavResult.NOT_IN_CONTROL, why, Reason.NOT_IN_CONTROL)
+        return do()
+
+    def _refuse(self, result: MavResult, text: str, reason: Reason = Reason.NONE) -> Answer:
+        chunks = tuple(self._herald.chunks(MavSeverity.WARNING, text))
+        return Answer(result, detail=reason, messages=chunks)

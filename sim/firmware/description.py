@@ -1,0 +1,93 @@
+"""What the controller says about itself when asked, and once a second: versions, load, counters, time.
+
+Pure; the wall clock is handed in.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from robotree.protocol.messages import (
+    AutopilotVersion,
+    Message,
+    ProtocolVersion,
+    SysStatus,
+    SystemTime,
+)
+from robotree.protocol.messages.system import MavProtocolCapability
+from robotree.protocol.services import version
+from robotree.protocol.services.setpoint import SetpointStatistics
+
+UNKNOWN_VOLTAGE: Final = 0xFFFF
+NOTHING_MORE: Final = MavProtocolCapability(0)
+_LARGEST: Final = 0xFFFF
+_MICRO: Final = 1_000_000
+
+
+def _never() -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """Which controller this is.
+
+    Attributes:
+        version: of its program, as 1.2.3.
+        uid: 64 bits that tell it from others; not 0.
+        capabilities: what this kind offers beyond every controller of ours.
+        wall: Unix time [s]; 0: unknown.
+    """
+
+    version: str = "0.0.0"
+    uid: int = 1
+    capabilities: MavProtocolCapability = NOTHING_MORE
+    wall: Callable[[], float] = _never
+
+
+class Gauges:
+    """What is counted outside of the firmware. Written by whoever runs it."""
+
+    def __init__(self) -> None:
+        self.load = 0.0
+        """Share of the time of a batch that computing it takes."""
+        self.overrun = 0
+        """Frames that were dropped because their link brought more than the controller hears."""
+
+
+def autopilot_version(identity: Identity) -> AutopilotVersion:
+    """Which program this is."""
+    return version.autopilot_version(
+        identity.version, identity.uid, version.CAPABILITIES | identity.capabilities
+    )
+
+
+def protocol_version() -> ProtocolVersion:
+    """Which MAVLink is spoken."""
+    return version.protocol_version()
+
+
+def system_time(identity: Identity, now: int) -> SystemTime:
+    """The wall clock beside controller time [ms]."""
+    return SystemTime(round(identity.wall() * _MICRO), now)
+
+
+def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
+    """Load and counters; there is no battery.
+
+    `errors_comm` counts frames that were dropped because a link brought too many; `errors_count1` to
+    `errors_count4` count set-points: late, of an old epoch, overtaken, refused or of an ended stream.
+    """
+    counts = (setpoints.late, setpoints.stale, setpoints.overtaken, setpoints.refused + setpoints.ended)
+    return SysStatus(
+        0,
+        0,
+        0,
+        min(round(1000 * gauges.load), _LARGEST),
+        UNKNOWN_VOLTAGE,
+        -1,
+        -1,
+        0,
+        min(gauges.overrun, _LARGEST),
+        *(min(count, _LARGEST) for count in counts),
+    )

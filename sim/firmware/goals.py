@@ -1,0 +1,86 @@
+"""Goals: keys and epochs are kept by protocol's `GoalServer`, the robot is moved by `Movement`.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from collections.abc import Iterable
+
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
+from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalId, GoalServer, Refusal
+from robotree.protocol.services.peer import Peer
+from robotree.sim.device import Device, Start
+from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.movement import Job, Movement
+from robotree.sim.firmware.outgoing import Outgoing, sends
+from robotree.sim.firmware.rights import Rights
+
+
+class Goals:
+    """The goals of one controller.
+
+    Args:
+        device: plans them.
+        movement: carries them out.
+        system: the controller's MAVLink system id.
+    """
+
+    def __init__(self, device: Device, movement: Movement, system: int) -> None:
+        self._device, self._movement = device, movement
+        self.rights = Rights(system, lambda: self._server.epoch)
+        self._server = GoalServer(device.verbs, self._check, self.rights.guard)
+        self._prepared: Start | None = None
+
+    @property
+    def epoch(self) -> int:
+        """The highest epoch obeyed."""
+        return self._server.epoch
+
+    def fence(self, epoch: int) -> bool:
+        """Obey an epoch from now on; False: it is older than one already obeyed."""
+        return self._server.fence(epoch)
+
+    def hear(self, message: Goal | GoalCancel, peer: Peer, now: int) -> list[Outgoing]:
+        """Take a goal or the end of one."""
+        out = self._carry_out(self._server.receive(message, peer, now / 1000), now)
+        whichever = isinstance(message, GoalCancel) and not message.key and message.epoch >= self.epoch
+        return out + self._movement.interrupt(Reason.OPERATOR, "", now) if whichever else out
+
+    def tick(self, now: int) -> list[Outgoing]:
+        """End the goals whose time to live is over."""
+        return self._carry_out(self._server.tick(now / 1000), now)
+
+    def _check(self, goal: Goal) -> Refusal | None:
+        """Why a goal cannot be begun now; what was planned meanwhile is kept for its beginning."""
+        if self._movement.stopped:
+            return Reason.STOPPED, "A safe stop is in force; release it first."
+        try:
+            self._prepared = self._device.prepare(goal.verb, goal.args)
+        except GoalRefused as refusal:
+            return refusal.reason, str(refusal)
+        return None
+
+    def _carry_out(self, effects: Iterable[Effect], now: int) -> list[Outgoing]:
+        out: list[Outgoing] = []
+        for effect in effects:
+            if isinstance(effect, Begin):
+                out += self._begin(effect.id, now)
+            elif isinstance(effect, Abandon):
+                self._movement.leave(effect.id, now)
+            else:
+                out += sends([effect])
+        return out
+
+    def _begin(self, goal: GoalId, now: int) -> list[Outgoing]:
+        start, self._prepared = self._prepared, None
+        if start is None:
+            return []
+
+        def progress(fraction: float, now: int) -> list[Outgoing]:
+            return sends(self._server.progress(goal, fraction, now / 1000))
+
+        def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
+            return sends(self._server.finish(goal, state, now / 1000, reason, text))
+
+        job = Job(goal, (goal.system, goal.component), progress, finish)
+        out = self._movement.begin(job, start, now)
+        return out + sends(self._server.activate(goal, now / 1000))

@@ -1,0 +1,141 @@
+"""What moves the robot now: one job at a time, the newest; and what ends it: a stop, a hold, silence.
+
+A job is a goal, a command or a stream of set-points; each has a service of its own that tells its sender how
+it goes. Every mode the controller can be in follows from three facts: is a stop in force, is the link silent,
+does a job run.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from collections.abc import Callable, Hashable
+from typing import Final, NamedTuple
+
+from robotree.protocol.messages import GoalState, ModeKind, Reason
+from robotree.sim.device import Device, Start
+from robotree.sim.firmware.outgoing import Outgoing
+from robotree.sim.watchdog import Voice, Watchdog
+
+SUPERSEDED: Final = "A newer goal took its place."
+
+
+class Job(NamedTuple):
+    """Something that moves the robot.
+
+    Attributes:
+        key: tells it from others.
+        speaker: who must be heard while it goes on.
+        progress: tells the sender how far it is, 0 to 1, at a moment [ms].
+        finish: tells the sender how it ended, with the reason and a sentence, at a moment [ms].
+    """
+
+    key: Hashable
+    speaker: Voice
+    progress: Callable[[float, int], list[Outgoing]]
+    finish: Callable[[GoalState, Reason, str, int], list[Outgoing]]
+
+
+class Movement:
+    """The one job of a controller.
+
+    Args:
+        device: the robot that it moves.
+        silence: of the link that is borne [ms].
+    """
+
+    def __init__(self, device: Device, silence: int) -> None:
+        self._device = device
+        self._job: Job | None = None
+        self.watchdog = Watchdog(silence)
+        self.stopped = False
+        """Whether a safe stop is in force."""
+        self._silent = False
+
+    @property
+    def mode(self) -> ModeKind:
+        """What the controller is doing as a whole."""
+        if self.stopped:
+            return ModeKind.SAFE_STOP
+        if self._job is not None:
+            return ModeKind.ACTIVE
+        return ModeKind.HOLD if self._silent else ModeKind.READY
+
+    @property
+    def reason(self) -> Reason:
+        """Why it is in that mode."""
+        if self.stopped:
+            return Reason.OPERATOR
+        return Reason.LINK_SILENT if self.mode == ModeKind.HOLD else Reason.NONE
+
+    @property
+    def job(self) -> Job | None:
+        """What runs."""
+        return self._job
+
+    def begin(self, job: Job, start: Start, now: int) -> list[Outgoing]:
+        """Begin a job in place of whatever runs."""
+        out = self._finish(GoalState.CANCELLED, Reason.SUPERSEDED, SUPERSEDED, now)
+        start()
+        self._job, self._silent = job, False
+        self.watchdog.obey(job.speaker, now)
+        return out
+
+    def adopt(self, speaker: Voice, now: int) -> None:
+        """What runs goes on at another speaker's word."""
+        if self._job is not None:
+            self._job = self._job._replace(speaker=speaker)
+            self.watchdog.obey(speaker, now)
+
+    def interrupt(self, reason: Reason, text: str, now: int) -> list[Outgoing]:
+        """End whatever runs, and hold."""
+        if self._job is None:
+            return []
+        self._device.hold()
+        return self._finish(GoalState.CANCELLED, reason, text, now)
+
+    def leave(self, key: Hashable, now: int) -> None:
+        """A job's own service has ended it: hold. Harmless when it does not run."""
+        if self._job is not None and self._job.key == key:
+            self._device.hold()
+            self._end(now)
+
+    def stop(self, now: int) -> list[Outgoing]:
+        """Hold, and begin nothing until `release`."""
+        self.stopped = True
+        out = self._finish(GoalState.CANCELLED, Reason.STOPPED, "A safe stop was asked for.", now)
+        self._device.hold()
+        return out
+
+    def release(self) -> None:
+        """End a stop, or the hold that silence brought."""
+        self.stopped = self._silent = False
+
+    def follow_up(self, now: int) -> list[Outgoing]:
+        """Tell how the job goes, and end it when it has ended."""
+        if self._job is None:
+            return []
+        progress = self._device.progress()
+        if not progress.done:
+            return self._job.progress(progress.fraction, now)
+        failed = progress.reason != Reason.NONE
+        if failed:
+            self._device.hold()
+        state = GoalState.FAILED if failed else GoalState.SUCCEEDED
+        return self._finish(state, progress.reason, progress.text, now)
+
+    def fall_silent(self, now: int) -> str:
+        """What to tell people when the link has just fallen silent; else nothing. Then `interrupt`."""
+        if self._silent or not self.watchdog.silent(now):
+            return ""
+        self._silent = True
+        return f"Nobody was heard for {self.watchdog.patience / 1000:g} s."
+
+    def _finish(self, state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
+        job = self._job
+        if job is None:
+            return []
+        self._end(now)
+        return job.finish(state, reason, text, now)
+
+    def _end(self, now: int) -> None:
+        self._job = None
+        self.watchdog.rest(now)

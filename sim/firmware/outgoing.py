@@ -1,0 +1,40 @@
+"""What the controller's program has to say, and to whom."""
+
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Final, NamedTuple
+
+from robotree.protocol.messages import AnyMessage, MavComponent, MavSeverity
+from robotree.protocol.services.peer import Send
+from robotree.protocol.services.statustext import Speaker
+
+COMPONENT: Final = MavComponent.AUTOPILOT1
+"""The controller's own component, where ground stations look for it."""
+
+
+class Outgoing(NamedTuple):
+    """Something to say: to `via` alone, or to all (None); of telemetry only the newest matters."""
+
+    message: AnyMessage
+    via: Hashable | None = None
+    telemetry: bool = False
+    instance: Hashable = None
+
+
+def sends(effects: Iterable[object]) -> list[Outgoing]:
+    """The messages among what a service asks for."""
+    return [Outgoing(effect.message, effect.via) for effect in effects if isinstance(effect, Send)]
+
+
+class Herald:
+    """Speaks sentences to people: to everyone, or to one link."""
+
+    def __init__(self) -> None:
+        self._speaker = Speaker()
+
+    def tell(self, severity: MavSeverity, text: str, via: Hashable | None = None) -> list[Outgoing]:
+        """A sentence; `via` None: for all."""
+        return [Outgoing(chunk, via) for chunk in self._speaker.say(severity, text)]
+
+    def chunks(self, severity: MavSeverity, text: str) -> Sequence[AnyMessage]:
+        """The messages of a sentence."""
+        return self._speaker.say(severity, text)

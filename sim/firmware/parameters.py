@@ -1,0 +1,76 @@
+"""Parameters: protocol's `ParameterServer` speaks, the robot's tuning has the values.
+
+A change takes effect at once, in the thread of the physics, and everybody is told.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from collections.abc import Collection, Hashable
+from typing import Final
+
+from robotree.protocol.messages import ParamRequestList, ParamRequestRead, ParamSet
+from robotree.protocol.services.parameter import Changed, ParameterServer
+from robotree.protocol.services.parameter import Parameter as OnTheWire
+from robotree.protocol.services.peer import Peer
+from robotree.sim.device import Device
+from robotree.sim.firmware.outgoing import Outgoing, sends
+from robotree.sim.firmware.rights import Rights
+from robotree.sim.parameters import Parameter
+from robotree.sim.watchdog import Watchdog
+
+LINK_SILENCE: Final = Parameter(
+    "LINK_SILENCE", "silence", 0.01, 3600.0, "s, silence of the link after which the robot holds"
+)
+"""What every controller has, whatever it moves."""
+
+
+class Parameters:
+    """The parameters of one controller.
+
+    Args:
+        device: whose tuning they are.
+        watchdog: whose patience is one of them.
+        rights: who may set them.
+    """
+
+    def __init__(self, device: Device, watchdog: Watchdog, rights: Rights) -> None:
+        self._owners: dict[str, tuple[object, Parameter]] = {
+            **{each.name: (device.tuning, each) for each in device.parameters},
+            LINK_SILENCE.name: (watchdog, LINK_SILENCE),
+        }
+        self._server = ParameterServer(
+            (
+                OnTheWire(
+                    name=name, value=each.read(owner), lower=each.lower, upper=each.upper, text=each.text
+                )
+                for name, (owner, each) in self._owners.items()
+            ),
+            rights.may_set,
+        )
+
+    def hear(
+        self,
+        message: ParamRequestRead | ParamRequestList | ParamSet,
+        peer: Peer,
+        now: int,
+        others: Collection[Hashable],
+    ) -> list[Outgoing]:
+        """Take a question or a change; `others`: the links that are told of a change."""
+        out: list[Outgoing] = []
+        for effect in self._server.receive(message, peer, now / 1000):
+            if isinstance(effect, Changed):
+                owner, parameter = self._owners[effect.name]
+                parameter.write(owner, effect.value)
+                told = self._server.told(effect.name)
+                out += [Outgoing(told, via) for via in others if via != peer.via]
+            else:
+                out += sends([effect])
+        return out
+
+    def tick(self, now: int) -> list[Outgoing]:
+        """The next ones of the lists that are being sent."""
+        return sends(self._server.tick(now / 1000))
+
+    def link_closed(self, via: Hashable) -> None:
+        """A link ended, and with it the lists that were sent on it."""
+        self._server.link_closed(via)

@@ -1,0 +1,81 @@
+"""Set-points: protocol's `SetpointReceiver` says which to follow, the device follows them within its limits.
+
+A stream moves the robot only while no goal and no command does; a goal or a stop ends it. When it dries up
+the robot holds.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+from robotree.protocol.messages import GoalState, Reason, Setpoint
+from robotree.protocol.services.peer import Peer
+from robotree.protocol.services.setpoint import SetpointReceiver, SetpointStatistics
+from robotree.sim.device import Device
+from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.movement import Job, Movement
+from robotree.sim.firmware.outgoing import Outgoing
+from robotree.sim.firmware.rights import Rights
+
+KEY: Final = "set-points"
+"""Of the one job that all streams are."""
+
+
+class Streaming:
+    """The set-points of one controller.
+
+    Args:
+        device: follows them.
+        movement: whose job the stream is.
+        rights: who may send them.
+        fence: obeys an epoch, or says that it is over.
+    """
+
+    def __init__(
+        self, device: Device, movement: Movement, rights: Rights, fence: Callable[[int], bool]
+    ) -> None:
+        self._device, self._movement, self._rights = device, movement, rights
+        self._receiver = SetpointReceiver(device.kinds, fence)
+
+    @property
+    def statistics(self) -> SetpointStatistics:
+        """How many were obeyed, and why others were not."""
+        return self._receiver.statistics
+
+    def hear(self, setpoint: Setpoint, peer: Peer, now: int) -> list[Outgoing]:
+        """Take a set-point; never answered."""
+        job = self._movement.job
+        busy = job is not None and job.key != KEY
+        if busy or self._movement.stopped or self._rights.guard(peer) is not None:
+            self._receiver.refuse()
+            return []
+        speaker = (peer.system, peer.component)
+        if not self._receiver.receive(setpoint, now / 1000, speaker):
+            return []
+        try:
+            self._device.follow(setpoint.kind, setpoint.args)
+        except GoalRefused:
+            self._receiver.refuse()
+            return []
+        if job is None:
+            return self._movement.begin(Job(KEY, speaker, _silence, self._finish), _nothing, now)
+        self._movement.adopt(speaker, now)
+        return []
+
+    def tick(self, now: int) -> None:
+        """Hold when the stream has dried up."""
+        if self._receiver.active(now / 1000) is None:
+            self._movement.leave(KEY, now)
+
+    def _finish(self, _: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:  # noqa: ARG002
+        self._receiver.drop()
+        return []
+
+
+def _silence(_: float, __: int) -> list[Outgoing]:
+    return []
+
+
+def _nothing() -> None:
+    pass
