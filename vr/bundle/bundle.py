@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from pathlib import Path
 from typing import Self
 
 import msgspec
 
 from robotree.vr.bundle.choice import choose
-from robotree.vr.bundle.loader import LIMIT, load_module, make
-from robotree.vr.errors import NoSuchFile
+from robotree.vr.bundle.loader import LIMIT, forget, keep_with, load_module, make
+from robotree.vr.errors import BrokenSource, NoSuchFile
 from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
+_TOO_LARGE = f"it is larger than {LARGEST // 1000} kB"
 
 
 class Bundle(msgspec.Struct, frozen=True):
@@ -40,7 +42,7 @@ class Bundle(msgspec.Struct, frozen=True):
         file = Path(path).expanduser()
         try:
             if file.stat().st_size > LARGEST:
-                raise NoSuchFile(path=str(path), reason=f"it is larger than {LARGEST // 1000} kB")
+                raise NoSuchFile(path=str(path), reason=_TOO_LARGE)
             return cls(file.read_text(encoding="utf-8"), str(path), wanted)
         except UnicodeDecodeError:
             raise NoSuchFile(path=str(path), reason="it is not UTF-8 text") from None
@@ -54,18 +56,28 @@ class Bundle(msgspec.Struct, frozen=True):
         return hashlib.sha256(self.source.encode()).hexdigest()
 
     def load(self, *, limit: float = LIMIT) -> type[VirtualRobot]:
-        """Load the class under a private module name. Blocks: not for an event loop.
+        """Load the class anew, in a module of its own. Blocks: not for an event loop.
 
         Args:
             limit: [s] for the source to run.
 
+        Returns:
+            The class. Its module stays in the process; that of a robot made by `create` goes with the robot.
+
         Raises:
-            BrokenSource: it does not compile, raises, does not end, or declares its robot wrongly.
+            BrokenSource: it is too large, does not compile, raises, does not end, or declares its robot
+                wrongly.
             NoVirtualRobot: there is none, or none of the name wanted.
             SeveralVirtualRobots: there are several, and none was named.
         """
+        if len(self.source) > LARGEST or len(self.source.encode()) > LARGEST:
+            raise BrokenSource(path=self.path, reason=_TOO_LARGE)
         module = load_module(self.source, self.path, self.hash, limit=limit)
-        return choose(module, self.path, self.wanted)
+        try:
+            return choose(module, self.path, self.wanted)
+        except BaseException:
+            forget(module.__name__, str(module.__file__))
+            raise
 
     def create(self, name: str, *, limit: float = LIMIT) -> VirtualRobot:
         """Load the class and make a virtual robot of it. Blocks, as `load` does.
@@ -78,4 +90,11 @@ class Bundle(msgspec.Struct, frozen=True):
             BadName: that cannot be a name.
             BundleError: see `load`.
         """
-        return make(self.load(limit=limit), name, self.path, limit=limit)
+        cls = self.load(limit=limit)
+        try:
+            robot = make(cls, name, self.path, limit=limit)
+        except BaseException:
+            forget(cls.__module__, str(sys.modules[cls.__module__].__file__))
+            raise
+        keep_with(robot)
+        return robot

@@ -1,19 +1,24 @@
-"""Runs an author's source once, as a private module, with a limit of time.
+"""Runs an author's source as a private module, with a limit of time.
 
-Nobody's import path is touched: the module is made here and named after the hash of its source, so two
-versions of one file live side by side, and the same version is loaded once.
+Nobody's import path is touched: the module is made here, under a name that no other has. Each robot gets one
+of its own, so what two robots of one page keep in their classes is not shared; it lives as long as its robot.
 """
 
 from __future__ import annotations
 
+import itertools
 import linecache
+import logging
 import sys
 import threading
 import traceback
+import weakref
+from collections import Counter
 from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
+from robotree.vr.bundle.naming import file_in_tracebacks
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.host.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.virtual_robot import VirtualRobot
@@ -24,11 +29,15 @@ _FAREWELL = 1.0
 """[s] for what was interrupted to say where."""
 
 _T = TypeVar("_T")
-_loading: dict[str, threading.Lock] = {}
+_numbers = itertools.count(1)
+_texts: Counter[str] = Counter()
+"""How many living modules were made of each text, by the name that it has in tracebacks."""
+_lock = threading.Lock()
+_log = logging.getLogger(__name__)
 
 
 def load_module(source: str, path: str, digest: str, *, limit: float = LIMIT) -> ModuleType:
-    """Return the module of a source.
+    """Return a new module of a source.
 
     Args:
         source: Python.
@@ -36,23 +45,42 @@ def load_module(source: str, path: str, digest: str, *, limit: float = LIMIT) ->
         digest: hash of the source.
         limit: [s] for it to run.
 
+    Returns:
+        The module, registered like any other until `forget`, or for as long as `keep_with` says.
+
     Raises:
         BrokenSource: it does not compile, raises or does not end.
     """
-    name = f"robotree_bundle_{digest[:16]}"
-    code = _compile(source, path)
-    with _loading.setdefault(name, threading.Lock()):
-        if name in sys.modules:
-            return sys.modules[name]
-        module = sys.modules[name] = ModuleType(name)  # where dataclasses and type hints look for it
-        module.__file__ = path
-        linecache.cache[path] = (len(source), None, source.splitlines(keepends=True), path)
-        try:
-            within(lambda: exec(code, vars(module)), path, limit)  # noqa: S102 # the one place that does so
-        except BaseException:
-            del sys.modules[name]
-            raise
-        return module
+    file = file_in_tracebacks(path, digest)
+    code = _compile(source, path, file)
+    module = ModuleType(f"robotree_bundle_{digest[:16]}_{next(_numbers)}")
+    module.__file__ = file
+    sys.modules[module.__name__] = module  # where dataclasses and type hints look for it
+    with _lock:
+        _texts[file] += 1
+        linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+    try:
+        within(lambda: exec(code, vars(module)), path, file, limit)  # noqa: S102 # the one place that does so
+    except BaseException:
+        forget(module.__name__, file)
+        raise
+    return module
+
+
+def keep_with(robot: VirtualRobot) -> None:
+    """Let the module of a robot's class end with the robot."""
+    module = sys.modules[type(robot).__module__]
+    weakref.finalize(robot, forget, module.__name__, str(module.__file__)).atexit = False
+
+
+def forget(name: str, file: str) -> None:
+    """Let go of a module, and of its text when no other module is made of it."""
+    sys.modules.pop(name, None)
+    with _lock:
+        _texts[file] -= 1
+        if not _texts[file]:
+            del _texts[file]
+            linecache.cache.pop(file, None)
 
 
 def make(cls: type[VirtualRobot], name: str, path: str, *, limit: float = LIMIT) -> VirtualRobot:
@@ -68,18 +96,19 @@ def make(cls: type[VirtualRobot], name: str, path: str, *, limit: float = LIMIT)
         BadName: that cannot be a name.
         BrokenSource: the constructor raises or does not end.
     """
-    robot = within(lambda: cls(name), path, limit)
+    robot = within(lambda: cls(name), path, str(sys.modules[cls.__module__].__file__), limit)
     if getattr(robot, "name", None) != name or not hasattr(robot, "child_slots"):
         raise BrokenSource(path=path, reason=f"{cls.__name__}.__init__ must call super().__init__(name)")
     return robot
 
 
-def within(work: Callable[[], _T], path: str, limit: float) -> _T:
+def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
     """Run an author's code in a thread of its own and return what it returns.
 
     Args:
         work: the code.
         path: of its source.
+        file: its name in tracebacks.
         limit: [s] for it to end.
 
     Raises:
@@ -98,17 +127,21 @@ def within(work: Callable[[], _T], path: str, limit: float) -> _T:
     if not ended.wait(limit):
         thread.interrupt()
         ended.wait(_FAREWELL)
-    value, error = outcome[0] if outcome else (None, Interrupted())
+    if not outcome:
+        _log.error("%s is abandoned: while being loaded it heeds no interruption; restart this host", path)
+        reason = f"it did not end within {limit:g} s, heeds no interruption and still runs; restart the host"
+        raise BrokenSource(path=path, reason=reason)
+    value, error = outcome[0]
     if error is None:
         return cast("_T", value)
     if isinstance(error, BadName):
         raise error
-    raise BrokenSource(path=path, reason=_reason(error, path, limit))
+    raise BrokenSource(path=path, reason=_reason(error, file, limit))
 
 
-def _compile(source: str, path: str) -> CodeType:
+def _compile(source: str, path: str, file: str) -> CodeType:
     try:
-        return compile(source, path, "exec", dont_inherit=True)
+        return compile(source, file, "exec", dont_inherit=True)
     except SyntaxError as error:
         where = f"line {error.lineno}: " if error.lineno else ""
         raise BrokenSource(path=path, reason=f"{where}{error.msg}") from None
@@ -116,8 +149,8 @@ def _compile(source: str, path: str) -> CodeType:
         raise BrokenSource(path=path, reason=str(error) or type(error).__name__) from None
 
 
-def _reason(error: BaseException, path: str, limit: float) -> str:
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+def _reason(error: BaseException, file: str, limit: float) -> str:
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     where = f"line {lines[-1]}: " if lines else ""
     if isinstance(error, Interrupted):
         return f"{where}it did not end within {limit:g} s"

@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from robotree.vr.bundle.naming import authors_file
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
 from robotree.vr.requests import Failed, Returned
@@ -65,4 +66,4 @@ def failed(robot: str, context: CommandContext, error: BaseException, *, source:
 
 def _where(error: BaseException, source: str) -> str:
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == source]
-    return f" ({Path(source).name}, line {lines[-1]})" if lines else ""
+    return f" ({Path(authors_file(source)).name}, line {lines[-1]})" if lines else ""

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
+import gc
+import linecache
 import sys
 import threading
+import traceback
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.naming import authors_file
 from robotree.vr.command import commands_of
-from robotree.vr.errors import BadName, BundleError, VrError
+from robotree.vr.errors import BadName, BrokenSource, BundleError, VrError
 
 SQUARE = '''
 """Move in a square."""
@@ -47,12 +52,76 @@ def test_a_page_of_python_becomes_a_robot(tmp_path: Path) -> None:
     assert not robot.rover  # type: ignore[attr-defined]
 
 
-def test_one_version_is_loaded_once_and_two_live_side_by_side() -> None:
-    first, again, second = bundle(SQUARE).load(), bundle(SQUARE).load(), bundle(SQUARE + "\n# new").load()
-    assert first is again
+def test_two_versions_live_side_by_side() -> None:
+    first, second = bundle(SQUARE).load(), bundle(SQUARE + "\n# new").load()
     assert first is not second
     assert first.__module__ != second.__module__
     assert first.__module__ in sys.modules
+
+
+def test_two_robots_of_one_page_share_nothing_that_they_keep_in_their_class() -> None:
+    page = bundle(HEAD + "class V(VirtualRobot):\n    taught = []\n")
+    one, other = page.create("one"), page.create("other")
+    one.taught.append("a pose")  # type: ignore[attr-defined]
+    assert other.taught == []  # type: ignore[attr-defined]
+    assert type(one).kinds() == type(other).kinds()
+
+
+FAILS = HEAD + "class V(VirtualRobot):\n    def fail(self):\n        1 / 0  # {}\n"
+
+
+def test_a_traceback_shows_the_authors_own_file_and_the_version_that_runs() -> None:
+    pages = [(FAILS.format("old"), "a.py"), (FAILS.format("new"), "a.py"), (FAILS.format("old"), "b.py")]
+    robots = [bundle(source, path=path).create("v") for source, path in pages]
+    told = []
+    for robot in robots:
+        with pytest.raises(ZeroDivisionError) as caught:
+            robot.fail()  # type: ignore[attr-defined]
+        told.append(traceback.extract_tb(caught.value.__traceback__)[-1])
+    assert [frame.line for frame in told] == ["1 / 0  # old", "1 / 0  # new", "1 / 0  # old"]
+    assert [authors_file(frame.filename) for frame in told] == ["a.py", "a.py", "b.py"]
+    assert len({frame.filename for frame in told}) == 3
+    assert authors_file("/home/a@b/c.py") == "/home/a@b/c.py"
+
+
+def traces() -> set[str]:
+    """Return what loaded sources leave in the process."""
+    gc.collect()
+    return {
+        name for name in (*sys.modules, *linecache.cache) if "robotree_bundle" in name or "page.py@" in name
+    }
+
+
+def test_robots_that_come_and_go_leave_nothing_behind() -> None:
+    before = traces()
+    page = bundle(SQUARE, path="page.py")
+    robots = [page.create(f"v{number}") for number in range(5)]
+    assert len(traces() - before) == 6, "a module each, and one text"
+    survivor = robots.pop()
+    robots.clear()
+    assert len(traces() - before) == 2
+    assert get_type_hints(type(survivor).move_square), "which still works"  # type: ignore[attr-defined]
+    del survivor
+    for source in ("1 / 0", HEAD, HEAD + "class V(VirtualRobot):\n    def __init__(self, name): 1 / 0"):
+        with pytest.raises(BundleError):
+            bundle(source, path="page.py").create("v")
+    assert traces() == before
+
+
+def test_a_source_that_came_by_the_network_has_a_limit_too() -> None:
+    for source in ("#" * 1_000_001, "ä" * 500_001):
+        with pytest.raises(BrokenSource, match=r"robot\.py cannot be loaded: it is larger than 1000 kB"):
+            bundle(source).load()
+
+
+def test_a_source_that_heeds_no_interruption_is_told_of(caplog: pytest.LogCaptureFixture) -> None:
+    release = threading.Event()
+    threading.release_the_page = release  # type: ignore[attr-defined] # how a page gets at the test's event
+    with pytest.raises(BrokenSource, match="heeds no interruption and still runs; restart the host"):
+        bundle("import threading\nthreading.release_the_page.wait()", path="deaf.py").load(limit=0.05)
+    assert "deaf.py is abandoned" in caplog.text
+    release.set()
+    del threading.release_the_page  # type: ignore[attr-defined]
 
 
 def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
