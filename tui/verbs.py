@@ -114,7 +114,11 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 
     def tell(name: str, state: State) -> None:
         word = wording.mood(
-            busy=state.busy, stopped=state.stopped, online=state.online, bond=bool(state.bond)
+            busy=state.busy,
+            stopped=state.stopped,
+            online=state.online,
+            bond=bool(state.bond),
+            abandoned=state.abandoned,
         )
         readings = "  ".join(
             f"{key}={wording.number(value)}" for key, value in sorted(state.readings.items())
@@ -159,8 +163,9 @@ async def release(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """End a virtual robot."""
-    await fleet.delete(line.text("NAME"))
-    return Outcome({"deleted": line.text("NAME")}, f"{line.text('NAME')} is deleted")
+    left = await fleet.delete(line.text("NAME"))
+    text = f"{line.text('NAME')} is deleted" + (f", but {left}" if left else "")
+    return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
 
 
 # -- commanding ------------------------------------------------------------------------------------

@@ -106,12 +106,22 @@ def summary(doc: str) -> str:
     return doc.strip().partition("\n")[0]
 
 
-def mood(*, busy: str, stopped: bool, online: bool, bond: bool, waiting: int = 0) -> str:
+def mood(
+    *,
+    busy: str,
+    stopped: bool,
+    online: bool,
+    bond: bool,
+    waiting: int = 0,
+    abandoned: Sequence[str] = (),
+) -> str:
     """Return in a word or two how a robot is; what matters most first."""
     if not online:
         return "offline"
     if stopped:
         return "STOPPED"
+    if abandoned:
+        return f"ABANDONED: {', '.join(abandoned)} still runs"
     if busy:
         return f"busy: {busy}" + (f" +{waiting}" if waiting else "")
     return "enslaved" if bond else "free"
@@ -120,7 +130,14 @@ def mood(*, busy: str, stopped: bool, online: bool, bond: bool, waiting: int = 0
 def condition(robot: RobotDescription) -> str:
     """Return in a word or two how a robot described itself."""
     bond = robot.bond is not None
-    return mood(busy=robot.busy, stopped=robot.stopped, online=robot.online, bond=bond, waiting=robot.waiting)
+    return mood(
+        busy=robot.busy,
+        stopped=robot.stopped,
+        online=robot.online,
+        bond=bond,
+        waiting=robot.waiting,
+        abandoned=robot.abandoned,
+    )
 
 
 def portrait(robot: RobotDescription) -> str:
@@ -132,6 +149,7 @@ def portrait(robot: RobotDescription) -> str:
         ("host", robot.host),
         ("state", condition(robot)),
         ("stopped", robot.stop_reason),
+        ("abandoned", _abandoned(robot)),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),
         *((f"@{key}", text) for key, text in sorted(robot.attributes.items())),
     ]
@@ -153,6 +171,14 @@ def portrait(robot: RobotDescription) -> str:
     if commands:
         blocks.append("commands\n" + columns(commands))
     return "\n\n".join(blocks)
+
+
+def _abandoned(robot: RobotDescription) -> str:
+    """Say which code heeds no cancel, and what ends it."""
+    if not robot.abandoned:
+        return ""
+    home = f"host {robot.host}" if robot.host else "its process"
+    return f"{', '.join(robot.abandoned)} heeds no cancel and still runs; restart {home}"
 
 
 def _calls(robot: RobotDescription, command: str) -> str:

@@ -6,7 +6,7 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
-                      Stopped · KeyReused
+                      Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled
@@ -162,6 +162,15 @@ class Stopped(CommandError):
     """A protective stop holds the robot."""
 
     sentence = "{robot} is stopped ({reason}); when it is safe, go on with `robotree resume {commander}`"
+
+
+class StillRunning(CommandError):
+    """Code of a command that was ended runs on; nothing that moves may begin beside it."""
+
+    sentence = (
+        "{robot} takes no command that moves: its {command} was ended but heeds no cancel and still runs; "
+        "restart {home}"
+    )
 
 
 class KeyReused(CommandError):

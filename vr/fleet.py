@@ -219,9 +219,13 @@ class Fleet:
         """Release the child in a slot; returns the parent's description."""
         return await (await self._robot(parent)).free(slot)
 
-    async def delete(self, name: str) -> None:
-        """End a virtual robot; its children are released."""
-        await (await self._robot(name)).delete()
+    async def delete(self, name: str) -> str:
+        """End a virtual robot; its children are released.
+
+        Returns:
+            What is left of it, as a sentence: code that cannot be ended. Empty: nothing.
+        """
+        return await (await self._robot(name)).delete()
 
     # -- inside -----------------------------------------------------------------------------------
 

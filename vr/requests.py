@@ -220,6 +220,8 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
 
     address: Address
     robots: tuple[Address, ...] = ()
+    abandoned: tuple[str, ...] = ()
+    """`robot.command` of robots that were deleted and whose code still runs: only a restart ends it."""
 
 
 class Registered(_Message, frozen=True, kw_only=True):
@@ -252,7 +254,10 @@ class ViewDescribed(_Message, frozen=True, kw_only=True):
 
 
 class Done(_Message, frozen=True, kw_only=True):
-    """Carried out; nothing to tell."""
+    """Carried out."""
+
+    note: str = ""
+    """What a person should know of it, as a sentence; empty: nothing."""
 
 
 class Failed(_Message, frozen=True, kw_only=True):
@@ -297,6 +302,8 @@ class State(_Message, frozen=True, kw_only=True):
     online: bool = True
     stopped: bool = False
     stop_reason: str = ""
+    abandoned: tuple[str, ...] = ()
+    """Commands that were ended and whose code still runs."""
     readings: dict[str, float] = {}
     """What a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
 

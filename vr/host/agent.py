@@ -28,6 +28,7 @@ from robotree.vr.host.agent_commands import CommandDesk
 from robotree.vr.host.agent_lease import LeaseKeeper
 from robotree.vr.host.call_counter import CallCounter
 from robotree.vr.host.claim import claim, new_address
+from robotree.vr.host.execution import LONGEST_END
 from robotree.vr.host.hooks import Hooks
 from robotree.vr.host.listed import Listed, Listings
 from robotree.vr.host.portrait import Portrait
@@ -60,7 +61,7 @@ from robotree.vr.transport import Registration, Respond, Transport
 from robotree.vr.virtual_robot import VirtualRobot
 
 GRACE = 0.5
-"""[s] in which commands may end by themselves when their robot ends."""
+"""[s] in which commands may end by themselves when their robot's process ends; the others end with it."""
 
 _log = logging.getLogger(__name__)
 
@@ -101,7 +102,10 @@ class RobotAgent:
         lessor = Lessor(robot.name, term=term, unix=unix())
         self._lease = LeaseKeeper(lessor, transport, unix=unix, on_end=self._freed)
         self._calls = CallCounter(space, robot.name)
-        self._desk = CommandDesk(robot, self._lease, on_change=self._changed, on_call=self._calls.count)
+        self._home = f"host {host}" if host else f"the process of {robot.name}"
+        self._desk = CommandDesk(
+            robot, self._lease, on_change=self._changed, on_call=self._calls.count, home=self._home
+        )
         self._bonds: BondKeeper | None = None
         if isinstance(robot, VirtualRobot):
             self._bonds = self._desk.bonds = BondKeeper(
@@ -121,6 +125,8 @@ class RobotAgent:
         self._presence: Registration | None = None
         self._publishing: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
+        self._gone: asyncio.Future[None] = self._loop.create_future()
+        self._last_words: list[Callable[[str], None]] = []
         self._open = False
         self._handlers = self._questions()
 
@@ -151,24 +157,44 @@ class RobotAgent:
 
     async def close(self) -> None:
         """End politely: release the children, leave the lookup, be gone. Twice is once."""
+        await asyncio.shield(self._begin_to_end(GRACE))
+
+    @property
+    def gone(self) -> bool:
+        """Whether it has ended for everybody else; it may still be tidying up."""
+        return self._gone.done()
+
+    @property
+    def abandoned(self) -> tuple[str, ...]:
+        """Return the commands that were ended and whose code still runs, also after the robot's own end."""
+        return self._desk.jobs.abandoned
+
+    def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
+        """End once, whoever asks how often, and whether or not they wait for it."""
         if self._ending is None:
-            self._ending = self._loop.create_task(self._end())
-        await asyncio.shield(self._ending)
+            self._ending = self._loop.create_task(self._end(grace))
+        return self._ending
 
-    async def _end(self) -> None:
-        await self._let_go()
-        self._lease.close()
-        if self._publishing is not None:
-            self._publishing.cancel()
-            await asyncio.wait([self._publishing])
-        await self._withdraw()
-        self.closed.set()
+    async def _end(self, grace: float) -> None:
+        try:
+            await self._let_go(grace)
+        finally:
+            left = self._left_behind()
+            for say in self._last_words:  # while the way to whoever asked is still open
+                say(left)
+            self._gone.set_result(None)
+            self._lease.close()
+            if self._publishing is not None:
+                self._publishing.cancel()
+                await asyncio.wait([self._publishing])
+            await self._withdraw()
+            self.closed.set()
 
-    async def _let_go(self) -> None:
+    async def _let_go(self, grace: float) -> None:
         """Tell the children, the lookup services and everybody else; take nothing more."""
         self._open = False
         self._desk.jobs.cancel_all(f"{self.robot.name} is being ended")
-        await self._desk.jobs.settled(GRACE)
+        await self._desk.jobs.settled(grace)
         if self._bonds is not None:
             await self._bonds.close()
         self._listed.want(None)
@@ -228,10 +254,12 @@ class RobotAgent:
             respond(encode(Failed.of(VrError(detail=f"{self.robot.name}: internal error: {error!r}"))))
 
     async def _handle(self, request: Request, respond: Respond) -> None:
-        if not self._open and not isinstance(request, Describe | Release | SafeStop):
+        if not self._open and not isinstance(request, Describe | Release | SafeStop | Delete):
             raise Unreachable(key=self.address.key)
         if isinstance(request, Call):
             await self._desk.answer(request, respond)
+        elif isinstance(request, Delete):
+            await self._delete(respond)
         elif handler := self._handlers.get(type(request)):
             respond(encode(await handler(request)))
         else:
@@ -248,7 +276,6 @@ class RobotAgent:
             Resume: self._resume,
             Enslave: self._enslave,
             Free: self._free,
-            Delete: self._delete,
         }
 
     async def _describe(self, _: Describe) -> Reply:
@@ -316,15 +343,18 @@ class RobotAgent:
         await self._children("release children").free(request.slot)
         return Described(robot=self.description())
 
-    async def _delete(self, _: Delete) -> Reply:
+    async def _delete(self, respond: Respond) -> None:
         self._children("be deleted; end the process of its proxy instead")
         tenure = self._lease.tenure
         if tenure is not None:
             raise StillBonded(robot=self.robot.name, holder=tenure.parent.name, slot=tenure.slot)
-        await self._let_go()
-        if self._ending is None:
-            self._ending = self._loop.create_task(self._end())
-        return Done()
+        self._last_words.append(lambda left: respond(encode(Done(note=left))))
+        self._begin_to_end(LONGEST_END + GRACE)
+        await asyncio.shield(self._gone)
+
+    def _left_behind(self) -> str:
+        running = ", ".join(self._desk.jobs.abandoned)
+        return running and f"its {running} heeds no cancel and still runs; restart {self._home}"
 
     def _children(self, what: str) -> BondKeeper:
         if self._bonds is None:

@@ -40,6 +40,7 @@ class CommandDesk:
         *,
         on_change: Callable[[], None],
         on_call: Callable[[str], None],
+        home: str,
     ) -> None:
         """Read the commands of the robot's class.
 
@@ -48,6 +49,7 @@ class CommandDesk:
             lease: knows who may call.
             on_change: told when something else runs or waits.
             on_call: told the name of each command taken in.
+            home: what must be restarted to end a command that cannot be ended.
 
         Raises:
             TypeError: its author declared a command in a way that cannot be called from afar.
@@ -59,7 +61,7 @@ class CommandDesk:
         """The way to its children, if it is a virtual robot."""
         self.ordered = ""
         """Reason of the protective stop that was ordered here, or empty."""
-        self.jobs = Jobs(robot.name, self._launch, on_change)
+        self.jobs = Jobs(robot.name, self._launch, on_change, home=home)
 
     @property
     def stopped(self) -> str:
@@ -96,6 +98,8 @@ class CommandDesk:
             tenure = self._lease.tenure
             commander = self._robot.name if tenure is None else tenure.parent.name
             raise Stopped(robot=self._robot.name, reason=self.stopped, commander=commander)
+        if spec.effect != "read":
+            self.jobs.refuse_beside_abandoned()
         if not 0 < call.deadline < math.inf:
             raise DeadlineExceeded(robot=self._robot.name, command=call.command)
         context = CommandContext(

@@ -217,9 +217,13 @@ class RobotClient:
         """Release the child in one of its slots."""
         return (await self._ask(Free(slot=slot), Described, timeout=2 * self._patience)).robot
 
-    async def delete(self) -> None:
-        """Let it release its children and end."""
-        await self._ask(Delete(), Done, timeout=2 * self._patience)
+    async def delete(self) -> str:
+        """Let it release its children and end.
+
+        Returns:
+            What is left of it, as a sentence: code that cannot be ended. Empty: nothing.
+        """
+        return (await self._ask(Delete(), Done, timeout=2 * self._patience)).note
 
     # -- what parents ask -------------------------------------------------------------------------
 

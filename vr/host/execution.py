@@ -2,7 +2,8 @@
 
 The thread may block as it likes; it reaches the event loop only through the methods of `Activity`, and each
 of those raises once the command has been cancelled. Code that does not listen is interrupted after a grace
-period, and code that cannot be interrupted is given up: it can no longer reach any child.
+period, and code that cannot be interrupted is abandoned: it can no longer reach any child, and it is told of
+for as long as it runs.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from robotree.vr.host.outcome import to_plain
 GRACE = 1.0
 """[s] between a cancel and the interruption of code that does not listen."""
 ATTEMPTS = 3
-"""Interruptions, a grace period apart, before the code is given up."""
+"""Interruptions, a grace period apart, before the code is abandoned."""
+LONGEST_END = GRACE * (ATTEMPTS + 1)
+"""[s] from a cancel to the moment when its command has ended or is known not to end."""
 
 _T = TypeVar("_T")
 OnProgress = Callable[[float, str], None]
@@ -58,6 +61,11 @@ class Run(Protocol):
         """Its result or error."""
         ...
 
+    @property
+    def over(self) -> asyncio.Future[None]:
+        """Done when nothing of it runs any more. If its outcome is there before, it was abandoned."""
+        ...
+
     def cancel(self, cause: VrError) -> None:
         """End it; `outcome` becomes the cause unless it succeeds after all. The first cause counts."""
         ...
@@ -69,6 +77,7 @@ class Forward:
     def __init__(self, work: Coroutine[Any, Any, Any]) -> None:
         """Begin to pass it on."""
         self.outcome: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._cause: VrError | None = None
         self._task = asyncio.get_running_loop().create_task(work)
         self._task.add_done_callback(self._settle)
@@ -80,6 +89,7 @@ class Forward:
             self._task.cancel()
 
     def _settle(self, task: asyncio.Task[Any]) -> None:
+        self.over.set_result(None)
         if task.cancelled():
             self.outcome.set_exception(self._cause or asyncio.CancelledError())
         elif error := task.exception():
@@ -110,6 +120,7 @@ class CommandThread:
         """
         self._loop = asyncio.get_running_loop()
         self.outcome: asyncio.Future[Any] = self._loop.create_future()
+        self.over: asyncio.Future[None] = self._loop.create_future()
         self._robot, self._context, self._work = robot, context, work
         self._children, self._on_progress = children, on_progress
         self._cause: VrError | None = None
@@ -138,6 +149,10 @@ class CommandThread:
             self._alarm = self._loop.call_later(GRACE, self._insist, attempts - 1)
         else:
             self._settle(None, self._cause)
+
+    def _end(self, value: Any, error: BaseException | None) -> None:
+        self.over.set_result(None)
+        self._settle(value, error)
 
     def _settle(self, value: Any, error: BaseException | None) -> None:
         if self._alarm is not None:
@@ -176,7 +191,7 @@ class CommandThread:
 
     def _report(self, value: Any, error: BaseException | None) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._settle, value, error)
+            self._loop.call_soon_threadsafe(self._end, value, error)
 
     def _submit(self, work: Callable[[], Coroutine[Any, Any, _T]]) -> concurrent.futures.Future[_T]:
         step = self._step(work)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from robotree.vr.calls import CallTable
 from robotree.vr.context import CommandContext
 from robotree.vr.description import CommandSpec
-from robotree.vr.errors import CommandCancelled, DeadlineExceeded, VrError
+from robotree.vr.errors import CommandCancelled, DeadlineExceeded, StillRunning, VrError
 from robotree.vr.host.execution import Run
 from robotree.vr.host.outcome import failed, returned
 from robotree.vr.mailbox import Mailbox
@@ -18,6 +19,9 @@ from robotree.vr.requests import Failed, Progress, Returned
 
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two words about a command's progress."""
+
+
+_log = logging.getLogger(__name__)
 
 
 class Job:
@@ -70,18 +74,36 @@ class Job:
 class Jobs:
     """All commands of one robot."""
 
-    def __init__(self, robot: str, launch: Callable[[Job], Run], on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, robot: str, launch: Callable[[Job], Run], on_change: Callable[[], None], *, home: str
+    ) -> None:
         """Begin idle.
 
         Args:
             robot: its name.
             launch: begins to carry out a command whose turn it is.
             on_change: told after each change of what runs and waits.
+            home: what must be restarted to end a command that cannot be ended.
         """
-        self._robot, self._launch, self._on_change = robot, launch, on_change
+        self._robot, self._launch, self._on_change, self._home = robot, launch, on_change, home
         self._table: CallTable[Job] = CallTable(robot)
         self._mailbox = Mailbox(robot)
         self._active: dict[str, Job] = {}
+        self._abandoned: dict[str, str] = {}
+
+    @property
+    def abandoned(self) -> tuple[str, ...]:
+        """Commands whose code runs on although they were ended: it heeds neither cancel nor interruption."""
+        return tuple(self._abandoned.values())
+
+    def refuse_beside_abandoned(self) -> None:
+        """Refuse to begin anything that moves while abandoned code may still do something.
+
+        Raises:
+            StillRunning: there is such code.
+        """
+        for command in self._abandoned.values():
+            raise StillRunning(robot=self._robot, command=command, home=self._home)
 
     @property
     def running(self) -> Job | None:
@@ -156,10 +178,30 @@ class Jobs:
             self._settle(job, Failed.of(cause))
 
     def _begin(self, job: Job) -> None:
-        job.run = self._launch(job)
-        job.run.outcome.add_done_callback(lambda outcome: self._ran(job, outcome))
+        run = job.run = self._launch(job)
+        run.outcome.add_done_callback(lambda outcome: self._ran(job, run, outcome))
 
-    def _ran(self, job: Job, outcome: asyncio.Future[Any]) -> None:
+    def _abandon(self, job: Job, run: Run) -> None:
+        key, command = job.context.key, job.context.command
+        _log.error(
+            "%s.%s is abandoned: it heeds no cancel and still runs, though it can reach no child any more; "
+            "restart %s",
+            *(self._robot, command, self._home),
+        )
+        self._abandoned[key] = command
+        run.over.add_done_callback(lambda _: self._lay_down(key))
+        refusal = Failed.of(StillRunning(robot=self._robot, command=command, home=self._home))
+        for waiting in reversed(list(self._active.values())):
+            if waiting.run is None:
+                self._settle(waiting, refusal)
+
+    def _lay_down(self, key: str) -> None:
+        _log.warning("%s.%s has ended after all", self._robot, self._abandoned.pop(key))
+        self._on_change()
+
+    def _ran(self, job: Job, run: Run, outcome: asyncio.Future[Any]) -> None:
+        if not run.over.done():
+            self._abandon(job, run)
         error = asyncio.CancelledError() if outcome.cancelled() else outcome.exception()
         if error is None:
             self._settle(job, returned(job.context, outcome.result()))

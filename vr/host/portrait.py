@@ -51,6 +51,7 @@ class Portrait:
             online=self._robot.online,
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
+            abandoned=jobs.abandoned,
             calls=self._calls.counts,
             doc=self._doc(),
             **self._identity(),
@@ -70,6 +71,7 @@ class Portrait:
             online=self._robot.online,
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
+            abandoned=jobs.abandoned,
             readings=readings,
         )
 

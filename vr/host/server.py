@@ -10,7 +10,7 @@ import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-from robotree.vr.address import Address, check_name
+from robotree.vr.address import check_name
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.errors import DuplicateName, Unreachable
@@ -59,6 +59,7 @@ class Host:
         self._transport, self._registrar, self._space, self._term = transport, registrar, space, term
         self._limit = limit
         self._coming: set[str] = set()
+        self._ended: list[RobotAgent] = []
         self._declared: list[Registration] = []
         self._watchers: set[asyncio.Task[None]] = set()
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
@@ -142,6 +143,7 @@ class Host:
         await agent.closed.wait()
         if self.agents.get(agent.robot.name) is agent:
             del self.agents[agent.robot.name]
+        self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def _answer(self, request: Request) -> Reply:
         match request:
@@ -155,5 +157,7 @@ class Host:
 
     def description(self) -> HostDescribed:
         """Describe the host: which robots live here."""
-        robots: tuple[Address, ...] = tuple(sorted(agent.address for agent in self.agents.values()))
-        return HostDescribed(address=self.address, robots=robots)
+        robots = tuple(sorted(agent.address for agent in self.agents.values() if not agent.gone))
+        ended = (*self._ended, *(agent for agent in self.agents.values() if agent.gone))
+        abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
+        return HostDescribed(address=self.address, robots=robots, abandoned=abandoned)

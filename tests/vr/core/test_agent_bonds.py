@@ -26,6 +26,7 @@ from robotree.vr.errors import (
 )
 from robotree.vr.host.agent import RobotAgent
 from robotree.vr.host.client import RobotClient
+from robotree.vr.host.execution import LONGEST_END
 from robotree.vr.host.memory import MemoryNetwork
 
 TERM = 5.0
@@ -336,18 +337,41 @@ async def test_a_deleted_robot_tells_its_children_first(realm: Any) -> None:
         await realm.client(pair).describe()
 
 
-@pytest.mark.parametrize("trouble", ["spin", "hang"])
-async def test_a_robot_whose_command_hangs_can_be_deleted(realm: Any, trouble: str) -> None:
+@pytest.mark.parametrize(
+    ("trouble", "within", "left"),
+    [("spin", 2.0, ""), ("hang", LONGEST_END + 0.5, "its hang heeds no cancel and still runs; restart ")],
+)
+async def test_a_robot_whose_command_hangs_can_be_deleted_and_says_what_is_left(
+    realm: Any, trouble: str, within: float, left: str
+) -> None:
     rover, pair = await bound(realm)
     stuck = asyncio.create_task(realm.client(pair).call(trouble, {}))
     await realm.until(lambda: pair.description().busy == trouble)
     loop = asyncio.get_running_loop()
     began = loop.time()
-    await realm.client(pair).delete()
-    assert loop.time() - began < 2.0
+    first, second = await asyncio.gather(*(realm.client(pair).delete() for _ in range(2)))
+    assert first == second
+    assert first.startswith(left) if left else not first
+    assert loop.time() - began < within
     await asyncio.gather(stuck, return_exceptions=True)
     assert isinstance(stuck.exception(), VrError)
     assert rover.description().bond is None
+
+
+async def test_a_delete_whose_asker_goes_away_is_carried_out_all_the_same(realm: Any) -> None:
+    rover, pair = await bound(realm)
+    stuck = asyncio.create_task(realm.client(pair).call("spin", {}))
+    await realm.until(lambda: pair.description().busy == "spin")
+    asker = realm.network.join("asker")
+    deleting = asyncio.create_task(RobotClient(asker, pair.address).delete())
+    await realm.until(lambda: pair.description().busy == "" or not pair._open, within=1.0)
+    deleting.cancel()
+    for task in pair.transport._tasks:  # as when its own transport is closed
+        task.cancel()
+    await realm.until(pair.closed.is_set, within=LONGEST_END + 1.0)
+    assert rover.description().bond is None
+    assert not await realm.operator.present("robot/pair/*")
+    await asyncio.gather(stuck, deleting, return_exceptions=True)
 
 
 async def test_a_process_that_ends_in_order_leaves_nothing_behind(realm: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -181,6 +182,36 @@ async def test_a_robot_that_blocks_does_not_stop_its_neighbours(realm: Realm) ->
     assert await RobotClient(realm.operator, adder.address).call("add", {"a": 1.0, "b": 2.0}) == 3.0
     assert time.monotonic() - begin < 2
     await blocking.cancel()
+
+
+DEFIER = f"""{HEADER}
+import contextlib, threading
+class Defier(VirtualRobot):
+    @command
+    def defy(self) -> None:
+        while not threading.current_thread().name.startswith("let go"):
+            with contextlib.suppress(BaseException):
+                while not threading.current_thread().name.startswith("let go"):
+                    with contextlib.suppress(BaseException):
+                        time.sleep(0.02)
+"""
+
+
+async def test_what_a_deleted_robot_leaves_running_is_told_by_its_host(realm: Realm) -> None:
+    defier = RobotClient(
+        realm.operator, (await realm.client().create(Bundle(DEFIER, "d.py"), "defier")).address
+    )
+    await defier.tell("defy", {})
+    assert await defier.delete() == "its defy heeds no cancel and still runs; restart host host-1"
+    described = await realm.client().describe()
+    assert (described.robots, described.abandoned) == ((), ("defier.defy",))
+    assert (await realm.client(1).describe()).abandoned == ()
+    again = await realm.client().create(Bundle(DEFIER, "d.py"), "defier")
+    assert again.abandoned == (), "another robot of this name has nothing to do with it"
+    for thread in threading.enumerate():
+        if thread.name == "defier.defy":
+            thread.name = "let go"
+    await until(lambda: realm.hosts[0].description().abandoned == (), "it has ended after all")
 
 
 async def test_a_host_that_ends_takes_its_robots_along_and_no_others(realm: Realm) -> None:
