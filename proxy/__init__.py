@@ -11,4 +11,12 @@ out over MAVLink. A *view* stands for the cameras and instruments around a robot
     kinds · kind_file                               found by name, and in files of other people
     view                                            pictures and readings of a workspace
     agent                                           all of it on a network of agents
+
+What an author of a kind needs is here; docs/bring-your-own-robot.md shows how it is used.
 """
+
+from robotree.proxy.guard import Limits, Span
+from robotree.proxy.motion import Hold, Motion, Request
+from robotree.proxy.robot_proxy import RobotProxy
+
+__all__ = ["Hold", "Limits", "Motion", "Request", "RobotProxy", "Span"]

@@ -20,7 +20,7 @@ class ProxyError(VrError):
 class UnknownKind(ProxyError):
     """Nobody has written a proxy for this kind of robot."""
 
-    sentence = "{kind!r} is no kind of robot; there is: {known}, or a file with one of your own: ./{kind}.py"
+    sentence = "{kind!r} is no kind of robot; there is: {known}, or a file with one of your own, as {kind}.py"
 
 
 class NoKind(ProxyError):
