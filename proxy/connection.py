@@ -164,7 +164,10 @@ class Connection:
     async def _tick(self) -> None:
         while True:
             if self._endpoint is not None:
-                self.session.disbelief = self._disbelief(self._endpoint.statistics.refused)
+                disbelief = self._disbelief(self._endpoint.statistics.refused)
+                if disbelief and not self.session.disbelief:
+                    _log.warning("%s: %s", self.url, disbelief)
+                self.session.disbelief = disbelief
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
 

@@ -1,0 +1,223 @@
+"""Who has the key commands the arm; who has another one, or none, is told so; and nobody is told the key."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+
+from robotree.protocol.links.keyring import Keyring
+from robotree.tui import exit_codes
+from robotree.tui.processes import Crew
+from robotree.tui.realm import joined
+from robotree.vr.errors import VrError
+from robotree.vr.fleet import Fleet
+from robotree.vr.testing import until
+
+pytestmark = pytest.mark.e2e
+on_the_cells_loop = pytest.mark.asyncio(loop_scope="module")
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+REALM = "keys"
+
+
+class Guarded:
+    """A cell whose arm hears nobody without its key, and four who try."""
+
+    def __init__(self, folder: Path, crew: Crew, fleet: Fleet, address: str) -> None:
+        self.folder, self.crew, self.fleet, self.address = folder, crew, fleet, address
+
+    async def refusal(self, robot: str, *, of: str) -> str:
+        """What a robot says of why it cannot be commanded, once it is what it must become."""
+        said = ""
+        try:
+            async with asyncio.timeout(20):
+                while of not in said:
+                    await asyncio.sleep(0.02)
+                    with pytest.raises(VrError) as refused:
+                        await self.fleet.call(robot, "get_info", {})
+                    said = str(refused.value)
+        except TimeoutError:
+            pytest.fail(f"it never came to that, but said: {said}")
+        return said
+
+    async def online(self, robot: str) -> None:
+        """Return once the robot is online."""
+        async with asyncio.timeout(20):
+            while not (await self.fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
+                await asyncio.sleep(0.02)
+
+
+def robotree(*words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """One command line, as a person types it."""
+    return subprocess.run(
+        [*ROBOTREE, *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        env={**os.environ, **environment},
+    )
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def cell(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Guarded]:
+    folder = tmp_path_factory.mktemp("keys")
+    ours, others = folder / "ours.key", folder / "others.key"
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XDG_RUNTIME_DIR", str(folder))
+        environment.delenv("ROBOTREE_KEY", raising=False)
+        for file in (ours, others):
+            made = robotree("wire", "key", file)
+            assert made.returncode == exit_codes.DONE, made.stderr
+        async with Crew(REALM, folder) as crew:
+            arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--key", str(ours))
+            where = ("--connect", arm.address)
+            await crew.start_all(
+                ("lookup", "lookup-1"),
+                ("proxy", "arm", "right", *where, "--key", str(ours), "--space", "none"),
+                ("proxy", "arm", "wrong", *where, "--key", str(others), "--space", "none"),
+                ("proxy", "arm", "without", *where, "--space", "none"),
+                ("view", "cell", *where, "--key", str(ours)),
+            )
+            async with joined(REALM) as fleet:
+                yield Guarded(folder, crew, fleet, arm.address)
+
+
+@on_the_cells_loop
+async def test_with_the_key_the_arm_is_commanded_and_looked_at(cell: Guarded) -> None:
+    await until(lambda: len(cell.fleet.robots()) == 3, "all are listed")
+    await cell.online("right")
+    await cell.fleet.call("right", "grip", {"action": "width", "width": 0.02})
+    assert (await cell.fleet.call("right", "get_info", {}))["width"] == pytest.approx(0.02, abs=0.005)
+    picture = await cell.fleet.look("cell", width=64, height=36)
+    assert (picture.width, picture.height) == (64, 36)
+
+
+@on_the_cells_loop
+async def test_with_another_key_it_is_told_that_frames_arrive_and_none_is_believed(cell: Guarded) -> None:
+    said = await cell.refusal("wrong", of="our key")
+    assert re.search(r"frames arrive but none is signed with our key \(\d+ refused\)", said)
+    assert not (await cell.fleet.describe("wrong")).online
+    logs = "".join(log.read_text() for log in cell.folder.glob("proxy-arm-wrong*.log"))
+    assert "frames arrive but none is signed with our key" in logs
+
+
+@on_the_cells_loop
+async def test_without_a_key_the_arm_is_offline_though_it_can_be_heard(cell: Guarded) -> None:
+    """It obeys nobody without the key: it must not look as if it could be stopped from here."""
+    said = await cell.refusal("without", of="has no key")
+    assert re.search(r"its controller signs what it says and this link has no key \(\d+ refused\)", said)
+    assert not (await cell.fleet.describe("without")).online
+
+
+@on_the_cells_loop
+async def test_an_arm_without_keys_is_not_believed_by_who_has_one(cell: Guarded) -> None:
+    arm = await cell.crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
+    words = ("proxy", "rover", "careful", "--connect", arm.address, "--space", "none")
+    await cell.crew.start(*words, "--key", str(cell.folder / "ours.key"))
+    await cell.refusal("careful", of="none is signed with our key")
+
+
+def test_the_verbs_of_the_wire_take_the_key_from_the_line_or_the_environment(cell: Guarded) -> None:
+    key = cell.folder / "ours.key"
+    ping = ("wire", "ping", "--connect", cell.address, "--by", "timesync", "--count", "2", "--every", "50ms")
+    assert robotree(*ping).returncode == exit_codes.NOBODY
+    assert robotree(*ping, "--key", cell.folder / "others.key").returncode == exit_codes.NOBODY
+    for said in (robotree(*ping, "--key", key), robotree(*ping, ROBOTREE_KEY=str(key))):
+        assert said.returncode == exit_codes.DONE, said.stderr
+        assert "2 asked, 2 answered" in said.stdout
+    assert robotree(*ping, "--key", "none", ROBOTREE_KEY=str(key)).returncode == exit_codes.NOBODY
+
+
+def test_a_recording_is_signed_anew_by_who_has_the_key(cell: Guarded) -> None:
+    """Old words have old signatures; who has the key may say them again."""
+    key = cell.folder / "ours.key"
+    tape, signed = cell.folder / "words.tlog", cell.folder / "signed.tlog"
+    recorded = robotree("wire", "record", "--connect", cell.address, tape, "--for", "1s")
+    assert recorded.returncode == exit_codes.DONE, recorded.stderr
+    words = [*ROBOTREE, "wire", "replay", str(tape), "--listen", "tcp:127.0.0.1:0", "--key", str(key)]
+    with subprocess.Popen([*words, "--speed", "max"], stdout=subprocess.PIPE, text=True) as replay:
+        assert replay.stdout
+        address = replay.stdout.readline().split()[1]
+        robotree("wire", "record", "--connect", address, signed)
+    before, after = (
+        [json.loads(line) for line in robotree("wire", "decode", file, "--json").stdout.splitlines()[:-1]]
+        for file in (tape, signed)
+    )
+    assert len(before) == len(after) > 50
+    assert all(frame["signed"] for frame in (*before, *after))
+    said = [[(one["name"], one["seq"], one["fields"]) for one in frames] for frames in (before, after)]
+    assert said[0] == said[1]
+    assert tape.read_bytes() != signed.read_bytes()
+
+
+def test_nobody_is_told_the_key(cell: Guarded) -> None:
+    """Not in the list of processes, not in what they say, not in their environment."""
+    secrets = [
+        text.split()[1]
+        for file in ("ours.key", "others.key")
+        for text in (cell.folder / file).read_text().splitlines()
+    ]
+    shown = [log.read_text() for log in cell.folder.glob("*.log")]
+    for member in cell.crew.members:
+        shown += [Path(f"/proc/{member.pid}/{what}").read_text() for what in ("cmdline", "environ")]
+    broken = cell.folder / "broken.key"
+    broken.touch(mode=0o600)
+    broken.write_text(f"* {secrets[0]}0\n")
+    for file in ("ours.key", "broken.key"):
+        for words in (
+            ("wire", "ping", "--connect", "tcp:127.0.0.1:1"),
+            ("sim", "arm", "--listen", "tcp:bad"),
+        ):
+            said = robotree(*words, "--key", cell.folder / file)
+            assert said.returncode == exit_codes.REFUSED
+            assert "Traceback" not in said.stderr
+            assert said.stderr.count("\n") == 1
+            shown += [said.stdout, said.stderr]
+    assert len(shown) > 20
+    for secret in secrets:
+        assert len(secret) == 64
+        assert not any(secret[:16] in text for text in shown)
+
+
+def test_the_signing_time_is_kept_and_never_goes_back(cell: Guarded) -> None:
+    ring = Keyring(cell.folder / "ours.key")
+    before = ring.persisted()
+    assert before > 0
+    robotree("wire", "ping", "--connect", cell.address, "--count", "1", "--key", cell.folder / "ours.key")
+    assert ring.persisted() > before
+    assert (cell.folder / "ours.key.time").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_key_that_others_can_read_is_not_used(cell: Guarded) -> None:
+    open_to_all = cell.folder / "open.key"
+    open_to_all.write_text((cell.folder / "ours.key").read_text())
+    open_to_all.chmod(0o644)
+    said = robotree("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--key", open_to_all)
+    assert said.returncode == exit_codes.REFUSED
+    assert said.stderr == (
+        f"robotree: {open_to_all}: others can read it; run chmod 600 on it and change the keys\n"
+    )
+
+
+def test_a_passphrase_is_read_from_standard_input_and_never_overwrites(cell: Guarded) -> None:
+    words = [*ROBOTREE, "wire", "key", str(cell.folder / "phrase.key"), "--passphrase", "--links", "tcp:*"]
+    made, again = (
+        subprocess.run(words, input="correct horse\n", capture_output=True, text=True, check=False)
+        for _ in range(2)
+    )
+    assert made.returncode == exit_codes.DONE
+    assert "a key for links tcp:*, fingerprint" in made.stdout
+    assert "correct" not in made.stdout
+    assert again.returncode == exit_codes.REFUSED
+    assert "a key is never overwritten" in again.stderr
+    empty = subprocess.run(words, input="\n", capture_output=True, text=True, check=False)
+    assert empty.returncode == exit_codes.USAGE
