@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import time
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 
@@ -33,6 +34,7 @@ from robotree.tui.teleoperable import bounds
 from robotree.tui.terminal import complain
 from robotree.tui.themes import DARK, LIGHT
 from robotree.tui.verbs import CALL_LIMIT, Outcome
+from robotree.tui.widgets.harmless import Harmless
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -91,6 +93,7 @@ class Supervisor(Fenced, App[int]):
         self.fleet, self.realm = fleet, realm
         self.store = store or Store()
         self.feed = Feed(fleet, self.store, self.now)
+        self._harmless = Harmless()
         self.mended: list[Exception] = []
         """Errors that the fence held back."""
         self.fatal: Exception | None = None
@@ -288,6 +291,10 @@ class Supervisor(Fenced, App[int]):
             )
         else:
             self.push_screen(TeleopPage(robot, found))
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what every line of every widget goes through: Textual's filters, and ours."""
+        return [*super().get_line_filters(), self._harmless]
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Offer the registry in the palette, beside what Textual offers."""

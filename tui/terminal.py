@@ -59,6 +59,11 @@ def over(text: str) -> None:
     sys.stderr.flush()
 
 
+def clear() -> None:
+    """Take everything off the terminal that standard output is."""
+    sys.stdout.write("\x1b[H\x1b[J")
+
+
 def forget_the_reader() -> None:
     """Write results nowhere from now on: Python would complain of a broken pipe at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -118,6 +118,34 @@ class Rover(Robot):
         """Go somewhere."""
 
 
+CLEAR, TITLE, C1, TURN, BELL = "\x1b[2J", "\x1b]0;owned\x07", "\x9b31m", "\u202egnp.exe\u202c", "\x07\x08\r"
+WORST = f"{CLEAR}{TITLE}{C1}{TURN}{BELL}\x00\x7f\u2028\u200bseen"
+
+
+class Hostile(Robot):
+    __doc__ = f"Claims to be harmless {WORST}."
+
+    words = WORST
+
+    @command(effect="read")
+    def speak(self, text: str = WORST) -> str:
+        """Say it."""
+        return text
+
+    @command
+    def stumble(self) -> None:
+        """Fail."""
+        raise CommandFailed(robot=self.name, command="stumble", detail=f"{WORST}\nrobotree: all is well")
+
+    @command
+    def advance(self) -> None:
+        """Tell progress."""
+        self.progress(0.5, WORST)
+
+    def readings(self) -> dict[str, float]:
+        return {f"x{WORST}": 1.0}
+
+
 class Cell:
     """A view of the paper."""
 
@@ -210,3 +238,9 @@ async def realm() -> AsyncIterator[Realm]:
             lambda: len(found.fleet.robots()) == 2 and len(found.fleet.views()) == 1, "all are listed"
         )
         yield found
+
+
+@pytest.fixture
+def hostile() -> Hostile:
+    """A robot whose every word tries to steer the terminal."""
+    return Hostile("evil")

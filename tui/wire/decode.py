@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, cast
@@ -14,6 +13,7 @@ from robotree.protocol.capture.decode import Decoded, DecoderStatistics
 from robotree.protocol.capture.files import Recording
 from robotree.tui import exit_codes
 from robotree.tui.grammar import Line
+from robotree.tui.terminal import put
 from robotree.tui.wording import columns
 
 
@@ -23,10 +23,10 @@ def run(line: Line) -> int:
     file = Recording(line.text("FILE"), line.text("--as"))
     told = to_json if as_json else to_text
     for batch in file.frames():
-        sys.stdout.write("".join(f"{told(one)}\n" for one in batch))
-        sys.stdout.flush()
+        if lines := [told(one) for one in batch]:
+            put("\n".join(lines))
     statistics = file.statistics
-    sys.stdout.write(f"{_statistics_json(statistics) if as_json else summary(statistics)}\n")
+    put(_statistics_json(statistics) if as_json else summary(statistics))
     return exit_codes.DONE
 
 

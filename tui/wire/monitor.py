@@ -16,6 +16,7 @@ from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.tui import values
 from robotree.tui.grammar import Line
+from robotree.tui.terminal import clear, put
 from robotree.tui.wire.decode import fields
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import Lasting, lasting
@@ -26,7 +27,6 @@ PERIOD = 1.0
 """[s] between two pictures of the table."""
 WIDTH = 150
 """Columns of the table at most."""
-_HOME_AND_CLEAR = "\x1b[H\x1b[J"
 
 
 class Watched:
@@ -91,9 +91,9 @@ def show(readings: list[LinkReading], *, as_json: bool) -> None:
         text = msgspec.json.encode({"links": readings}).decode()
     else:
         text = "\n\n".join(map(table, readings)) + "\n"
-        text = _HOME_AND_CLEAR + text if sys.stdout.isatty() else text
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
+        if sys.stdout.isatty():
+            clear()
+    put(text)
 
 
 def table(link: LinkReading) -> str:

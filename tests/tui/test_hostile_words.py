@@ -1,0 +1,77 @@
+"""Words from a hostile robot: they are read, they do not steer the terminal of who reads them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui.actions import Where, shapes
+from robotree.tui.grammar import parse
+from robotree.tui.shell import Console, carry_out
+from robotree.tui.terminal import STEERING, harmless
+from robotree.tui.widgets.harmless import Harmless
+
+if TYPE_CHECKING:
+    from conftest import Hostile, Realm
+
+SHELL = shapes(Where.SHELL)
+
+
+@pytest.mark.parametrize(
+    "code", [*range(9), *range(0x0B, 0x20), 0x7F, *range(0x80, 0xA0), 0x200E, 0x202E, 0x2066]
+)
+def test_what_steers_goes_out_by_its_number(code: int) -> None:
+    assert harmless(f"a{chr(code)}b") == f"a\\u{code:04x}b"
+    assert json.loads(harmless(json.dumps(f"a{chr(code)}b", ensure_ascii=False))) == f"a{chr(code)}b"
+
+
+def test_words_of_all_languages_and_layout_stay_as_they_are() -> None:
+    text = "Grüße 你好 שלום 👩\u200d🚀 ▶ ━\n\t'\"\\\\"
+    assert harmless(text) == text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["ls"],
+        ["tree"],
+        ["show", "evil"],
+        ["call", "evil.speak"],
+        ["call", "evil.stumble"],
+        ["call", "evil.advance"],
+        ["watch", "evil", "--within", "100ms"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("as_json", [False, True])
+async def test_no_verb_lets_a_robot_steer_the_terminal(
+    words: list[str],
+    as_json: bool,  # noqa: FBT001 # a case
+    realm: Realm,
+    hostile: Hostile,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    await realm.robot(hostile)
+    await carry_out(realm.fleet, parse(words, SHELL, {}), Console(as_json=as_json))
+    said = capsys.readouterr()
+    assert STEERING.search(said.out + said.err) is None
+    if words[-1] == "evil.stumble":
+        assert said.err.count("\n") == 1, "what it tells is one line, so it cannot tell a second thing"
+        assert "\\u001b[2J" in said.err
+    if as_json and words[-1] == "evil.speak":
+        assert json.loads(said.out) == hostile.words, "programs get every character"
+
+
+def test_taking_away_what_steers_moves_nothing(hostile: Hostile) -> None:
+    from rich.cells import cell_len
+    from rich.segment import Segment
+    from rich.style import Style
+    from textual.color import Color
+
+    line = [Segment("plain "), Segment(hostile.words, Style(bold=True))]
+    shown = Harmless().apply(line, Color(0, 0, 0))
+    assert shown[0] == line[0]
+    assert shown[1].style == Style(bold=True)
+    assert sum(cell_len(one.text) for one in shown) == sum(cell_len(one.text) for one in line)
