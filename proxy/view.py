@@ -41,8 +41,13 @@ class Wish:
 
     @classmethod
     def of(cls, camera: str, width: int, height: int, quality: int) -> Wish:
-        """Take a wish, moved into what can be had."""
-        width, height = (max(SMALLEST, min(LARGEST, side)) for side in (width, height))
+        """Take a wish, moved into what can be had: too large or too small a picture keeps its shape.
+
+        A camera shows more to the sides the wider its picture is, so another shape would be another view.
+        """
+        sides = max(1, width), max(1, height)
+        scale = min(1.0, LARGEST / max(sides)) * max(1.0, SMALLEST / min(sides))
+        width, height = (max(SMALLEST, min(LARGEST, round(side * scale))) for side in sides)
         return cls(camera, width, height, max(1, min(100, quality)))
 
 

@@ -9,11 +9,13 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import PictureRequest
-from robotree.proxy.view import ATTEMPTS, WorkspaceView
+from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, Wish, WorkspaceView
 from robotree.sim.server import serving
 from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.testing import until
@@ -106,6 +108,28 @@ async def test_a_wish_beyond_all_bounds_is_moved_into_them(
     assert 16 <= request.width <= 1920
     assert 16 <= request.height <= 1920
     assert 1 <= request.quality <= 100
+
+
+@given(width=st.integers(1, 10**6), height=st.integers(1, 10**6))
+def test_a_wish_keeps_its_shape(width: int, height: int) -> None:
+    wish = Wish.of("cell", width, height, 75)
+    assert SMALLEST <= min(wish.width, wish.height) <= max(wish.width, wish.height) <= LARGEST
+    if SMALLEST <= min(width, height) <= max(width, height) <= LARGEST:
+        assert (wish.width, wish.height) == (width, height)
+    elif max(width, height) / min(width, height) <= LARGEST / SMALLEST:
+        # as nearly as whole pixels can say it
+        assert abs(wish.width * height - wish.height * width) <= 0.5 * (width + height) + 1
+
+
+@pytest.mark.parametrize(
+    ("wide", "high", "shown"),
+    [(3840, 2160, (1920, 1080)), (2160, 3840, (1080, 1920)), (8, 4, (32, 16)), (10**6, 1, (1920, 16))],
+)
+def test_a_wish_that_is_too_large_or_too_small_is_scaled(
+    wide: int, high: int, shown: tuple[int, int]
+) -> None:
+    wish = Wish.of("cell", wide, high, 75)
+    assert (wish.width, wish.height) == shown
 
 
 async def test_an_unknown_camera_is_refused_with_those_that_are_known(view: WorkspaceView) -> None:
