@@ -7,7 +7,7 @@ that a caller on the far side of the network catches the same class with the sam
       AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
                       Stopped · StillRunning · KeyReused
-      LeaseError      LeaseDenied · StaleEpoch · CycleOfBonds · NotInControl
+      LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
@@ -198,6 +198,12 @@ class StaleEpoch(LeaseError):
     """The caller's lease is over; a newer one was granted or the old one ended."""
 
     sentence = "{robot} no longer obeys epoch {epoch}, it is at {current}: the lease ended; enslave it again"
+
+
+class Retracted(LeaseError):
+    """The petition came after its parent had given up waiting and had taken it back."""
+
+    sentence = "{parent} has taken back its petition for {robot}, because no answer came; enslave it again"
 
 
 class CycleOfBonds(LeaseError):

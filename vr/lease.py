@@ -16,12 +16,14 @@ from __future__ import annotations
 import msgspec
 
 from robotree.vr.address import Address
-from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, StaleEpoch
+from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
 
 DEFAULT_TERM = 5.0
 """[s] Long enough for a link of 1 s each way, short enough that a tree heals while people watch."""
 SHORTEST_TERM = 0.1
 """[s]"""
+MOST_RETRACTED = 64
+"""Petitions taken back that a child remembers: those that may still be on their way to it."""
 
 
 def later_epoch(epoch: int, unix: float) -> int:
@@ -39,6 +41,8 @@ class Tenure(msgspec.Struct, frozen=True, kw_only=True):
     """[s] on the child's clock."""
     lineage: tuple[str, ...]
     """Names from the topmost ancestor down to the parent."""
+    petition: str = ""
+    """Key of the petition by which it was granted."""
 
 
 class Lessor:
@@ -55,9 +59,20 @@ class Lessor:
         self.robot, self.term = robot, max(term, SHORTEST_TERM)
         self.epoch = int(unix)
         self.tenure: Tenure | None = None
+        self.term_granted = self.term
+        """[s] of the present or the last lease."""
+        self._retracted: dict[str, None] = {}
 
     def petition(
-        self, parent: Address, slot: str, lineage: tuple[str, ...], wanted: float, *, now: float, unix: float
+        self,
+        parent: Address,
+        slot: str,
+        lineage: tuple[str, ...],
+        wanted: float,
+        *,
+        now: float,
+        unix: float,
+        key: str = "",
     ) -> Tenure:
         """Grant the lease, anew if the same slot of the same parent asks again.
 
@@ -68,12 +83,16 @@ class Lessor:
             wanted: [s] term asked for.
             now: [s] monotonic.
             unix: [s] since 1970.
+            key: of the petition, by which it can be retracted.
 
         Raises:
             CycleOfBonds: the robot is the parent itself or one of its ancestors.
             LeaseDenied: another slot holds the robot.
+            Retracted: the parent took the petition back before it came.
         """
         self.tick(now, unix)
+        if key in self._retracted:
+            raise Retracted(robot=self.robot, parent=parent.name)
         self._refuse_cycle(parent, lineage)
         if self.tenure is not None and (self.tenure.parent, self.tenure.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
@@ -85,8 +104,29 @@ class Lessor:
             epoch=self.epoch,
             expires=now + self.term_granted,
             lineage=lineage,
+            petition=key,
         )
         return self.tenure
+
+    def retract(self, parent: Address, key: str, *, unix: float) -> Tenure | None:
+        """Undo a petition whose answer its parent never heard, before or after it comes.
+
+        Args:
+            parent: who asked.
+            key: of the petition. Twice is once.
+            unix: [s] since 1970.
+
+        Returns:
+            The lease that it had led to, which is over now; None: it led to none that is in force.
+        """
+        if not key:  # of somebody who gave it none: it cannot be known again
+            return None
+        self._retracted[key] = None
+        while len(self._retracted) > MOST_RETRACTED:
+            del self._retracted[next(iter(self._retracted))]
+        if self.tenure is None or (self.tenure.parent, self.tenure.petition) != (parent, key):
+            return None
+        return self.end(unix)
 
     def renew(
         self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float, unix: float
@@ -144,9 +184,6 @@ class Lessor:
     def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
         if self.robot in {*lineage, parent.name}:
             raise CycleOfBonds(parent=parent.name, child=self.robot, lineage=" > ".join(lineage))
-
-    term_granted: float = DEFAULT_TERM
-    """[s] of the present or the last lease."""
 
 
 class Lessee:

@@ -66,6 +66,15 @@ class Petition(_Message, frozen=True, kw_only=True):
     """Names from the topmost ancestor down to the parent, to refuse cycles."""
     term: float
     """[s] asked for; the child decides."""
+    key: str = ""
+    """By which the parent can take it back if it hears no answer."""
+
+
+class Retract(_Message, frozen=True, kw_only=True):
+    """A parent heard no answer to its petition: whatever came of it, undo it. Answered by `Done`."""
+
+    parent: Address
+    key: str
 
 
 class Renew(_Message, frozen=True, kw_only=True):
@@ -309,8 +318,8 @@ class State(_Message, frozen=True, kw_only=True):
 
 
 Request = (
-    Describe | Call | Cancel | Petition | Renew | Release | SafeStop | Resume | Enslave | Free | Delete
-    | Create | DescribeHost | Register | Withdraw | Query | Look | DescribeView
+    Describe | Call | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave | Free
+    | Delete | Create | DescribeHost | Register | Withdraw | Query | Look | DescribeView
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Registered | Found | Picture

@@ -10,7 +10,7 @@ from hypothesis import settings
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, multiple, rule
 
 from robotree.vr.address import Address
-from robotree.vr.errors import LeaseDenied, StaleEpoch
+from robotree.vr.errors import LeaseDenied, Retracted, StaleEpoch
 from robotree.vr.lease import Lessee, Lessor
 
 NAMES = ("a", "b")
@@ -19,7 +19,7 @@ NAMES = ("a", "b")
 class Message(msgspec.Struct, frozen=True):
     """A request on its way to the child, or the answer to one on its way back."""
 
-    what: Literal["petition", "renew", "release", "granted", "refused"]
+    what: Literal["petition", "retract", "renew", "release", "granted", "refused"]
     parent: str
     sent: float
     """When the request left, on the parent's clock."""
@@ -27,6 +27,8 @@ class Message(msgspec.Struct, frozen=True):
     term: float = 0.0
     life: int = 0
     """Which incarnation of the parent speaks, or is spoken to."""
+    key: str = ""
+    """Of the petition."""
 
 
 class Parent:
@@ -38,13 +40,21 @@ class Parent:
         self.given_back = 0
         """Epoch that it has let go: a grant of it that comes late counts no more."""
         self.lease: Lessee | None = None
+        self.petitions = 0
+        self.given_up: set[str] = set()
 
     @property
     def address(self) -> Address:
         return Address("robot", self.name, str(self.life))
 
     def message(self, what: Literal["petition", "renew", "release"], now: float, epoch: int = 0) -> Message:
-        return Message(what, self.name, now + self.offset, epoch, life=self.life)
+        self.petitions += what == "petition"
+        return Message(what, self.name, now + self.offset, epoch, life=self.life, key=self.key)
+
+    @property
+    def key(self) -> str:
+        """Of its latest petition."""
+        return f"{self.address}-{self.petitions}"
 
     def believes(self, now: float) -> bool:
         return self.lease is not None and now + self.offset < self.lease.expires
@@ -63,6 +73,7 @@ class LeaseMachine(RuleBasedStateMachine):
         self.child = Lessor("child", term=term, unix=unix)
         self.parents = {name: Parent(name, offset) for name, offset in zip(NAMES, offsets, strict=True)}
         self.epochs = [self.child.epoch]
+        self.retracted: set[str] = set()
 
     @rule(target=on_the_way, name=st.sampled_from(NAMES))
     def ask(self, name: str) -> Message:
@@ -84,6 +95,15 @@ class LeaseMachine(RuleBasedStateMachine):
             return multiple()  # type: ignore[return-value] # as above
         parent.given_back = lease.epoch
         return parent.message("release", self.now, lease.epoch)
+
+    @rule(target=on_the_way, name=st.sampled_from(NAMES))
+    def give_up_asking(self, name: str) -> Message:
+        """No answer has come; one that comes later counts no more."""
+        parent = self.parents[name]
+        if parent.lease is not None or not parent.petitions:
+            return multiple()  # type: ignore[return-value] # as above
+        parent.given_up.add(parent.key)
+        return Message("retract", name, self.now + parent.offset, life=parent.life, key=parent.key)
 
     @rule(target=on_the_way, message=consumes(on_the_way))
     def arrive(self, message: Message) -> Message:
@@ -128,12 +148,13 @@ class LeaseMachine(RuleBasedStateMachine):
         if self.child.tenure is not None and self.child.tenure.parent == parent.address:
             self.child.end(self.unix + self.now)
         parent.lease = None
-        parent.life += 1
+        parent.life, parent.petitions = parent.life + 1, 0
 
     def deliver(self, message: Message) -> Message | None:
         parent = self.parents[message.parent]
         if message.what == "granted":
-            if message.life == parent.life and message.epoch > parent.given_back:
+            known = message.life == parent.life and message.key not in parent.given_up
+            if known and message.epoch > parent.given_back:
                 self.take_grant(parent, message)
         elif message.what == "refused":
             if parent.lease is not None and (parent.life, parent.lease.epoch) == (
@@ -157,17 +178,24 @@ class LeaseMachine(RuleBasedStateMachine):
         try:
             match message.what:
                 case "petition":
-                    epoch = self.child.petition(who, "slot", (who.name,), 10.0, now=now, unix=unix).epoch
+                    epoch = self.child.petition(
+                        who, "slot", (who.name,), 10.0, now=now, unix=unix, key=message.key
+                    ).epoch
                     self.epochs.append(epoch)
+                case "retract":
+                    self.child.retract(who, message.key, unix=unix)
+                    self.retracted.add(message.key)
+                    return None
                 case "renew":
                     epoch = self.child.renew(who, message.epoch, (who.name,), now=now, unix=unix).epoch
                 case _:
                     self.child.release(who, message.epoch, unix=unix)
                     return None
-        except (LeaseDenied, StaleEpoch):
+        except (LeaseDenied, Retracted, StaleEpoch):
             return Message("refused", message.parent, message.sent, message.epoch, life=message.life)
         term = self.child.term_granted
-        return Message("granted", message.parent, message.sent, epoch, term, message.life)
+        key = message.key if message.what == "petition" else ""
+        return Message("granted", message.parent, message.sent, epoch, term, message.life, key)
 
     @invariant()
     def whoever_believes_to_command_does(self) -> None:
@@ -175,6 +203,11 @@ class LeaseMachine(RuleBasedStateMachine):
             if parent.believes(self.now):
                 assert self.child.tenure is not None
                 assert self.child.tenure.parent == parent.address
+
+    @invariant()
+    def what_was_taken_back_is_granted_never_again(self) -> None:
+        tenure = self.child.tenure
+        assert tenure is None or tenure.petition not in self.retracted
 
     @invariant()
     def never_do_two_parents_command(self) -> None:

@@ -51,6 +51,7 @@ from robotree.vr.requests import (
     Reply,
     Request,
     Resume,
+    Retract,
     SafeStop,
     decode_request,
     encode,
@@ -270,6 +271,7 @@ class RobotAgent:
             Describe: self._describe,
             Cancel: self._cancel,
             Petition: self._petition,
+            Retract: self._retract,
             Renew: self._renew,
             Release: self._release,
             SafeStop: self._safe_stop,
@@ -312,6 +314,10 @@ class RobotAgent:
         news = None if description.commands == self._told else description
         self._told = description.commands
         return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=news)
+
+    async def _retract(self, request: Retract) -> Reply:
+        self._lease.retract(request.parent, request.key)
+        return Done()
 
     async def _release(self, request: Release) -> Reply:
         self._lease.release(request.parent, request.epoch)

@@ -61,6 +61,7 @@ class LeaseKeeper:
             petition.term,
             now=_now(),
             unix=self._unix(),
+            key=petition.key,
         )
         self._quiet()
         self._set_timer()
@@ -83,6 +84,11 @@ class LeaseKeeper:
         """End the lease on its parent's word; if it is another one, nothing happens."""
         ended = self.lessor.release(parent, epoch, unix=self._unix())
         self._ended(ended, f"{parent.name} released it")
+
+    def retract(self, parent: Address, key: str) -> None:
+        """Undo a petition whose answer its parent never heard: see `Lessor.retract`."""
+        ended = self.lessor.retract(parent, key, unix=self._unix())
+        self._ended(ended, f"{parent.name} did not hear that it was granted")
 
     def close(self) -> None:
         """Stop watching; the lease ends without a word."""

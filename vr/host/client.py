@@ -33,6 +33,7 @@ from robotree.vr.requests import (
     Reply,
     Request,
     Resume,
+    Retract,
     Returned,
     SafeStop,
     decode_reply,
@@ -228,7 +229,14 @@ class RobotClient:
     # -- what parents ask -------------------------------------------------------------------------
 
     async def petition(
-        self, parent: Address, slot: str, *, kind: str, lineage: tuple[str, ...], term: float = DEFAULT_TERM
+        self,
+        parent: Address,
+        slot: str,
+        *,
+        kind: str,
+        lineage: tuple[str, ...],
+        term: float = DEFAULT_TERM,
+        key: str = "",
     ) -> Granted:
         """Ask for the lease on it.
 
@@ -238,9 +246,14 @@ class RobotClient:
             kind: that the slot takes.
             lineage: names from the topmost ancestor down to the parent.
             term: [s] asked for.
+            key: by which `retract` knows it again.
         """
-        petition = Petition(parent=parent, slot=slot, kind=kind, lineage=lineage, term=term)
+        petition = Petition(parent=parent, slot=slot, kind=kind, lineage=lineage, term=term, key=key)
         return await self._ask(petition, Granted, urgent=True)
+
+    async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:
+        """Take back a petition whose answer was not heard; `timeout` [s] to wait for the receipt."""
+        await self._ask(Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout)
 
     async def renew(
         self, parent: Address, epoch: int, *, lineage: tuple[str, ...], timeout: float = PATIENCE

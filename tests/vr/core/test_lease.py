@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from robotree.vr.address import Address
-from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, StaleEpoch
-from robotree.vr.lease import Lessee, Lessor
+from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
+from robotree.vr.lease import MOST_RETRACTED, Lessee, Lessor
 
 LEVER = Address("robot", "lever", "1")
 OTHER = Address("robot", "other", "1")
@@ -48,6 +48,26 @@ def test_the_child_decides_the_term() -> None:
     child.end(BORN)
     grant(child, wanted=1.0)
     assert child.term_granted == 1.0
+
+
+def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
+    child = lessor()
+    granted = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key="k1")
+    assert child.retract(OTHER, "k1", unix=BORN) is None, "it is not the other's to take back"
+    assert child.retract(LEVER, "k1", unix=BORN) == granted
+    assert child.retract(LEVER, "k1", unix=BORN) is None
+    child.retract(LEVER, "k2", unix=BORN)
+    for key in ("k1", "k2"):
+        with pytest.raises(Retracted, match="lever has taken back its petition for mover"):
+            child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key=key)
+    again = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key="k3")
+    assert child.retract(LEVER, "k2", unix=BORN) is None
+    assert child.tenure == again
+    assert child.retract(LEVER, "", unix=BORN) is None
+    grant(child)
+    for number in range(MOST_RETRACTED + 1):
+        child.retract(LEVER, f"old {number}", unix=BORN)
+    assert len(child._retracted) == MOST_RETRACTED
 
 
 def test_a_second_parent_is_told_of_the_first() -> None:

@@ -1,0 +1,70 @@
+"""A petition whose answer is lost: the child must not stay bound to a parent that knows nothing of it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+from robotree.vr import Child, Robot, VirtualRobot
+from robotree.vr.errors import NoAnswer
+from robotree.vr.host.memory import MemoryTransport
+from robotree.vr.requests import Petition, decode_request
+
+
+class Rover(Robot):
+    """A rover."""
+
+
+class Pair(VirtualRobot):
+    left = Child("Rover")
+
+
+class Forgetful(MemoryTransport):
+    """Loses the answers to petitions on their way back."""
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        replies = super().request(key, body, timeout=timeout, urgent=urgent)
+        return self._lose(key, replies, timeout) if isinstance(decode_request(body), Petition) else replies
+
+    async def _lose(self, key: str, replies: AsyncIterator[bytes], timeout: float) -> AsyncIterator[bytes]:
+        self.lost = [reply async for reply in replies]
+        await asyncio.sleep(timeout)
+        raise NoAnswer(key=key, seconds=timeout)
+        yield b""
+
+
+@pytest.mark.parametrize("how", ["it waits in vain", "its asker goes away"])
+async def test_a_child_that_its_parent_does_not_know_it_has_is_free_again(realm: Any, how: str) -> None:
+    rover = await realm.start(Rover("rover"), term=600.0)
+    transport = Forgetful(realm.network, "pair")
+    realm.network.members.append(transport)
+    pair = await realm.start(Pair("pair"), transport, term=600.0)
+    enslaving = asyncio.create_task(pair._bonds.enslave("left", rover.address))
+    await realm.until(lambda: rover.description().bond is not None)
+    if how == "its asker goes away":
+        enslaving.cancel()
+    with pytest.raises((NoAnswer, asyncio.CancelledError)):
+        await enslaving
+    await realm.until(lambda: rover.description().bond is None, within=1.0)
+    assert pair.description().slot("left").child is None
+    transport.__class__ = MemoryTransport  # type: ignore[assignment] # the way is good again
+    await realm.client(pair).enslave("left", rover.address)
+    assert rover.description().bond is not None
+
+
+async def test_a_petition_that_comes_after_it_was_taken_back_is_refused(realm: Any) -> None:
+    """The child's process was stopped; when it goes on, it finds the petition and its retraction."""
+    rover = await realm.start(Rover("rover"), term=600.0)
+    pair = await realm.start(Pair("pair"), term=600.0)
+    realm.network.lease = 1000.0
+    realm.network.freeze(rover.transport)
+    with pytest.raises(NoAnswer):
+        await realm.client(pair, patience=20.0).enslave("left", rover.address)
+    await asyncio.sleep(1.0)
+    realm.network.thaw(rover.transport)
+    await asyncio.sleep(1.0)
+    assert rover.description().bond is None
+    await realm.client(pair).enslave("left", rover.address)
