@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 import pytest
@@ -80,6 +81,14 @@ class Controller:
         if now - self._mode_told >= 0.5:
             self._tell_mode()
         self._carry_out(self.goals.tick(now))
+
+    async def live(self, each: Callable[[], None] = lambda: None) -> None:
+        """Let the loop's time pass for it, and have it do something now and then, until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self.tick(loop.time())
+            each()
+            await asyncio.sleep(0.02)
 
     def progress(self, fraction: float) -> None:
         self._carry_out(self.goals.activate(self.begun[-1].id, self.now))

@@ -6,11 +6,13 @@ import asyncio
 import random
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from robotree.protocol.errors import BadUrl
+from robotree.protocol.links.link import Link, Listener
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import GoalState, Verb
 from robotree.protocol.services.goal_client import GoalEnded
@@ -34,13 +36,6 @@ async def running(work: Any) -> AsyncIterator[asyncio.Task[Any]]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def pump(controller: Controller) -> None:
-    loop = asyncio.get_running_loop()
-    while True:
-        controller.tick(loop.time())
-        await asyncio.sleep(0.02)
-
-
 class Bench:
     """A connection to one address, its desk, and all that it told."""
 
@@ -58,13 +53,29 @@ class Bench:
         self.desk.hear(event)
 
 
+@asynccontextmanager
+async def talking(controller: Controller) -> AsyncIterator[tuple[Bench, Listener]]:
+    """A connection that has found its controller, and where that one listens."""
+    listener = await listen("tcp:127.0.0.1:0", controller.accept)
+    bench = Bench(listener.address)
+    async with running(bench.connection.run()), running(controller.live()):
+        await until(lambda: bench.session.online, "it is found")
+        yield bench, listener
+    await listener.close()
+
+
 async def wait_for(errand: Errand) -> Any:
     assert await asyncio.to_thread(errand.wait, 5.0)
     return errand.end
 
 
-async def test_a_dead_controller_is_dialled_until_it_lives(make_controller: type[Controller]) -> None:
-    first = await listen("tcp:127.0.0.1:0", make_controller().accept)
+@pytest.fixture
+def controller(make_controller: type[Controller]) -> Controller:
+    return make_controller()
+
+
+async def test_a_dead_controller_is_dialled_until_it_lives(controller: Controller) -> None:
+    first = await listen("tcp:127.0.0.1:0", controller.accept)
     url = first.address
     await first.close()
     bench = Bench(url)
@@ -73,73 +84,51 @@ async def test_a_dead_controller_is_dialled_until_it_lives(make_controller: type
         assert "refused" in bench.session.trouble
         end = await wait_for(bench.send_out())
         assert end == NotSent(bench.session.trouble)
-        controller = make_controller()
         second = await listen(url, controller.accept)
-        async with running(pump(controller)):
+        async with running(controller.live()):
             await until(lambda: bench.session.online, "it is found")
         await second.close()
 
 
-async def test_a_controller_that_restarts_is_found_again(make_controller: type[Controller]) -> None:
-    controller = make_controller()
-    listener = await listen("tcp:127.0.0.1:0", controller.accept)
-    bench = Bench(listener.address)
-    async with running(bench.connection.run()), running(pump(controller)):
-        await until(lambda: bench.session.online, "it is found")
+async def test_a_controller_that_restarts_is_found_again(controller: Controller) -> None:
+    async with talking(controller) as (bench, listener):
         await listener.close()
         await until(lambda: not bench.session.online, "its end is noticed")
         assert "has closed the link" in bench.session.trouble
-        listener = await listen(listener.address, controller.accept)
+        again = await listen(listener.address, controller.accept)
         await until(lambda: bench.session.online, "it is found")
         turns = [event.online for event in bench.events if isinstance(event, OnlineChanged)]
         assert turns == [True, False, True]
-    await listener.close()
+    await again.close()
 
 
-async def test_an_errand_from_another_thread_comes_back_with_its_end(
-    make_controller: type[Controller],
-) -> None:
-    controller = make_controller()
-    listener = await listen("tcp:127.0.0.1:0", controller.accept)
-    bench = Bench(listener.address)
-    async with running(bench.connection.run()), running(pump(controller)):
-        await until(lambda: bench.session.online, "it is found")
+async def test_an_errand_from_another_thread_comes_back_with_its_end(controller: Controller) -> None:
+    async with talking(controller) as (bench, _):
         errand = await asyncio.to_thread(bench.send_out)
         await until(lambda: bool(controller.begun), "the goal arrives")
         controller.finish(GoalState.FAILED, text="It slipped.")
         end = await wait_for(errand)
         assert isinstance(end, GoalEnded)
         assert (end.state, end.text) == (GoalState.FAILED, "It slipped.")
-    await listener.close()
 
 
-async def test_a_recalled_errand_ends_at_the_controller(make_controller: type[Controller]) -> None:
-    controller = make_controller()
-    listener = await listen("tcp:127.0.0.1:0", controller.accept)
-    bench = Bench(listener.address)
-    async with running(bench.connection.run()), running(pump(controller)):
-        await until(lambda: bench.session.online, "it is found")
+async def test_a_recalled_errand_ends_at_the_controller(controller: Controller) -> None:
+    async with talking(controller) as (bench, _):
         errand = bench.send_out()
         await until(lambda: bool(controller.begun), "the goal arrives")
         await asyncio.to_thread(bench.desk.recall, errand)
         end = await wait_for(errand)
         assert end.state == GoalState.CANCELLED
         assert controller.abandoned
-    await listener.close()
 
 
-async def test_no_errand_waits_for_a_proxy_that_has_ended(make_controller: type[Controller]) -> None:
-    controller = make_controller()
-    listener = await listen("tcp:127.0.0.1:0", controller.accept)
-    bench = Bench(listener.address)
-    async with running(bench.connection.run()), running(pump(controller)):
-        await until(lambda: bench.session.online, "it is found")
+async def test_no_errand_waits_for_a_proxy_that_has_ended(controller: Controller) -> None:
+    async with talking(controller) as (bench, _):
         errand = bench.send_out()
         await until(lambda: bool(controller.begun), "the goal arrives")
     bench.desk.close("its proxy has ended")
     assert errand.end == NotSent("its proxy has ended")
     assert not bench.session.online
-    await listener.close()
 
 
 async def test_an_address_that_means_nothing_is_not_tried_again() -> None:
@@ -147,7 +136,9 @@ async def test_an_address_that_means_nothing_is_not_tried_again() -> None:
         await Bench("tpc:127.0.0.1:1").connection.run()
 
 
-async def test_a_listener_that_never_speaks_is_not_hammered() -> None:
+async def test_a_listener_that_hangs_up_at_once_is_not_hammered() -> None:
+    opened: list[float] = []
+
     class Mute:
         def received(self, data: bytes) -> None:
             pass
@@ -155,16 +146,15 @@ async def test_a_listener_that_never_speaks_is_not_hammered() -> None:
         def closed(self, reason: Exception) -> None:
             pass
 
-    opened: list[Any] = []
-
-    def accept(link: Any) -> Mute:
-        opened.append(link)
+    def accept(link: Link) -> Mute:
+        opened.append(asyncio.get_running_loop().time())
         link.close()
         return Mute()
 
     listener = await listen("tcp:127.0.0.1:0", accept)
-    bench = Bench(listener.address)
-    async with running(bench.connection.run()):
-        await asyncio.sleep(1.0)
-        assert 2 <= len(opened) <= 6, "the waits between attempts grow although the link opens each time"
+    async with running(Bench(listener.address).connection.run()):
+        await until(lambda: len(opened) > 3, "it is dialled again and again")
+    waits = [later - earlier for earlier, later in pairwise(opened)]
+    # half of each doubled wait at least, though the link opens each time; a loop's clock is a little coarse
+    assert all(wait > 0.9 * 0.5 * 0.1 * 2**n for n, wait in enumerate(waits))
     await listener.close()

@@ -71,20 +71,24 @@ async def acting(
     async with AsyncExitStack() as stack:
         stack.push_async_callback(listener.close)
         await scene.agent.start()
-        tasks = [asyncio.create_task(scene.robot.run()), asyncio.create_task(_pump(controller))]
+        tasks = [
+            asyncio.create_task(scene.robot.run()),
+            asyncio.create_task(controller.live(telling(controller))),
+        ]
         stack.push_async_callback(_end, tasks)
         stack.push_async_callback(scene.agent.close)
         yield scene
 
 
-async def _pump(controller: Controller) -> None:
-    loop = asyncio.get_running_loop()
-    while True:
-        controller.tick(loop.time())
+def telling(controller: Controller) -> Callable[[], None]:
+    """What a controller with an arm tells by itself."""
+
+    def tell() -> None:
         controller.tell_tool()
         controller.tell_place()
         controller.say(Gripper(5, 0.04, 0.04, 1.0, 2))
-        await asyncio.sleep(0.02)
+
+    return tell
 
 
 async def _end(tasks: list[asyncio.Task[Any]]) -> None:

@@ -40,20 +40,13 @@ async def view(controller: Controller) -> AsyncIterator[WorkspaceView]:
     listener = await listen("tcp:127.0.0.1:0", controller.accept)
     view = WorkspaceView("cell", listener.address, answer_within=0.3, chance=random.Random(1))
     running = asyncio.create_task(view.run())
-    pump = asyncio.create_task(_pump(controller))
+    living = asyncio.create_task(controller.live())
     await until(lambda: view.online, "the controller is found")
     yield view
     running.cancel()
-    pump.cancel()
-    await asyncio.gather(running, pump, return_exceptions=True)
+    living.cancel()
+    await asyncio.gather(running, living, return_exceptions=True)
     await listener.close()
-
-
-async def _pump(controller: Controller) -> None:
-    loop = asyncio.get_running_loop()
-    while True:
-        controller.tick(loop.time())
-        await asyncio.sleep(0.02)
 
 
 async def test_a_picture_is_asked_for_only_when_somebody_looks(
