@@ -183,7 +183,7 @@ def _wrapped(getter: Callable[..., Callable[[Any], Any]], keys: list[Any]) -> Ca
     return get if len(keys) > 1 else lambda source: (get(source),)
 
 
-def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable[[Any], Sequence[Any]]:
+def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable[[Any], Values]:
     """From an object to flat values; `get` takes the fields from it in wire order."""
     wire = sorted(definition.fields, key=lambda field: field.offset)
     openers = [(i, _opener(definition.name, field)) for i, field in enumerate(wire) if field.length]
@@ -192,37 +192,36 @@ def _flattener(definition: Definition, get: Callable[[Any], Values]) -> Callable
         return get
     if len(openers) == 1:
         i, opener = openers[0]
-        place = slice(i, i + 1)
+        behind = i + 1
 
-        def flatten_one(source: Any) -> Sequence[Any]:
-            values = [*get(source)]
-            values[place] = opener(values[i])
-            return values
+        def flatten_one(source: Any) -> Values:
+            values = get(source)
+            return values[:i] + opener(values[i]) + values[behind:]
 
         return flatten_one
 
-    def flatten(source: Any) -> Sequence[Any]:
-        values = [*get(source)]
+    def flatten(source: Any) -> Values:
+        values = get(source)
         for i, opener in openers:
-            values[i : i + 1] = opener(values[i])
+            values = values[:i] + opener(values[i]) + values[i + 1 :]
         return values
 
     return flatten
 
 
-def _opener(name: str, field: Field) -> Callable[[Any], Sequence[Any]]:
+def _opener(name: str, field: Field) -> Callable[[Any], Values]:
     """Lay one array open and check its length. The wire pads text and bytes with zeros, never numbers."""
     length = field.length
 
-    def open_bytes(value: str | bytes) -> Sequence[Any]:
+    def open_bytes(value: str | bytes) -> Values:
         data = value.encode() if isinstance(value, str) else b"".join((value,))
         if len(data) > length:
             raise InvalidMessage(name, field.name, f"holds {length} bytes, not {len(data)}")
         return (data,)
 
-    def open_numbers(value: Sequence[float]) -> Sequence[Any]:
+    def open_numbers(value: Sequence[float]) -> Values:
         if len(value) != length:
             raise InvalidMessage(name, field.name, f"holds exactly {length} numbers, not {len(value)}")
-        return value
+        return tuple(value)
 
     return open_bytes if field.is_bytes else open_numbers

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 MAGIC_V1 = 0xFE
 SIGNATURE_BYTES = 13
+PROOF_BYTES = 6
+"""The end of a signature, which proves the key by all that is before it."""
 HEADER_BYTES = HEADER.size
 HEADER_BYTES_V1 = 6
 LARGEST_FRAME = HEADER_BYTES + 255 + 2 + SIGNATURE_BYTES
@@ -38,7 +40,7 @@ class Signer(Protocol):
     """Gives a frame its signature."""
 
     def sign(self, frame: bytes) -> bytes:
-        """The 13 bytes that follow a complete frame whose SIGNED flag is set."""
+        """A complete frame whose SIGNED flag is set, and the 13 bytes that follow it."""
         ...
 
 
@@ -175,7 +177,9 @@ def encode(
         ) from error
     start = codec.start if signer is None else codec.start_signed
     try:
-        frame = codec.pack(start, sequence & 0xFF, system, component, codec.id, *flat)
+        # To add tuples is quicker than a call with single and starred arguments.
+        head = (start, sequence & 0xFF, system, component, codec.id)
+        frame = codec.pack(*(head + flat))
         if codec.finite and not isfinite(sum(flat)):
             codec.require_finite(flat)
     except PACKING_ERRORS as error:
@@ -184,4 +188,4 @@ def encode(
         end = max(len(frame.rstrip(b"\0")), HEADER_BYTES + 1)
         frame = bytes((MAGIC, end - HEADER_BYTES)) + frame[2:end]
     frame += mcrf4xx(frame + codec.crc_extra, CRC_START).to_bytes(2, "little")
-    return frame if signer is None else frame + signer.sign(frame)
+    return frame if signer is None else signer.sign(frame)

@@ -21,6 +21,7 @@ from robotree.protocol.frame import (
     HEADER_BYTES,
     HEADER_BYTES_V1,
     MAGIC_V1,
+    PROOF_BYTES,
     SIGNATURE_BYTES,
     Frame,
 )
@@ -43,8 +44,13 @@ _LATE = 128
 class Verifier(Protocol):
     """Decides whether a frame with a good checksum may pass."""
 
-    def verify(self, frame: Frame) -> bool:
-        """Whether to hand the frame out; an unsigned one is asked for as well."""
+    def verify(self, frame: Frame, said: bytes) -> bool:
+        """Whether to hand a frame out; an unsigned one is asked for as well.
+
+        Args:
+            frame: an intact frame.
+            said: what a signature is about: all bytes of the frame but the last six.
+        """
         ...
 
 
@@ -159,12 +165,15 @@ class Parser:
             (checksum,) = _CHECKSUM(buffer, crc)
             if mcrf4xx(body + codec.crc_extra, CRC_START) != checksum:
                 break
-            frame = Frame(body, codec, checksum, buffer[crc + 2 : stop] if flags else b"")
-            i = stop
-            if flags & ~SIGNED:
-                self._incompatible += 1
-                continue
-            if verify is not None and not verify(frame):
+            start, i = i, stop
+            if flags:
+                frame = Frame(body, codec, checksum, buffer[crc + 2 : stop])
+                if flags != SIGNED:
+                    self._incompatible += 1
+                    continue
+            else:
+                frame = Frame(body, codec, checksum)
+            if verify is not None and not verify(frame, buffer[start : stop - PROOF_BYTES]):
                 self._refused += 1
                 continue
             if sequence == expected and speaker == last_speaker:
@@ -209,7 +218,7 @@ class Parser:
         if mcrf4xx(body + codec.crc_extra, CRC_START_V1) != checksum:
             return self._step(i)
         frame = Frame(body, codec, checksum)
-        if self._verifier is not None and not self._verifier.verify(frame):
+        if self._verifier is not None and not self._verifier.verify(frame, b""):
             self._refused += 1
             return crc + 2
         self._version_1 += 1

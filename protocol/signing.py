@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.protocol.frame import PROOF_BYTES
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -32,7 +34,6 @@ OLDEST_STREAM = 60 * UNITS
 """How far a new stream may lie behind our clock: a minute, as MAVLink says."""
 LARGEST_CROWD = 4096
 """Streams that are remembered."""
-_DIGEST = 6
 _EPOCH, _UNITS = float(EPOCH), float(UNITS)
 """Floats, because each frame that is sent multiplies with them and mixed arithmetic is slower."""
 
@@ -74,10 +75,12 @@ class SigningTime:
         persisted: the `last` of an earlier run.
     """
 
-    __slots__ = ("_clock", "last")
+    __slots__ = ("_clock", "_passed", "last")
 
     def __init__(self, clock: Callable[[], float], persisted: int = 0) -> None:
         self._clock = clock
+        self._passed = 0.0
+        """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
         self.last = persisted
         """The latest timestamp; persist it, so that a wall clock that is set back does no harm."""
 
@@ -89,9 +92,14 @@ class SigningTime:
     def next(self) -> int:
         """A timestamp for one frame."""
         clock, last = self._clock, self.last
-        wall = int((clock() - _EPOCH) * _UNITS)
-        self.last = stamp = wall if wall > last else last + 1
-        return stamp
+        now = clock()
+        if now < self._passed:  # frames come faster than timestamps count: a comparison is enough
+            self.last = last = last + 1
+            return last
+        wall = int((now - _EPOCH) * _UNITS)
+        self.last = last = wall if wall > last else last + 1
+        self._passed = _EPOCH + last / _UNITS
+        return last
 
 
 class Signer:
@@ -109,11 +117,12 @@ class Signer:
         self._begin, self._time, self._link = key.begin, time, bytes((link_id,))
 
     def sign(self, frame: bytes) -> bytes:
-        """The 13 bytes that follow a complete frame whose SIGNED flag is set."""
-        begin, stamp = self._begin, self._link + self._time.next().to_bytes(6, "little")
+        """A complete frame whose SIGNED flag is set, and the 13 bytes that follow it."""
+        begin = self._begin
+        frame += self._link + self._time.next().to_bytes(6, "little")
         running = begin()
-        running.update(frame + stamp)
-        return stamp + running.digest()[:_DIGEST]
+        running.update(frame)
+        return frame + running.digest()[:PROOF_BYTES]
 
 
 class StreamTable:
@@ -178,21 +187,26 @@ class Verifier:
             replayed=self._replayed,
         )
 
-    def verify(self, frame: Frame) -> bool:
-        """Whether a frame may pass."""
+    def verify(self, frame: Frame, said: bytes) -> bool:
+        """Whether a frame may pass.
+
+        Args:
+            frame: an intact frame.
+            said: what its signature is about: all its bytes but the last six.
+        """
         signature = frame.signature
         if not signature:
             allowed = self._allow(frame)
             self._allowed += allowed
             self._unsigned += not allowed
             return allowed
-        begin, body, stamp = self._begin, frame.body, signature[:7]
+        begin = self._begin
         running = begin()
-        running.update(body + frame.checksum.to_bytes(2, "little") + stamp)
-        if not compare_digest(running.digest()[:_DIGEST], signature[7:]):
+        running.update(said)
+        if not compare_digest(running.digest()[:PROOF_BYTES], signature[7:]):
             self._forged += 1
             return False
-        stream, timestamp = body[5:7] + stamp[:1], int.from_bytes(stamp, "little") >> 8
+        stream, timestamp = said[5:7] + signature[:1], int.from_bytes(signature[1:7], "little")
         newest = self._newest.get(stream)
         if self._is_old(timestamp) if newest is None else timestamp <= newest:
             self._replayed += 1

@@ -6,6 +6,8 @@ import copy
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
 from robotree.protocol.links.loopback import Loopback
@@ -194,6 +196,21 @@ def test_our_time_never_stands_and_never_goes_back() -> None:
     assert stamps == sorted({*stamps})
     assert stamps[-1] == int((clock.now - EPOCH) * UNITS), "refreshed from the wall clock at every frame"
     assert SigningTime(WallClock(0.0), persisted=stamps[-1]).next() == stamps[-1] + 1
+
+
+@given(
+    st.lists(st.one_of(st.floats(0.0, 2e9), st.floats(NOW - 1e-3, NOW + 1e-3)), max_size=40),
+    st.integers(0, 2**47),
+)
+def test_every_timestamp_is_the_wall_clock_s_or_the_one_after_the_last(
+    times: list[float], persisted: int
+) -> None:
+    clock = WallClock()
+    ours, last = SigningTime(clock, persisted), persisted
+    for clock.now in times:
+        for _ in range(3):
+            last = max(int((clock.now - EPOCH) * UNITS), last + 1)
+            assert ours.next() == last == ours.last
 
 
 def test_two_ends_with_the_same_key_talk_and_a_third_hears_nothing() -> None:
