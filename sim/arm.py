@@ -38,6 +38,8 @@ STILL_FOR: Final = 0.1
 """[s] of standing that ends a move."""
 SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a path by which the tool must be there, or something holds it."""
+AXES: Final = ("x", "y", "z", "twist")
+"""Of a tool that points down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,27 +138,28 @@ class Arm:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
         return self._verbs[Verb(verb)](args)
 
-    def follow(self, kind: int, args: tuple[float, ...]) -> None:
-        """Follow a set-point from now on, within the limits of speed and place.
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        """Check one set-point; nothing changes yet.
 
         Args:
             kind: TOOL_POSE or TOOL_VELOCITY.
             args: (7,) as in robotree.xml.
 
+        Returns:
+            What follows it, within the limits of speed and place.
+
         Raises:
-            OutOfReach: no posture brings the tool there; what ran goes on.
+            GoalRefused: no posture brings the tool there, or a number is infinite.
         """
-        start = self._follower.setpoint
         if kind == SetpointKind.TOOL_POSE:
-            here = start.pose.tolist()
-            target = np.array([_or_now(*each) for each in zip("xyzt", args, here, strict=False)])
-            target[3] = start.pose[3] + math.remainder(target[3] - start.pose[3], math.tau)
+            here = self._follower.setpoint.pose.tolist()
+            target = np.array([_or_now(*each) for each in zip(AXES, args, here, strict=False)])
+            target[3] = here[3] + math.remainder(target[3] - here[3], math.tau)
             self._planner.check(target, np.array(self._ports.q))
-            self._pursue().toward(target)
-        else:
-            pursuit = self._pursue()
-            rate = [_or_now(*each) for each in zip("xyzt", args, pursuit.rate.tolist(), strict=False)]
-            pursuit.along(np.array(rate))
+            return lambda: self._pursue().toward(target)
+        now = [0.0] * len(AXES) if self._pursuit is None else self._pursuit.rate.tolist()
+        rate = np.array([_or_now(*each) for each in zip(AXES, args, now, strict=False)])
+        return lambda: self._pursue().along(rate)
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
@@ -166,7 +169,7 @@ class Arm:
         """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
         self._follower.rest(self._here())
         self._gripper.halt(2.0 * float(self._ports.finger[0]))
-        self._running = _ended
+        self._running, self._pursuit = _ended, None
 
     def control(self, dt: float) -> None:
         """One period [s] of the control law."""
@@ -208,9 +211,8 @@ class Arm:
         return np.array((*self._position, twist_of(self._rotation)))
 
     def _go_to(self, args: tuple[float, ...]) -> Start:
-        names = ("x", "y", "z", "twist")
         start = self._follower.setpoint
-        goal = np.array([_or_now(*each) for each in zip(names, args, start.pose.tolist(), strict=False)])
+        goal = np.array([_or_now(*each) for each in zip(AXES, args, start.pose.tolist(), strict=False)])
         tuning = self.tuning
         speed = _or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
@@ -218,7 +220,7 @@ class Arm:
 
         def begin() -> None:
             self._follower.follow(path)
-            self._running = self._travelling
+            self._running, self._pursuit = self._travelling, None
 
         return begin
 
@@ -243,7 +245,7 @@ class Arm:
             Group(slice(0, 3), tuning.top_speed, tuning.acceleration),
             Group(slice(3, 4), TWIST[0], TWIST[1]),
         )
-        if self._running != self._pursuing or self._pursuit is None:
+        if self._pursuit is None:
             self._pursuit = Pursuit(self._follower.setpoint, groups, self._stands)
             self._follower.chase(self._pursuit)
             self._running = self._pursuing

@@ -70,15 +70,18 @@ class Device(Protocol):
         """
         ...
 
-    def follow(self, kind: int, args: tuple[float, ...]) -> None:
-        """Follow a set-point from now on, smoothly and within the limits, in place of whatever runs.
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        """Check one set-point; nothing changes yet.
 
         Args:
             kind: what it says, one of `kinds`.
             args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
 
+        Returns:
+            What follows it from then on, smoothly and within the limits, in place of whatever runs.
+
         Raises:
-            GoalRefused: it lies outside the limits; what ran goes on.
+            GoalRefused: it lies outside the limits; nothing has changed.
         """
         ...
 

@@ -121,21 +121,27 @@ class Rover:
             raise UnknownVerb(verb, [known.name for known in self._verbs])
         return self._verbs[Verb(verb)](args)
 
-    def follow(self, kind: int, args: tuple[float, ...]) -> None:  # noqa: ARG002  there is one kind
-        """Follow a set-point from now on, within the limits of speed and of the floor.
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
+        """Check one set-point; nothing changes yet.
 
         Args:
             kind: BASE_VELOCITY.
             args: (7,) as in robotree.xml; the turn rate must be 0 or NaN, this base does not turn.
 
+        Returns:
+            What follows it, within the limits of speed and of the floor.
+
         Raises:
-            BadArgument: it should turn; what ran goes on.
+            BadArgument: it should turn, or a number is infinite.
         """
         if args[2] and not math.isnan(args[2]):
             raise BadArgument("turn rate", args[2], "0: this base does not turn")
-        pursuit = self._pursue()
-        wanted = zip(args, pursuit.rate.tolist(), strict=False)
-        pursuit.along(np.array([now if math.isnan(asked) else asked for asked, now in wanted]))
+        now = [0.0, 0.0] if self._pursuit is None else self._pursuit.rate.tolist()
+        for name, value in zip(("vx", "vy"), args, strict=False):
+            if math.isinf(value):
+                raise BadArgument(name, value, "finite")
+        rate = np.array([old if math.isnan(new) else new for new, old in zip(args, now, strict=False)])
+        return lambda: self._pursue().along(rate)
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last."""
@@ -144,7 +150,7 @@ class Rover:
     def hold(self) -> None:
         """Drop the movement and rest here."""
         self._follower.rest(self._ports.position)
-        self._running = _ended
+        self._running, self._pursuit = _ended, None
 
     def control(self, dt: float) -> None:
         """One period [s] of the drive servo: spring, bounded, and damper on the set-point's velocity."""
@@ -179,7 +185,7 @@ class Rover:
 
         def begin() -> None:
             self._follower.follow(path)
-            self._running = self._travelling
+            self._running, self._pursuit = self._travelling, None
 
         return begin
 
@@ -189,7 +195,7 @@ class Rover:
     def _pursue(self) -> Pursuit:
         """The pursuit that runs, else a new one from where the set-point is."""
         groups = (Group(slice(0, 2), self.tuning.top_speed, self.tuning.acceleration),)
-        if self._running != self._pursuing or self._pursuit is None:
+        if self._pursuit is None:
             self._pursuit = Pursuit(self._follower.setpoint, groups, _on_the_floor)
             self._follower.chase(self._pursuit)
             self._running = self._pursuing

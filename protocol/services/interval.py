@@ -96,7 +96,8 @@ def handlers(
 
     Args:
         intervals: the rates of a link.
-        produce: what is asked for, by id, at a moment [s]; several where a message has instances, none where there is none.
+        produce: what is asked for, by id, at a moment [s]; several where a message has instances, none where
+            there is no such message.
     """
 
     def set_interval(request: Request, now: float) -> Answer:

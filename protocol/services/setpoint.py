@@ -24,6 +24,8 @@ LONGEST_TTL = 2.0
 """[s] that a set-point lives at most, whatever it says."""
 PAUSE = LONGEST_TTL
 """[s] without a set-point after which a sender's next one begins a new stream, numbered anew."""
+LARGEST_CROWD = 64
+"""Senders whose ended streams are remembered."""
 _HALF = 1 << 31
 
 
@@ -50,7 +52,13 @@ class _Stream(msgspec.Struct):
     epoch: int
     number: int
     heard: float
-    ended: bool = False
+
+
+class _ShutOut(msgspec.Struct):
+    """A sender whose stream is over."""
+
+    epoch: int
+    heard: float
 
 
 class SetpointReceiver:
@@ -66,6 +74,7 @@ class SetpointReceiver:
         self._current: Setpoint | None = None
         self._until = float("-inf")
         self._stream: _Stream | None = None
+        self._shut_out: dict[Hashable, _ShutOut] = {}
         self._obeyed = self._late = self._stale = self._overtaken = self._refused = self._ended = 0
 
     @property
@@ -100,7 +109,7 @@ class SetpointReceiver:
             self._stale += 1
             return False
         stream = self._stream if self._continues(setpoint, sender, now) else None
-        if self._is_shut_out(setpoint, stream, now):
+        if self._is_shut_out(setpoint, sender, now) or (stream is None and self._is_beside(setpoint, now)):
             self._ended += 1
             return False
         if stream is not None and not 0 < (setpoint.number - stream.number) & 0xFFFFFFFF < _HALF:
@@ -111,9 +120,18 @@ class SetpointReceiver:
         self._obeyed += 1
         return True
 
-    def refuse(self) -> None:
-        """Count a set-point that the robot's limits or its rules do not allow."""
+    def refuse(self, setpoint: Setpoint, now: float, sender: Hashable = None, *, over: bool = False) -> None:
+        """Count a set-point that the robot's limits or its rules do not allow.
+
+        Args:
+            setpoint: the set-point.
+            now: controller time, [s].
+            sender: whose stream it belongs to.
+            over: that stream is over, as after `drop`: a stop is in force, or a goal runs.
+        """
         self._refused += 1
+        if over:
+            self._shut(sender, setpoint.epoch, now)
 
     def active(self, now: float) -> Setpoint | None:
         """The set-point to follow now; None: there is none (any more)."""
@@ -125,7 +143,13 @@ class SetpointReceiver:
         """Follow none any more, because of a stop or a goal; the stream is over."""
         self._current = None
         if self._stream is not None:
-            self._stream.ended = True
+            self._shut(self._stream.sender, self._stream.epoch, self._stream.heard)
+
+    def _shut(self, sender: Hashable, epoch: int, now: float) -> None:
+        self._shut_out.pop(sender, None)
+        if len(self._shut_out) >= LARGEST_CROWD:
+            del self._shut_out[next(iter(self._shut_out))]
+        self._shut_out[sender] = _ShutOut(epoch, now)
 
     def _continues(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
         """Whether a set-point belongs to the stream that was obeyed last."""
@@ -135,8 +159,17 @@ class SetpointReceiver:
         pause, stream.heard = now - stream.heard, now
         return pause < PAUSE
 
-    def _is_shut_out(self, setpoint: Setpoint, stream: _Stream | None, now: float) -> bool:
-        if stream is not None:
-            return stream.ended
-        held = self._stream is not None and self.active(now) is not None
+    def _is_shut_out(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
+        """Whether a set-point belongs to a stream that is over."""
+        if (shut := self._shut_out.get(sender)) is None:
+            return False
+        if setpoint.epoch > shut.epoch or now - shut.heard >= PAUSE:
+            del self._shut_out[sender]
+            return False
+        shut.heard = now
+        return True
+
+    def _is_beside(self, setpoint: Setpoint, now: float) -> bool:
+        """Whether a set-point comes beside the stream of another sender, whose lease is as new."""
+        held = self.active(now) is not None and self._stream is not None
         return held and self._stream is not None and setpoint.epoch <= self._stream.epoch

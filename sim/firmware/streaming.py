@@ -45,21 +45,22 @@ class Streaming:
 
     def hear(self, setpoint: Setpoint, peer: Peer, now: int) -> list[Outgoing]:
         """Take a set-point; never answered."""
-        job = self._movement.job
-        busy = job is not None and job.key != KEY
-        if busy or self._movement.stopped or self._rights.guard(peer) is not None:
-            self._receiver.refuse()
-            return []
+        job, seconds = self._movement.job, now / 1000
         speaker = (peer.system, peer.component)
-        if not self._receiver.receive(setpoint, now / 1000, speaker):
+        over = self._movement.stopped or (job is not None and job.key != KEY)
+        if over or setpoint.kind not in self._device.kinds or self._rights.guard(peer) is not None:
+            self._receiver.refuse(setpoint, seconds, speaker, over=over)
             return []
         try:
-            self._device.follow(setpoint.kind, setpoint.args)
+            start = self._device.follow(setpoint.kind, setpoint.args)
         except GoalRefused:
-            self._receiver.refuse()
+            self._receiver.refuse(setpoint, seconds, speaker)
+            return []
+        if not self._receiver.receive(setpoint, seconds, speaker):
             return []
         if job is None:
-            return self._movement.begin(Job(KEY, speaker, _silence, self._finish), _nothing, now)
+            return self._movement.begin(Job(KEY, speaker, _silence, self._finish), start, now)
+        start()
         self._movement.adopt(speaker, now)
         return []
 
@@ -75,7 +76,3 @@ class Streaming:
 
 def _silence(_: float, __: int) -> list[Outgoing]:
     return []
-
-
-def _nothing() -> None:
-    pass

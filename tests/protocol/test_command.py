@@ -163,6 +163,16 @@ def test_a_second_command_of_the_kind_is_rejected_while_one_is_in_progress(robot
     assert len(robot.done) == 1
 
 
+def test_a_refusal_is_not_replayed_when_what_was_in_the_way_is_gone() -> None:
+    results = [MavResult.TEMPORARILY_REJECTED, MavResult.ACCEPTED]
+    server = CommandServer({1: lambda _, __: Answer(results.pop(0))}, {})
+    for expected in (MavResult.TEMPORARILY_REJECTED, MavResult.ACCEPTED, MavResult.ACCEPTED):
+        (told,) = server.receive(CommandLong(1, 1, 1, 0, *(0.0,) * 7), Peer("link", 255, 190), 0.0)
+        assert isinstance(told, Send)
+        assert isinstance(told.message, CommandAck)
+        assert told.message.result == expected
+
+
 def test_a_cancel_stops_what_is_in_progress_and_may_be_repeated(robot: Robot) -> None:
     cancel = CommandCancel(1, 1, MOVE)
     assert robot.server.receive(cancel, PEER, 0.0) == []

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotree.protocol import Frame
 from robotree.protocol.messages import Setpoint, SetpointKind
 from robotree.protocol.services.goal_server import GoalServer
-from robotree.protocol.services.setpoint import LONGEST_TTL, PAUSE, SetpointReceiver
+from robotree.protocol.services.setpoint import LARGEST_CROWD, LONGEST_TTL, PAUSE, SetpointReceiver
 
 POSE = (0.5, 0.0, 0.3, 0.0, math.nan, math.nan, math.nan)
 
@@ -121,6 +121,20 @@ def test_a_stream_that_was_ended_stays_ended_until_its_sender_pauses(receiver: S
         assert not receiver.receive(_setpoint(i), i * 0.1, "pilot")
     assert receiver.statistics.ended == 98
     assert receiver.receive(_setpoint(1), 9.9 + PAUSE, "pilot"), "after a pause it is a new stream"
+
+
+def test_who_streams_while_a_goal_runs_is_not_obeyed_when_it_ends(receiver: SetpointReceiver) -> None:
+    for i in range(1, 50):
+        receiver.refuse(_setpoint(i), i * 0.1, "pilot", over=True)
+    assert not receiver.receive(_setpoint(50), 5.0, "pilot")
+    assert not receiver.receive(_setpoint(51), 6.9, "pilot")
+    assert receiver.receive(_setpoint(52), 6.9 + PAUSE, "pilot")
+
+
+def test_ended_streams_of_many_senders_cost_bounded_memory(receiver: SetpointReceiver) -> None:
+    for sender in range(10_000):
+        receiver.refuse(_setpoint(1), 0.0, sender, over=True)
+    assert len(receiver._shut_out) == LARGEST_CROWD
 
 
 def test_a_newer_epoch_begins_a_new_stream_at_once(receiver: SetpointReceiver) -> None:

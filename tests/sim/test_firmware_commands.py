@@ -1,0 +1,229 @@
+"""Commands of the field's tools: the same movements as goals, the same stops, and honest answers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandCancel,
+    CommandInt,
+    CommandLong,
+    GoalState,
+    MavCmd,
+    MavResult,
+    ModeKind,
+    Reason,
+    Statustext,
+    Verb,
+)
+from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
+
+AWAY = (0.35, -0.25, 0.35, 0.5)
+KILL = 21196.0
+
+
+def result(operator: Operator, command: int, *params: float) -> MavResult:
+    return MavResult(operator.command(command, *params).result)
+
+
+def go(operator: Operator, *, speed: float = 0.0) -> None:
+    operator.order(MavCmd.ROBOTREE_GO_TO, *AWAY, NAN, NAN, speed)
+
+
+def last(operator: Operator) -> CommandAck:
+    return operator.latest(CommandAck)
+
+
+def text(operator: Operator) -> str:
+    return " ".join(message.text for message in operator.all(Statustext))
+
+
+def test_a_named_command_tells_its_progress_and_its_end(arm: ArmBench) -> None:
+    operator = arm.operator
+    go(operator)
+    operator.until(lambda: bool(operator.all(CommandAck)) and last(operator).result == 0, 30.0)
+    told = [ack.progress for ack in operator.all(CommandAck) if ack.result == MavResult.IN_PROGRESS]
+    assert told[0] == 255, "at first it is unknown"
+    assert len(told) > 3
+    assert told[1:] == sorted(told[1:])
+    np.testing.assert_allclose(arm.world.arm.state().position, AWAY[:3], atol=0.004)
+
+
+def test_a_repeated_command_moves_once(rover: RoverBench) -> None:
+    operator = rover.operator
+    began = rover.world.rover.state().position[0]
+    for confirmation in range(3):
+        operator.say(CommandLong(1, 1, MavCmd.ROBOTREE_MOVE, confirmation, 0.1, 0.0, *(NAN,) * 5))
+        operator.wait(0.1)
+    operator.until(lambda: last(operator).result == MavResult.ACCEPTED, 30.0)
+    operator.wait(0.5)
+    assert rover.world.rover.state().position[0] - began == pytest.approx(0.1, abs=0.006)
+
+
+def test_a_command_int_says_the_same(rover: RoverBench) -> None:
+    operator = rover.operator
+    operator.say(CommandInt(1, 1, 0, MavCmd.ROBOTREE_MOVE, 0, 0, 0.1, 0.0, NAN, NAN, 0, 0, 0.5))
+    operator.until(lambda: bool(operator.all(CommandAck)) and last(operator).result == 0, 30.0)
+    assert rover.world.rover.state().position[0] == pytest.approx(0.1, abs=0.006)
+
+
+def test_the_gripper_grabs_and_releases(arm: ArmBench) -> None:
+    assert result(arm.operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.ACCEPTED
+    assert arm.world.arm.state().width < 0.002
+    assert result(arm.operator, MavCmd.DO_GRIPPER, 0, 0) == MavResult.ACCEPTED
+    assert arm.world.arm.state().width > 0.078
+    arm.operator.order(MavCmd.DO_GRIPPER, 1, 1)
+    arm.operator.wait(0.2)
+    assert result(arm.operator, MavCmd.ROBOTREE_HOLD) == MavResult.ACCEPTED
+    width = arm.world.arm.state().width
+    assert result(arm.operator, MavCmd.DO_GRIPPER, 1, 2) == MavResult.ACCEPTED
+    assert arm.world.arm.state().width == pytest.approx(width, abs=0.003)
+
+
+@pytest.mark.parametrize("params", [(2, 1), (1, 7), (1, math.nan), (math.inf, 1)])
+def test_a_gripper_that_is_not_there_or_an_unknown_action_is_denied(
+    arm: ArmBench, params: tuple[float, ...]
+) -> None:
+    assert result(arm.operator, MavCmd.DO_GRIPPER, *params) == MavResult.DENIED
+
+
+def test_a_rover_has_no_gripper(rover: RoverBench) -> None:
+    assert result(rover.operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.UNSUPPORTED
+    assert result(rover.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.UNSUPPORTED
+
+
+def test_a_refusal_says_why_and_may_be_asked_again(arm: ArmBench) -> None:
+    ack = arm.operator.command(MavCmd.ROBOTREE_GO_TO, 2.0, 0.0, 0.3, 0.0)
+    assert (ack.result, ack.result_param2) == (MavResult.DENIED, Reason.OUT_OF_REACH)
+    arm.operator.wait(0.02)
+    assert "out of reach" in text(arm.operator)
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(0.05)
+    assert result(arm.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.TEMPORARILY_REJECTED
+    arm.operator.set_mode(ModeKind.READY, epoch=0)
+    arm.operator.wait(0.05)
+    assert result(arm.operator, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.ACCEPTED
+
+
+def test_a_command_takes_the_place_of_a_goal_and_a_goal_that_of_a_command(arm: ArmBench) -> None:
+    operator = arm.operator
+    goal = operator.ask(Verb.GO_TO, 0.35, 0.25, 0.35, 0.5, epoch=0)
+    operator.wait(0.3)
+    go(operator)
+    ended = operator.end_of(goal, within=0.1)
+    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.SUPERSEDED)
+    operator.wait(0.3)
+    operator.ask(Verb.GO_TO, 0.35, 0.25, 0.35, 0.5, epoch=0)
+    operator.until(lambda: last(operator).result == MavResult.CANCELLED, 0.1)
+    assert last(operator).result_param2 == Reason.SUPERSEDED
+
+
+def test_a_cancel_ends_a_command_and_the_arm_holds(arm: ArmBench) -> None:
+    operator = arm.operator
+    go(operator, speed=0.05)
+    operator.wait(1.0)
+    operator.say(CommandCancel(1, 1, MavCmd.ROBOTREE_GO_TO))
+    operator.until(lambda: last(operator).result == MavResult.CANCELLED, 0.1)
+    operator.wait(1.0)
+    held = arm.world.arm.state().position
+    operator.wait(2.0)
+    assert np.linalg.norm(arm.world.arm.state().position - held) < 0.005
+    assert operator.mode()[0] == ModeKind.READY
+
+
+def test_the_end_of_whichever_goal_runs_ends_a_command_too(arm: ArmBench) -> None:
+    go(arm.operator, speed=0.05)
+    arm.operator.wait(0.5)
+    arm.operator.cancel(0)
+    arm.operator.until(lambda: last(arm.operator).result == MavResult.CANCELLED, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("command", "params"),
+    [
+        (MavCmd.COMPONENT_ARM_DISARM, (0.0,)),
+        (MavCmd.COMPONENT_ARM_DISARM, (0.0, KILL)),
+        (MavCmd.DO_FLIGHTTERMINATION, (1.0,)),
+        (MavCmd.DO_SET_MODE, (1.0, float(ModeKind.SAFE_STOP))),
+    ],
+)
+def test_every_stop_of_the_field_is_the_protective_stop_for_anyone(
+    arm: ArmBench, command: int, params: tuple[float, ...]
+) -> None:
+    stranger = arm.operator.another(system=99)
+    arm.operator.command(MavCmd.REQUEST_OPERATOR_CONTROL, 1, 0)
+    goal = arm.operator.ask(Verb.GO_TO, *AWAY)
+    arm.operator.wait(0.3)
+    assert result(stranger, command, *params) == MavResult.ACCEPTED
+    assert arm.operator.end_of(goal, within=0.1).reason == Reason.STOPPED
+    assert arm.operator.mode() == (ModeKind.SAFE_STOP, Reason.OPERATOR)
+
+
+def test_arming_releases_the_stop(arm: ArmBench) -> None:
+    assert result(arm.operator, MavCmd.COMPONENT_ARM_DISARM, 0, KILL) == MavResult.ACCEPTED
+    assert result(arm.operator, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.ACCEPTED
+    arm.operator.wait(0.05)
+    assert arm.operator.mode()[0] == ModeKind.READY
+
+
+def test_where_a_lease_was_obeyed_a_command_needs_control_to_move_or_to_release(arm: ArmBench) -> None:
+    arm.operator.do(Verb.GRIP, 0.05, epoch=7)
+    stranger = arm.operator.another(system=99)
+    result(stranger, MavCmd.COMPONENT_ARM_DISARM, 0)
+    assert result(stranger, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.NOT_IN_CONTROL
+    assert result(stranger, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.NOT_IN_CONTROL
+    stranger.wait(0.02)
+    assert "32100" in text(stranger)
+    assert arm.operator.mode()[0] == ModeKind.SAFE_STOP
+    assert result(stranger, MavCmd.REQUEST_OPERATOR_CONTROL, 1, 1) == MavResult.ACCEPTED
+    assert result(stranger, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.ACCEPTED
+    assert result(stranger, MavCmd.ROBOTREE_GO_TO, *AWAY) == MavResult.ACCEPTED
+
+
+def test_mavsdks_hold_ends_what_runs_and_is_no_stop(arm: ArmBench) -> None:
+    goal = arm.operator.ask(Verb.GO_TO, *AWAY, epoch=0)
+    arm.operator.wait(0.3)
+    assert result(arm.operator, MavCmd.DO_SET_MODE, 1, 4, 3) == MavResult.ACCEPTED
+    assert arm.operator.end_of(goal, within=0.1).state == GoalState.CANCELLED
+    assert arm.operator.mode()[0] == ModeKind.READY
+
+
+@pytest.mark.parametrize(
+    ("command", "params"),
+    [
+        (MavCmd.PREFLIGHT_REBOOT_SHUTDOWN, (1.0,)),
+        (MavCmd.DO_SET_MODE, (1.0, 77.0)),
+        (MavCmd.COMPONENT_ARM_DISARM, (5.0,)),
+        (MavCmd.DO_FLIGHTTERMINATION, (0.0,)),
+    ],
+)
+def test_what_it_does_for_nobody_is_denied_with_a_sentence(
+    arm: ArmBench, command: int, params: tuple[float, ...]
+) -> None:
+    assert result(arm.operator, command, *params) == MavResult.DENIED
+    arm.operator.wait(0.02)
+    assert text(arm.operator).endswith(".")
+    assert arm.operator.mode()[0] == ModeKind.READY
+
+
+def test_a_command_goes_on_when_its_link_closes_until_its_sender_is_missed(arm: ArmBench) -> None:
+    leaver = arm.operator.another(system=99)
+    go(leaver, speed=0.02)
+    leaver.wait(0.5)
+    leaver.leave()
+    arm.operator.wait(1.0)
+    assert arm.operator.mode()[0] == ModeKind.ACTIVE
+    arm.operator.wait(2.0)
+    assert arm.operator.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+
+
+def test_a_command_for_another_system_or_component_is_not_ours(arm: ArmBench) -> None:
+    for system, component in ((2, 1), (1, 77), (2, 0)):
+        arm.operator.say(CommandLong(system, component, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7))
+    arm.operator.wait(0.1)
+    assert arm.operator.all(CommandAck) == []
+    assert arm.operator.mode()[0] == ModeKind.READY
