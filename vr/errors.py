@@ -84,7 +84,7 @@ class BadName(AddressError):
 class DuplicateName(AddressError):
     """A living agent has this name already."""
 
-    sentence = "a {role} named {name!r} is already running; choose another name or delete that one first"
+    sentence = "a {role} named {name!r} is already running; choose another name or end that one first"
 
 
 class NoSuchRobot(AddressError):

@@ -1,7 +1,8 @@
 """Who may have a name: nobody who is there already, and of two that come at once only one.
 
 Presence decides, not the lookup services, for those are soft and know no enslaved robots
-(docs/decisions/0003).
+(docs/decisions/0003). Robots and views have their names in common, since people see them side by side, in one
+list and one log; hosts and lookup services have their own.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from robotree.vr.transport import Registration, Transport
 
 SETTLE = 0.1
 """[s] after which an announcement has reached everybody, and a farewell too."""
+_SIDE_BY_SIDE: tuple[Role, ...] = ("robot", "view")
 
 
 def new_address(role: Role, name: str) -> Address:
@@ -37,7 +39,7 @@ async def claim(transport: Transport, address: Address) -> Registration:
         The presence, to be closed when the agent ends.
 
     Raises:
-        DuplicateName: a living agent of this role has the name.
+        DuplicateName: a living agent has the name.
     """
     await expect_free(transport, address)
     presence = await transport.announce(address.key)
@@ -57,22 +59,24 @@ async def expect_free(transport: Transport, address: Address) -> None:
     """
     if await _others(transport, address):
         await asyncio.sleep(SETTLE)
-        if await _others(transport, address):
-            raise DuplicateName(role=address.role, name=address.name)
+        for other in await _others(transport, address):
+            raise DuplicateName(role=other.role, name=other.name)
 
 
 async def outlast(transport: Transport, address: Address) -> None:
     """After announcing: see that of those who came at the same moment this one stays.
 
     Raises:
-        DuplicateName: another one stays, because its incarnation is smaller.
+        DuplicateName: another one stays, because its address is smaller.
     """
     await asyncio.sleep(SETTLE)
-    if any(other < address for other in await _others(transport, address)):
-        raise DuplicateName(role=address.role, name=address.name)
+    for other in await _others(transport, address):
+        if other < address:
+            raise DuplicateName(role=other.role, name=other.name)
 
 
 async def _others(transport: Transport, address: Address) -> list[Address]:
-    keys = await transport.present(everyone(address.role, address.name))
-    found = [Address.parse(key) for key in keys]
+    roles = _SIDE_BY_SIDE if address.role in _SIDE_BY_SIDE else (address.role,)
+    present = await asyncio.gather(*(transport.present(everyone(role, address.name)) for role in roles))
+    found = [Address.parse(key) for keys in present for key in keys]
     return [other for other in found if other is not None and other != address]

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from robotree.vr.address import Address
+from robotree.vr.address import Address, Role
 from robotree.vr.errors import DuplicateName, VrError
 from robotree.vr.host.claim import claim, new_address
 from robotree.vr.host.memory import MemoryNetwork
@@ -20,10 +20,33 @@ async def test_a_taken_name_is_refused_until_its_holder_has_gone() -> None:
     held = await claim(one, new_address("robot", "arm"))
     with pytest.raises(DuplicateName, match="a robot named 'arm' is already running"):
         await claim(other, new_address("robot", "arm"))
-    await claim(other, new_address("view", "arm"))  # another role is another name
     await held.close()
     await claim(other, new_address("robot", "arm"))
     assert len(await one.present("robot/arm/*")) == 1
+
+
+@pytest.mark.parametrize(("first", "second"), [("robot", "view"), ("view", "robot")])
+@in_virtual_time
+async def test_a_robot_and_a_view_cannot_have_one_name_but_a_host_may_have_theirs(
+    first: Role, second: Role
+) -> None:
+    network = MemoryNetwork()
+    one, other = network.join(), network.join()
+    held = await claim(one, new_address(first, "cell"))
+    with pytest.raises(DuplicateName, match=f"a {first} named 'cell' is already running"):
+        await claim(other, new_address(second, "cell"))
+    await claim(other, new_address("host", "cell"))
+    await claim(other, new_address("lookup", "cell"))
+    await held.close()
+    await claim(other, new_address(second, "cell"))
+
+
+@in_virtual_time
+async def test_of_a_robot_and_a_view_that_come_at_once_exactly_one_stays() -> None:
+    network = MemoryNetwork()
+    coming = [claim(network.join(), new_address(role, "cell")) for role in ("robot", "view")]
+    results = await asyncio.gather(*coming, return_exceptions=True)
+    assert sorted(isinstance(result, DuplicateName) for result in results) == [False, True]
 
 
 @in_virtual_time
