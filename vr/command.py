@@ -17,7 +17,7 @@ import msgspec
 
 from robotree.vr.description import CommandSpec, Effect
 from robotree.vr.robot import Robot
-from robotree.vr.signature import spec_of
+from robotree.vr.signature import returned_by, spec_of
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
@@ -30,6 +30,8 @@ class Command(msgspec.Struct, frozen=True):
     spec: CommandSpec
     function: Callable[..., Any]
     """Takes the robot and the arguments by name."""
+    returns: Any
+    """Annotation of the result; `Any` where there is none."""
 
 
 @overload
@@ -79,5 +81,5 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
                     f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
                 )
             else:
-                found[name] = Command(spec_of(value, effect), value)
+                found[name] = Command(spec_of(value, effect), value, returned_by(value))
     return found

@@ -45,6 +45,15 @@ def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
     )
 
 
+def returned_by(function: Callable[..., Any]) -> Any:
+    """Return the annotation of a command's result; `Any` where there is none.
+
+    Raises:
+        TypeError: it names something that is not there.
+    """
+    return _hints(function).get("return", Any)
+
+
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     try:
         return get_type_hints(function, include_extras=True)

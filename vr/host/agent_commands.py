@@ -21,6 +21,7 @@ from robotree.vr.host.agent_bonds import BondKeeper
 from robotree.vr.host.agent_lease import LeaseKeeper
 from robotree.vr.host.execution import CommandThread, Forward, Run
 from robotree.vr.host.jobs import Job, Jobs
+from robotree.vr.host.outcome import check_result
 from robotree.vr.requests import Accepted, Call, encode
 from robotree.vr.robot import Robot
 from robotree.vr.transport import Respond
@@ -142,7 +143,7 @@ class CommandDesk:
         name, context = job.context.command, job.context
         command: Command | None = self._own.get(name)
         if command is not None:
-            work = partial(command.function, self._robot, **job.arguments)
+            work = partial(self._carry_out, command, job.arguments)
             return CommandThread(self._robot.name, context, work, self.bonds, job.note)
         exposed = self._exposed[name]
         assert self.bonds is not None  # noqa: S101 # else it would not have been taken in
@@ -156,6 +157,11 @@ class CommandDesk:
                 on_progress=job.note,
             )
         )
+
+    def _carry_out(self, command: Command, arguments: dict[str, Any]) -> Any:
+        """Run an author's code, in its thread."""
+        result = command.function(self._robot, **arguments)
+        return check_result(result, command.returns, robot=self._robot.name, command=command.spec.name)
 
 
 async def _read(spec: CommandSpec, arguments: Arguments, robot: str) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from robotree.vr.child import Record
 from robotree.vr.context import CallFuture, CommandContext
 from robotree.vr.errors import CommandCancelled, VrError
 from robotree.vr.host.interruptible import InterruptibleThread
-from robotree.vr.host.outcome import to_plain
 
 GRACE = 1.0
 """[s] between a cancel and the interruption of code that does not listen."""
@@ -114,7 +113,7 @@ class CommandThread:
         Args:
             robot: its name.
             context: the papers of the command.
-            work: the command with its arguments.
+            work: the command with its arguments; returns plain values.
             children: the way to them; None: this robot has none.
             on_progress: told on the event loop how far it is.
         """
@@ -187,7 +186,7 @@ class CommandThread:
 
     def _main(self) -> Any:
         contexts.enter(self)
-        return to_plain(self._work())
+        return self._work()
 
     def _report(self, value: Any, error: BaseException | None) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin
 
 import msgspec
 
@@ -13,6 +14,7 @@ from robotree.vr.bundle.naming import authors_file
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
 from robotree.vr.requests import Failed, Returned
+from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
 
@@ -31,6 +33,32 @@ def to_plain(value: Any) -> Any:
         msgspec.msgpack.encode(plain)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         raise TypeError(f"the result cannot travel: {error}") from None
+    return plain
+
+
+def check_result(value: Any, declared: Any, *, robot: str, command: str) -> Any:
+    """Return a result as plain values, if it is what its command's signature promises.
+
+    Args:
+        value: what the author's code returned.
+        declared: the annotation of its result; `Any`: whatever can travel.
+        robot: its name.
+        command: its name.
+
+    Raises:
+        CommandFailed: it is of another type; names both.
+        TypeError: it cannot travel.
+    """
+    plain = to_plain(value)
+    if declared is not Any:
+        try:
+            msgspec.convert(plain, declared, strict=True)
+        except msgspec.ValidationError as error:
+            got = shorten(value)
+            bare = get_args(declared)[0] if get_origin(declared) is Annotated else declared
+            promised = "nothing" if bare is type(None) else inspect.formatannotation(bare)
+            detail = f"it promises {promised} but returned {got}: {error}"
+            raise CommandFailed(robot=robot, command=command, detail=detail) from None
     return plain
 
 
