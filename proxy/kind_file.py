@@ -6,6 +6,7 @@ the source of a virtual robot is, so that whatever is wrong with it is one sente
 
 from __future__ import annotations
 
+import sys
 from types import ModuleType
 from typing import Any
 
@@ -61,7 +62,8 @@ def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
         ProxyError: see `load`.
     """
     cls, path = load(kind), _split(kind)[0]
-    robot = within(lambda: cls(name, url, **options), path, LIMIT)
+    file = str(sys.modules[cls.__module__].__file__)
+    robot = within(lambda: cls(name, url, **options), path, file, LIMIT)
     if getattr(robot, "name", None) != name:
         reason = f"{cls.__name__}.__init__ must call super().__init__(name, url, **options)"
         raise BrokenSource(path=path, reason=reason)
