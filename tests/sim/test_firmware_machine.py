@@ -6,8 +6,21 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from robotree.protocol.messages import GoalState, GoalStatus, Mode, ModeKind, Reason, Verb
-from robotree.sim.testing import RoverBench
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandCancel,
+    GoalState,
+    GoalStatus,
+    MavCmd,
+    MavResult,
+    Mode,
+    ModeKind,
+    Reason,
+    Setpoint,
+    SetpointKind,
+    Verb,
+)
+from robotree.sim.testing import NAN, RoverBench
 
 EPOCHS = st.integers(0, 4)
 KEYS = st.integers(1, 6)
@@ -23,6 +36,7 @@ class FirmwareMachine(RuleBasedStateMachine):
         self.stopped = False
         self.read = 0
         self.highest = 0
+        self.number = 0
         self.states: dict[int, GoalState] = {}
         self.operator.wait(0.02)
 
@@ -35,6 +49,38 @@ class FirmwareMachine(RuleBasedStateMachine):
     def cancel(self, key: int, epoch: int) -> None:
         self.operator.cancel(key, epoch)
         self.operator.wait(0.02)
+
+    @rule(dx=st.sampled_from((-0.1, 0.05, 9.0)))
+    def command(self, dx: float) -> None:
+        self.operator.order(MavCmd.ROBOTREE_MOVE, dx, 0.0)
+        self.operator.wait(0.02)
+
+    @rule()
+    def end_the_command(self) -> None:
+        self.operator.say(CommandCancel(1, 1, MavCmd.ROBOTREE_MOVE))
+        self.operator.wait(0.02)
+
+    @rule(speed=st.sampled_from((-0.2, 0.3)), epoch=EPOCHS, count=st.integers(1, 5))
+    def stream(self, speed: float, epoch: int, count: int) -> None:
+        args = (speed, 0.0, *(NAN,) * 5)
+        for _ in range(count):
+            self.number += 1
+            self.operator.say(Setpoint(0, epoch, self.number, args, 100, 1, 1, SetpointKind.BASE_VELOCITY))
+            self.operator.wait(0.02)
+
+    @rule()
+    def stop_as_ground_stations_do(self) -> None:
+        assert self.operator.command(MavCmd.COMPONENT_ARM_DISARM, 0.0, 21196.0).result == MavResult.ACCEPTED
+        self.operator.wait(0.02)
+        self.stopped = True
+
+    @rule()
+    def arm(self) -> None:
+        leased = self.operator.latest(Mode).epoch > 0
+        result = self.operator.command(MavCmd.COMPONENT_ARM_DISARM, 1.0).result
+        self.operator.wait(0.02)
+        assert result == (MavResult.NOT_IN_CONTROL if leased else MavResult.ACCEPTED)
+        self.stopped = self.stopped and leased
 
     @rule()
     def stop(self) -> None:
@@ -86,8 +132,16 @@ class FirmwareMachine(RuleBasedStateMachine):
         self.read = len(self.operator.heard)
 
     @invariant()
-    def the_mode_says_whether_a_goal_runs(self) -> None:
-        assert (self.operator.mode()[0] == ModeKind.ACTIVE) == bool(self.unfinished())
+    def the_mode_says_whether_something_runs_and_only_one_thing_does(self) -> None:
+        active = self.operator.mode()[0] == ModeKind.ACTIVE
+        runs = len(self.unfinished()) + self.commanded()
+        assert runs <= 1
+        assert active or not runs
+        assert abs(self.bench.world.rover.state().position[0]) < 1.5, "it stays on its floor"
+
+    def commanded(self) -> bool:
+        acks = [ack for ack in self.operator.all(CommandAck) if ack.command == MavCmd.ROBOTREE_MOVE]
+        return bool(acks) and acks[-1].result == MavResult.IN_PROGRESS
 
     def unfinished(self) -> set[int]:
         latest: dict[int, GoalState] = {}

@@ -1,0 +1,137 @@
+"""The way from the links to the physics: bounded, fair, and never in the way of a stop."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.protocol import Frame
+from robotree.protocol.messages import (
+    AnyMessage,
+    CommandInt,
+    CommandLong,
+    GoalStatus,
+    Heartbeat,
+    MavCmd,
+    Mode,
+    ModeKind,
+    Ping,
+    SetMode,
+    Verb,
+)
+from robotree.sim.intake import LARGEST_QUEUE, LARGEST_STOPS, TURN, Closed, Heard, Intake, Opened, is_stop
+from robotree.sim.testing import ArmBench
+
+STOP = Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
+
+
+def ping(number: int) -> Frame:
+    return Frame.of(Ping(0, number))
+
+
+def numbers(intake: Intake, via: str) -> list[int]:
+    return [
+        event.frame.message.seq
+        for event in intake.take()
+        if isinstance(event, Heard) and event.via == via and isinstance(event.frame.message, Ping)
+    ]
+
+
+def test_frames_of_a_link_come_in_their_order_between_its_opening_and_its_end() -> None:
+    intake = Intake()
+    intake.open("link")
+    intake.put(ping(1), "link")
+    intake.put(ping(2), "link")
+    intake.close("link")
+    kinds = [type(event) for event in intake.take()]
+    assert kinds == [Opened, Heard, Heard, Closed]
+    assert intake.take() == []
+
+
+@given(flood=st.integers(0, 3 * LARGEST_QUEUE))
+def test_a_flood_is_bounded_and_what_is_dropped_is_counted(flood: int) -> None:
+    intake = Intake()
+    for i in range(flood):
+        intake.put(ping(i), "flooder")
+    assert intake.dropped == max(0, flood - LARGEST_QUEUE)
+    heard: list[int] = []
+    while turn := numbers(intake, "flooder"):
+        assert len(turn) <= TURN
+        heard += turn
+    assert heard == list(range(min(flood, LARGEST_QUEUE)))
+
+
+def test_a_flood_does_not_delay_others() -> None:
+    intake = Intake()
+    for i in range(10_000):
+        intake.put(ping(i), "flooder")
+    intake.put(ping(7), "other")
+    assert numbers(intake, "other") == [7]
+
+
+def test_a_stop_goes_before_everything_even_of_the_flooder_itself() -> None:
+    intake = Intake()
+    for i in range(10_000):
+        intake.put(ping(i), "flooder")
+    intake.put(STOP, "flooder")
+    first = intake.take()[0]
+    assert isinstance(first, Heard)
+    assert first.frame is STOP
+
+
+def test_a_flood_of_stops_is_bounded_and_still_a_stop() -> None:
+    intake = Intake()
+    for _ in range(10_000):
+        intake.put(STOP, "flooder")
+    assert len(intake.take()) == LARGEST_STOPS
+    assert intake.dropped == 0
+
+
+def test_the_end_of_a_link_is_never_dropped() -> None:
+    intake = Intake()
+    for i in range(10_000):
+        intake.put(ping(i), "flooder")
+    intake.close("flooder")
+    events = [event for _ in range(LARGEST_QUEUE) for event in intake.take()]
+    assert events[-1] == Closed("flooder")
+
+
+def command(number: int, param1: float = 0.0, param2: float = 0.0) -> CommandLong:
+    return CommandLong(1, 1, number, 0, param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("message", "stops"),
+    [
+        (SetMode(0, 0, 0, ModeKind.SAFE_STOP), True),
+        (SetMode(0, 0, 0, ModeKind.READY), False),
+        (command(MavCmd.COMPONENT_ARM_DISARM, 0.0), True),
+        (command(MavCmd.COMPONENT_ARM_DISARM, 1.0), False),
+        (command(MavCmd.DO_FLIGHTTERMINATION, 1.0), True),
+        (command(MavCmd.DO_SET_MODE, 1.0, ModeKind.SAFE_STOP), True),
+        (command(MavCmd.DO_GRIPPER), False),
+        (CommandInt(1, 1, 0, MavCmd.COMPONENT_ARM_DISARM, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0), True),
+        (Heartbeat(0, 0, 0, 0, 0), False),
+    ],
+)
+def test_every_way_to_ask_for_a_stop_is_one(message: AnyMessage, stops: bool) -> None:  # noqa: FBT001
+    assert is_stop(Frame.of(message)) == stops
+    arm = ArmBench()
+    arm.operator.say(message)
+    arm.operator.wait(0.05)
+    assert (arm.operator.mode()[0] == ModeKind.SAFE_STOP) == stops
+
+
+def test_a_flooder_costs_itself_the_others_goals_and_pace_stay() -> None:
+    arm = ArmBench()
+    arm.operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5)
+    arm.operator.wait(0.1)
+    before = len(arm.operator.all(Mode))
+    for _ in range(100):
+        for i in range(500):
+            arm.controller.post(ping(i), "flooder")
+        arm.operator.step()
+    assert arm.operator.latest(GoalStatus).progress > 0.1
+    assert len(arm.operator.all(Mode)) - before == pytest.approx(1, abs=1)
+    assert arm.controller.firmware.gauges.overrun > 40_000
