@@ -170,7 +170,7 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
-    space = space_file(line.text("--space"), realm, name)
+    space = space_file(line.text("--space"), realm)
     async with securing(line) as security:
         await run_proxy(kind, name, url, realm=realm, space_path=space, security=security, ready=ready)
 
@@ -187,7 +187,7 @@ async def _host(line: Line, realm: str, ready: Ready) -> None:
     from robotree.tui.state_files import space_file
     from robotree.vr.host.run import run_host
 
-    space = space_file(line.text("--space"), realm, line.text("NAME"))
+    space = space_file(line.text("--space"), realm)
     await run_host(line.text("NAME"), realm=realm, space_path=space, ready=ready)
 
 

@@ -1,4 +1,8 @@
-"""Where agents keep what must survive a restart: `$XDG_STATE_HOME/robotree/REALM/NAME.sqlite`."""
+"""Where agents keep what must survive a restart: `$XDG_STATE_HOME/robotree/REALM/space.sqlite`.
+
+All agents of a realm share one space (docs/decisions/0009): what is kept of a robot goes by its name, and the
+name may come back in another process.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,15 @@ NOWHERE = "none"
 """What is given instead of a file by who wants nothing kept."""
 
 
-def space_file(given: str, realm: str, name: str) -> Path | None:
-    """Return the file of an agent's space.
+SPACE_FILE = "space.sqlite"
+
+
+def space_file(given: str, realm: str) -> Path | None:
+    """Return the file of a realm's space.
 
     Args:
         given: on the command line: a file, `none`, or nothing.
         realm: of the agent.
-        name: of the agent.
 
     Returns:
         The file; None: nothing can or shall be kept.
@@ -26,7 +32,7 @@ def space_file(given: str, realm: str, name: str) -> Path | None:
         return None
     if given:
         return Path(given)
-    path = state_file(realm, f"{name}.sqlite")
+    path = state_file(realm, SPACE_FILE)
     if path is None:
         note("calls are not counted over restarts: the folder for them cannot be made; give --space FILE")
     return path

@@ -192,11 +192,9 @@ def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(runtime: Pa
     from robotree.tui.state_files import space_file
 
     assert runtime.exists()
-    assert (
-        space_file("", "default", "host-1") == tmp_path / "state" / "robotree" / "default" / "host-1.sqlite"
-    )
-    assert space_file("none", "default", "host-1") is None
-    assert space_file("/a/b.sqlite", "default", "host-1") == Path("/a/b.sqlite")
+    assert space_file("", "default") == tmp_path / "state" / "robotree" / "default" / "space.sqlite"
+    assert space_file("none", "default") is None
+    assert space_file("/a/b.sqlite", "default") == Path("/a/b.sqlite")
 
 
 def test_a_state_folder_that_cannot_be_made_costs_only_the_counting(
@@ -206,5 +204,5 @@ def test_a_state_folder_that_cannot_be_made_costs_only_the_counting(
 
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    assert space_file("", "default", "host-1") is None
+    assert space_file("", "default") is None
     assert "not counted" in capsys.readouterr().err

@@ -1,0 +1,131 @@
+"""Hosts that freeze, die, and are stuck with code that does not end: what the command line says of it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.processes import Crew, Member
+
+pytestmark = pytest.mark.e2e
+
+REALM = "failing"
+AUTHOR = '''
+"""Clerk: counts, and can be asked to ignore everybody."""
+import contextlib
+import time
+from robotree.vr import VirtualRobot, command
+
+class Clerk(VirtualRobot):
+    """Counts."""
+
+    @command
+    def count(self) -> int:
+        """Return a number."""
+        return 1
+
+    @command
+    def defy(self) -> None:
+        """Swallow every exception, for ever."""
+        while True:
+            with contextlib.suppress(BaseException):
+                while True:
+                    with contextlib.suppress(BaseException):
+                        time.sleep(0.02)
+'''
+
+
+async def robotree(*words: str) -> tuple[int, str, str]:
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    out, complaints = await asyncio.wait_for(process.communicate(), 60)
+    return process.returncode or 0, out.decode(), complaints.decode()
+
+
+async def show(name: str) -> dict[str, Any]:
+    code, out, complaints = await robotree("show", name, "--json")
+    assert code == exit_codes.DONE, complaints
+    return json.loads(out)  # type: ignore[no-any-return]
+
+
+@pytest.fixture
+async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+    """A lookup service, a host, and a clerk on it."""
+    (tmp_path / "run").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (tmp_path / "clerk.py").write_text(AUTHOR)
+    async with Crew(REALM, tmp_path) as crew:
+        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
+        await hire(tmp_path)
+        yield crew
+
+
+async def hire(folder: Path) -> None:
+    code, _, complaints = await robotree("create", str(folder / "clerk.py"), "as", "clerk")
+    assert code == exit_codes.DONE, complaints
+
+
+def host(crew: Crew) -> Member:
+    return next(member for member in crew.members if member.words[0] == "host")
+
+
+async def test_a_stop_that_cannot_reach_a_frozen_host_is_no_success(crew: Crew) -> None:
+    pid = host(crew).pid
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        code, out, complaints = await robotree("stop")
+        assert (code, out) == (exit_codes.NOBODY, "")
+        assert f"NOT by clerk (in process {pid}, which hangs); press the emergency stop" in complaints
+        assert f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it" in complaints
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    code, out, _ = await robotree("stop")
+    assert (code, out) == (exit_codes.DONE, "stopped: clerk\n")
+
+
+@pytest.mark.parametrize("next_host", ["host-1", "host-2"])
+async def test_calls_go_on_being_counted_after_a_host_was_killed_wherever_the_robot_returns(
+    crew: Crew, tmp_path: Path, next_host: str
+) -> None:
+    for _ in range(2):
+        assert (await robotree("call", "clerk.count"))[0] == exit_codes.DONE
+    assert (await show("clerk"))["calls"] == {"count": 2}
+    member = host(crew)
+    crew.members.remove(member)
+    member.process.kill()
+    await member.process.wait()
+    await crew.start("host", next_host)
+    await hire(tmp_path)
+    assert (await robotree("call", "clerk.count"))[0] == exit_codes.DONE
+    clerk = await show("clerk")
+    assert (clerk["host"], clerk["calls"]) == (next_host, {"count": 3})
+
+
+async def test_a_command_that_heeds_no_cancel_is_no_secret(crew: Crew) -> None:
+    code, _, complaints = await robotree("call", "clerk.defy", "--within", "1 s")
+    assert code == exit_codes.REFUSED
+    assert "was not done within its deadline" in complaints
+    assert (await show("clerk"))["abandoned"] == ["defy"]
+    assert "ABANDONED: defy still runs" in (await robotree("show", "clerk"))[1]
+    code, _, complaints = await robotree("call", "clerk.count")
+    assert code == exit_codes.REFUSED
+    assert "its defy was ended but heeds no cancel and still runs; restart host host-1" in complaints
+    assert "clerk.defy is abandoned: it heeds no cancel and still runs" in host(crew).log.read_text()
+    code, out, _ = await robotree("delete", "clerk")
+    assert (code, out) == (
+        exit_codes.DONE,
+        "clerk is deleted, but its defy heeds no cancel and still runs; restart host host-1\n",
+    )
