@@ -49,7 +49,8 @@ def compiled(folder: Path) -> Path:
     probe: list[str | Path] = [str(COMPILER), *SANITIZERS.split(), "-x", "c", "-", "-o", folder / "probe"]
     able = subprocess.run(probe, input=b"int main(void) { return 0; }", capture_output=True, check=False)
     able_to_run = able.returncode == 0 and subprocess.run([folder / "probe"], check=False).returncode == 0
-    words: list[str | Path] = ["make", "-C", folder, f"PYTHON={sys.executable}", f"CC={COMPILER}"]
+    robotree = f"ROBOTREE={sys.executable} -m robotree.tui"
+    words: list[str | Path] = ["make", "-C", folder, robotree, f"CC={COMPILER}"]
     words += [f"CFLAGS={SANITIZERS}"] if able_to_run else []
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
