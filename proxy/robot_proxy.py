@@ -23,7 +23,7 @@ from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of
 from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
-from robotree.proxy.translate import READERS, Readers, goal_key, time_to_live
+from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_live
 from robotree.vr.command import command
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
@@ -48,6 +48,8 @@ class RobotProxy(Robot):
     """What is refused before the wire; a kind says its own."""
     readers: Readers = READERS
     """How its telemetry reads; a kind may say its own."""
+    reading_units = UNITS
+    """In which units; a kind with readers of its own says those."""
 
     def __init__(
         self,

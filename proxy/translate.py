@@ -116,6 +116,19 @@ READERS: Readers = {
 """How each telemetry message reads, in SI units and W. A kind may have readers of its own."""
 
 
+UNITS: Mapping[str, str] = {
+    **dict.fromkeys(("x", "y", "z", "width"), "m"),
+    **dict.fromkeys(("vx", "vy"), "m/s"),
+    **dict.fromkeys(("fx", "fy", "fz", "grip_force", "peak_force"), "N"),
+    **dict.fromkeys(("tx", "ty", "tz"), "N m"),
+    **dict.fromkeys(("twist", "lever"), "rad"),
+    **{f"j{i}": "rad" for i in range(1, 9)},
+    "age": "s",
+}
+"""Unit of each reading, by its name. NAMED_VALUE_FLOAT says none on the wire, so what the instruments of the
+cells mean by `lever` and `peak_force` is said here. A kind with readers of its own may say its own."""
+
+
 def readings_of(message: AnyMessage, readers: Readers = READERS) -> dict[str, float]:
     """What a message measures; empty when it is no telemetry. Numbers that are not finite are left out."""
     read = readers.get(type(message))

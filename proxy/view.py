@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from robotree.protocol.links.security import UNSIGNED, Sealing
@@ -18,6 +18,7 @@ from robotree.protocol.messages import MavComponent, PictureRequest
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import Event, Session
+from robotree.proxy.translate import UNITS
 from robotree.vr.errors import BadArgument, CommandFailed
 
 CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
@@ -93,6 +94,11 @@ class WorkspaceView:
     def cameras(self) -> Sequence[str]:
         """What can be looked through; the first one is the default."""
         return tuple(CAMERAS)
+
+    @property
+    def reading_units(self) -> Mapping[str, str]:
+        """Symbol of the unit of each instrument."""
+        return UNITS
 
     def readings(self) -> dict[str, float]:
         """Return the last known readings of the workspace's instruments; `age` [s] tells how old they are."""

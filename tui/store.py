@@ -13,6 +13,7 @@ from math import isfinite
 from typing import Literal
 
 from robotree.tui import wording
+from robotree.tui.terminal import one_line
 from robotree.vr.description import Listing, RobotDescription
 from robotree.vr.requests import State
 
@@ -92,7 +93,7 @@ class Store:
 
     def tell(self, text: str, weight: Weight, now: float) -> Happening:
         """Enter something that happened."""
-        happening = Happening(now, weight, text)
+        happening = Happening(now, weight, one_line(text))
         self.happenings.append(happening)
         self.revision += 1
         return happening
@@ -213,14 +214,28 @@ class Store:
     def readings(self, name: str) -> dict[str, float]:
         """Return the readings of a robot, over those of the child that its exposed commands lead to."""
         found: dict[str, float] = {}
+        for one in self._downwards(name):
+            state = self.state(one)
+            found = {**(state.readings if state else {}), **found}
+        found.pop(PROGRESS, None)
+        return found
+
+    def units(self, name: str) -> dict[str, str]:
+        """Return the units of those readings, by name."""
+        found: dict[str, str] = {}
+        for one in self._downwards(name):
+            robot, state = self.descriptions.get(one), self.state(one)
+            told = state.readings if state else {}
+            own = robot.units if robot else {}
+            found = {**{key: own.get(key, "") for key in told}, **found}
+        return found
+
+    def _downwards(self, name: str) -> Iterable[str]:
         seen: set[str] = set()
         while name and name not in seen:
             seen.add(name)
-            state = self.state(name)
-            found = {**(state.readings if state else {}), **found}
+            yield name
             name = self._beneath(name)
-        found.pop(PROGRESS, None)
-        return found
 
     def progress(self, name: str) -> float | None:
         """Return how far the running command of a robot is, 0 to 1; None: it does not say."""

@@ -7,6 +7,7 @@ Each takes the fleet, the line that was understood and a `Teller`, and returns a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:  # help must not wait for the agents
 
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
+
+FIRST_STATE = 1.5
+"""[s] to wait for a state of a robot: it tells one every second."""
 
 PICTURE = (640, 360)
 """[px] size of a picture when the line does not say: 16:9, about 40 kB."""
@@ -90,8 +94,34 @@ async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
 
 
 async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
-    """Describe one robot."""
-    return _described(await fleet.describe(line.text("NAME")))
+    """Describe one robot, with what it reads now."""
+    robot = await fleet.describe(line.text("NAME"))
+    state = await _first_state(fleet, robot.name)
+    readings = {name: value for name, value in state.readings.items() if isfinite(value)} if state else {}
+    text = wording.portrait(robot)
+    if readings:
+        rows = [
+            (f"  {name}", wording.quantity(value, robot.units.get(name, "")))
+            for name, value in sorted(readings.items())
+        ]
+        text += f"\n\nreadings\n{wording.columns(rows)}"
+    return Outcome({**plain(robot), "readings": readings}, text)
+
+
+async def _first_state(fleet: Fleet, name: str) -> State | None:
+    """Return the next state that a robot tells; None: it has nothing to tell for `FIRST_STATE`."""
+    import asyncio
+
+    heard: asyncio.Future[State] = asyncio.get_running_loop().create_future()
+    watching = await fleet.watch_state(
+        name, lambda _, state: None if heard.done() else heard.set_result(state)
+    )
+    try:
+        return await asyncio.wait_for(heard, FIRST_STATE)
+    except TimeoutError:
+        return None
+    finally:
+        await watching.close()
 
 
 async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
@@ -121,14 +151,16 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
             abandoned=state.abandoned,
         )
         readings = "  ".join(
-            f"{key}={wording.number(value)}" for key, value in sorted(state.readings.items())
+            f"{key}={wording.quantity(value, units.get(name, {}).get(key, ''))}"
+            for key, value in sorted(state.readings.items())
         )
         teller.outcome(Outcome({"name": name, **plain(state)}, f"{name}  {word}  {readings}".rstrip()))
 
     limit = values.duration(line.text("--within")) if line.text("--within") else None
-    if line.text("NAME"):
-        await fleet.describe(line.text("NAME"))  # a name that nobody has would tell nothing for ever
-    watching = await fleet.watch_state(line.text("NAME") or None, tell)
+    name = line.text("NAME")  # one that nobody has would tell nothing for ever
+    known = [await fleet.describe(name)] if name else await fleet.tree()
+    units = {robot.name: robot.units for robot in known}
+    watching = await fleet.watch_state(name or None, tell)
     try:
         await asyncio.wait_for(asyncio.Event().wait(), limit)
     except TimeoutError:
@@ -218,10 +250,6 @@ def plain(thing: Any) -> Any:
     import msgspec
 
     return msgspec.to_builtins(thing, str_keys=True)
-
-
-def _described(robot: RobotDescription) -> Outcome:
-    return Outcome(plain(robot), wording.portrait(robot))
 
 
 def _did(robot: RobotDescription, text: str) -> Outcome:

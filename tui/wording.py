@@ -35,6 +35,11 @@ def number(value: float, digits: int = 4) -> str:
     return "0" if text == "-0" else text
 
 
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """Write a number with its unit, if it has one."""
+    return f"{number(value, digits)} {unit}".rstrip()
+
+
 def span(spec: FieldSpec) -> str:
     """Return the range of a value in its unit: `-0.7 … 0.7 m`, `≥ 0 m/s`, or only the unit."""
     match spec.lower, spec.upper:

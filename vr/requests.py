@@ -260,6 +260,8 @@ class ViewDescribed(_Message, frozen=True, kw_only=True):
     address: Address
     cameras: tuple[str, ...] = ()
     readings: dict[str, float] = {}
+    units: dict[str, str] = {}
+    """Symbol of the unit of each reading that has one."""
 
 
 class Done(_Message, frozen=True, kw_only=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from robotree.vr.address import check_name
 from robotree.vr.context import CommandContext, running
@@ -16,6 +17,8 @@ class Robot:
 
     online: bool = True
     """False while what stands behind this robot cannot be reached: its readings are stale."""
+    reading_units: ClassVar[Mapping[str, str]] = {}
+    """Symbol of the unit of each reading, by its name; what is not here is a plain number."""
     halted: str = ""
     """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
     not. While it lasts no command begins; `resume` releases it. Whoever sets it notifies the agent."""

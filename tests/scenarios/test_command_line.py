@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.actions import ACTIONS, Where
 from robotree.tui.cli import main
+from robotree.tui.realm import joined
 
 pytestmark = pytest.mark.e2e
 
@@ -176,3 +178,21 @@ def test_a_reader_who_has_left_ends_a_verb_in_silence(line: str, tmp_path: Path)
             cwd=tmp_path,
         )
     assert (done.returncode, done.stderr) == (exit_codes.DONE, "")
+
+
+def test_every_reading_of_the_cell_has_a_unit(say: Say) -> None:
+    async def instruments() -> tuple[dict[str, float], dict[str, str]]:
+        async with joined("default") as fleet:
+            told = await fleet.describe_view("cell")
+            return told.readings, told.units
+
+    (arm,), (rover,) = say("show", "arm-1"), say("show", "rover-1")
+    readings, units = asyncio.run(instruments())
+    assert {"j1", "x", "fx", "age"} <= arm["readings"].keys()
+    assert {"lever", "peak_force"} <= readings.keys()
+    for told, known in (
+        (arm["readings"], arm["units"]),
+        (rover["readings"], rover["units"]),
+        (readings, units),
+    ):
+        assert told.keys() <= known.keys()

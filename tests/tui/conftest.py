@@ -8,7 +8,7 @@ import math
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 import pytest
@@ -46,6 +46,8 @@ class Info(msgspec.Struct, frozen=True):
 
 class Arm(Robot):
     """An arm of paper: it is where it was told to be, a moment later."""
+
+    reading_units: ClassVar[Mapping[str, str]] = {"x": "m", "j1": "rad", "age": "s"}
 
     def __init__(self, name: str = "arm-1") -> None:
         super().__init__(name, {"place": "table"})
@@ -107,7 +109,8 @@ class Arm(Robot):
         raise CommandFailed(robot=self.name, command="stumble", detail="a stone [/x] lay there")
 
     def readings(self) -> dict[str, float]:
-        return {**self.pose, "fx": 1.5, "fy": -2.0, "fz": -20.0, "width": self.width}
+        forces = {"fx": 1.5, "fy": -2.0, "fz": -20.0}
+        return {**self.pose, **forces, "width": self.width, "j1": 0.25, "age": 0.125}
 
 
 class Rover(Robot):
@@ -150,6 +153,7 @@ class Cell:
     """A view of the paper."""
 
     cameras: Sequence[str] = ("cell", "wrist")
+    reading_units: ClassVar[Mapping[str, str]] = {"lever": "rad", "peak_force": "N"}
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm

@@ -215,3 +215,17 @@ async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: 
 def test_every_verb_of_a_script_has_a_function() -> None:
     for action in ACTIONS:
         assert (action.run is not None) or not (action.where & Where.SCRIPT)
+
+
+async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> None:
+    shown = await do(realm, "show arm-1")
+    assert "j1     0.25 rad" in shown.text
+    assert "age    0.125 s" in shown.text
+    assert "width  0.08\n" in f"{shown.text}\n", "a reading without a unit stands alone"
+    assert shown.data["readings"]["j1"] == 0.25
+    assert shown.data["units"]["j1"] == "rad"
+    listener = Listener()
+    watching = asyncio.create_task(do(realm, "watch --within 2s", listener))
+    await until(lambda: any(one.data["name"] == "arm-1" for one in listener.outcomes), "its state")
+    assert any("j1=0.25 rad" in one.text for one in listener.outcomes)
+    watching.cancel()

@@ -151,7 +151,7 @@ class PanelPage(Page):
         self.query_one("#who", Still).show(line)
         state_now = store.state(name)
         stale = self._gone or (state_now is not None and not state_now.online)
-        self.query_one(Gauges).draw(self._readings, stale=stale)
+        self.query_one(Gauges).draw(self._readings, store.units(name), stale=stale)
         form = self.query_one("#forms", ContentSwitcher).visible_content
         if isinstance(form, CommandForm):
             form.tell_readings(self._readings)

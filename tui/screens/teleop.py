@@ -189,8 +189,9 @@ class TeleopPage(Page):
     def _draw_gauges(self) -> None:
         if self.is_active:
             state = self.app.store.state(self.robot.name)
-            readings = self.app.store.readings(self.robot.name)
-            self.query_one(Gauges).draw(readings, stale=state is not None and not state.online)
+            store, stale = self.app.store, state is not None and not state.online
+            readings, units = store.readings(self.robot.name), store.units(self.robot.name)
+            self.query_one(Gauges).draw(readings, units, stale=stale)
 
     def draw(self) -> None:
         """Draw the step and the wish."""

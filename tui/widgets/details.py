@@ -71,12 +71,13 @@ class Details(Still):
         readings = store.readings(name)
         if not readings:
             return
-        muted = tint(self.app, "muted")
+        muted, units = tint(self.app, "muted"), store.units(name)
         self._heading(text, "readings")
         width = max(len(key) for key in readings)
         for key in sorted(readings, key=rank)[:READINGS]:
             text.append(f"\n{key.ljust(width)} ", muted)
             text.append(f"{wording.number(readings[key], 3):>9}")
+            text.append(f" {units.get(key, '')}".rstrip(), muted)
 
     def _heading(self, text: Text, word: str) -> None:
         text.append(f"\n\n{word}", tint(self.app, "primary"))

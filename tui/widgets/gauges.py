@@ -88,8 +88,8 @@ def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
 class Gauges(Still):
     """Draws the readings of a robot; anything it has, the well known ones in their own way."""
 
-    def draw(self, readings: Mapping[str, float], *, stale: bool) -> None:
-        """Draw these readings; `stale`: they are old."""
+    def draw(self, readings: Mapping[str, float], units: Mapping[str, str], *, stale: bool) -> None:
+        """Draw these readings, with the units that the robot says; `stale`: they are old."""
         muted = tint(self.app, "muted")
         if not readings:
             self.show(Text("no readings yet", muted))
@@ -105,7 +105,7 @@ class Gauges(Still):
             if name in rest:
                 self._bar(text, name, rest.pop(name), full, unit)
         for name, value in sorted(rest.items()):
-            self._figure(text, name, f"{wording.number(value, 4):>8}", "")
+            self._figure(text, name, f"{wording.number(value, 4):>8}", units.get(name, ""))
         text.rstrip()
         self.show(text)
 
@@ -123,7 +123,7 @@ class Gauges(Still):
         muted = tint(self.app, "muted")
         text.append(f"{name:<{self._names}}", muted)
         text.append(figure, "bold")
-        text.append(f" {unit}\n", muted)
+        text.append(f" {unit}".rstrip() + "\n", muted)
 
     def _bar(self, text: Text, name: str, value: float, full: float, unit: str) -> None:
         muted = tint(self.app, "muted")

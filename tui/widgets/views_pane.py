@@ -80,15 +80,16 @@ class ViewsPane(Fenced, Horizontal):
         cameras = self.query_one(Cameras)
         view, _ = cameras.all[cameras.at]
         try:
-            readings = (await self.app.fleet.describe_view(view)).readings
+            told = await self.app.fleet.describe_view(view)
         except VrError as error:
             self.query_one("#instruments", Still).show(Text(str(error), tint(self.app, "error")))
             return
         text = Text()
-        width = max((len(name) for name in readings), default=0)
-        for name, value in sorted(readings.items(), key=_of_the_workspace_first):
-            text.append(f"{name.ljust(width)} ", tint(self.app, "muted"))
-            text.append(f"{wording.number(value, 4):>9}\n", "bold")
+        muted, width = tint(self.app, "muted"), max((len(name) for name in told.readings), default=0)
+        for name, value in sorted(told.readings.items(), key=_of_the_workspace_first):
+            text.append(f"{name.ljust(width)} ", muted)
+            text.append(f"{wording.number(value, 4):>9}", "bold")
+            text.append(f" {told.units.get(name, '')}".rstrip() + "\n", muted)
         text.rstrip()
         self.query_one("#instruments", Still).show(text)
 

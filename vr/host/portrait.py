@@ -52,6 +52,7 @@ class Portrait:
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
             abandoned=jobs.abandoned,
+            units={str(name): str(unit) for name, unit in self._robot.reading_units.items()},
             calls=self._calls.counts,
             doc=self._doc(),
             **self._identity(),

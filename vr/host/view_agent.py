@@ -32,6 +32,11 @@ class View(Protocol):
         """What can be looked through; the first one is the default."""
         ...
 
+    @property
+    def reading_units(self) -> Mapping[str, str]:
+        """Symbol of the unit of each reading, by its name; what is not here is a plain number."""
+        ...
+
     def readings(self) -> Mapping[str, float]:
         """Return what the instruments of the workspace read, in SI units."""
         ...
@@ -117,6 +122,7 @@ class ViewAgent:
                     address=self.address,
                     cameras=tuple(self._view.cameras),
                     readings=dict(self._view.readings()),
+                    units=dict(self._view.reading_units),
                 )
             case _:
                 raise not_for("view", request)

@@ -298,3 +298,20 @@ async def test_every_page_fits_into_small_and_large_terminals(
         await operator.press("escape", "escape", "n")
         await operator.at(NewPage)
         await operator.sees("name", "space STOP")
+
+
+async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet, size=(140, 44)) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions, "mover")
+        table = operator.one(RobotTable)
+        await operator.until(lambda: table.selected == "mover", "the cursor")
+        await operator.sees("0.25 rad", "0.125 s")
+        await operator.press("enter")
+        await operator.at(PanelPage)
+        await operator.sees("0.25 rad", "0.125 s")
+        await operator.press("escape", "v")
+        await operator.sees("peak_force       6.5 N", "rad")

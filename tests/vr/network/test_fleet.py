@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -79,6 +80,7 @@ class Rover(Robot):
 
 class Window:
     cameras = ("cell",)
+    reading_units: ClassVar[Mapping[str, str]] = {}
 
     def readings(self) -> dict[str, float]:
         return {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 
 import pytest
 from PIL import Image
@@ -37,6 +37,10 @@ class Window:
     @property
     def cameras(self) -> Sequence[str]:
         return ("cell", "wrist")
+
+    @property
+    def reading_units(self) -> Mapping[str, str]:
+        return {"lever": "rad"}
 
     def readings(self) -> dict[str, float]:
         return {"lever": 0.25}
@@ -82,6 +86,7 @@ async def test_a_view_describes_itself_without_making_a_picture(network: MemoryN
     agent = await show(network.join(), view)
     described = await ViewClient(network.join(), agent.address).describe()
     assert described.cameras == ("cell", "wrist")
+    assert described.units == {"lever": "rad"}
     assert described.readings == {"lever": 0.25}
     assert view.looks == 0
     await agent.close()
