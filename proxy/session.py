@@ -146,6 +146,11 @@ class Session:
         mode = self.twin.latest(Mode)
         return 0 if mode is None else mode.epoch
 
+    @property
+    def pieces(self) -> int:
+        """Packets of pictures so far; while they grow, a picture is on its way."""
+        return self._pictures.statistics.pieces
+
     # -- the link ----------------------------------------------------------------------------------
 
     def opened(self, now: float) -> list[Effect]:

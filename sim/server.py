@@ -2,7 +2,7 @@
 
 The loop carries frames; the cell's own thread computes (`realtime`); one more thread draws pictures, so
 neither the arm nor the answers wait for them. Each connection has at most one picture in the making; of
-further requests the newest per camera waits, and a connection that does not read what it asked for gets none.
+further requests the newest per camera waits, and pieces go out no faster than the connection reads them.
 """
 
 import asyncio
@@ -32,6 +32,13 @@ LARGEST_CROWD: Final = 32
 KEY_REFUSED: Final = "Keys are not taken over the wire; give the controller a key file, and start it again."
 SYSTEM: Final = 1
 """MAVLink system id that ground stations expect of the first robot on a link."""
+
+
+WINDOW: Final = 2048
+"""Bytes that may wait for a client before a piece of a picture waits, too: so a slow line delays what else is
+said by no more than these."""
+BREATH: Final = 0.005
+"""Between two looks whether they still wait [s]."""
 
 
 class Darkroom:
@@ -121,7 +128,7 @@ class Connection:
             message.target_system == self.endpoint.system
             and message.target_component in self._controller.cameras
         )
-        if ours and not self.endpoint.link.congested:
+        if ours:
             self._wanted[message.target_component] = message
             if self._drawing is None:
                 self._drawing = asyncio.create_task(
@@ -141,12 +148,19 @@ class Connection:
     async def _draw_wanted(self) -> None:
         try:
             while self._wanted:
+                await self._room()
                 request = self._wanted.pop(next(iter(self._wanted)))
                 data, width, height = await self._darkroom.develop(request)
                 for message in split(data, width=width, height=height, quality=request.quality):
+                    await self._room()
                     self.endpoint.send(message, component=request.target_component)
         finally:
             self._drawing = None
+
+    async def _room(self) -> None:
+        """Wait until a piece of a picture would leave soon. What else is said goes in between."""
+        while self.endpoint.link.statistics.waiting > WINDOW:  # noqa: ASYNC110  links do not tell
+            await asyncio.sleep(BREATH)
 
     def _closed(self, _: LinkError) -> None:
         if self._drawing is not None:

@@ -45,6 +45,8 @@ class PictureStatistics(msgspec.Struct, frozen=True):
     received: int
     dropped: int
     """Pictures with a hole, or that nobody can want."""
+    pieces: int
+    """Packets that belong to a picture; while they grow, one is on its way."""
 
 
 def split(jpeg: bytes, *, width: int, height: int, quality: int) -> list[Message]:
@@ -74,12 +76,12 @@ class PictureReceiver:
 
     def __init__(self) -> None:
         self._unfinished: dict[Peer, tuple[DataTransmissionHandshake, list[bytes]]] = {}
-        self._received = self._dropped = 0
+        self._received = self._dropped = self._pieces = 0
 
     @property
     def statistics(self) -> PictureStatistics:
         """The gauges now."""
-        return PictureStatistics(received=self._received, dropped=self._dropped)
+        return PictureStatistics(received=self._received, dropped=self._dropped, pieces=self._pieces)
 
     def receive(self, frame: Frame, via: Hashable) -> list[Picture]:
         """Take a frame; the picture that it completes."""
@@ -118,6 +120,7 @@ class PictureReceiver:
         if piece.seqnr != len(pieces) & 0xFFFF:
             self._drop(peer)
             return []
+        self._pieces += 1
         pieces.append(piece.data[: announcement.payload])
         if len(pieces) < announcement.packets:
             return []
