@@ -16,9 +16,11 @@ import pytest
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import ModeKind, SetMode
+from robotree.protocol.messages import AnyMessage, CommandLong, MavCmd, Mode, ModeKind, SetMode
+from robotree.protocol.parser import Parser
 from robotree.tui import exit_codes
 from robotree.tui.processes import Crew
+from robotree.vr.testing import until
 
 pytestmark = pytest.mark.e2e
 
@@ -48,18 +50,32 @@ async def shown(*, stopped: bool) -> dict[str, Any]:
 class Stranger:
     """Somebody on a link of their own, without a proxy."""
 
+    def __init__(self) -> None:
+        self.mode: int | None = None
+        self._parser = Parser()
+
     def received(self, data: bytes) -> None:
-        pass
+        for frame in self._parser.feed(data):
+            if isinstance(frame.message, Mode):
+                self.mode = frame.message.mode
 
     def closed(self, reason: Exception) -> None:
         pass
 
     @classmethod
-    async def sets(cls, url: str, mode: ModeKind, epoch: int) -> None:
-        link: Link = await connect(url, lambda _: cls())
-        link.send(encode(SetMode(epoch, 0, 0, mode), sequence=0, system=254, component=190))
-        await asyncio.sleep(0.2)  # for the bytes to leave before the link is closed
+    async def says(cls, url: str, message: AnyMessage, until_mode: ModeKind) -> None:
+        """Say one thing to the controller, and leave when it has the mode that this leads to."""
+        stranger = cls()
+        link: Link = await connect(url, lambda _: stranger)
+        await until(lambda: stranger.mode is not None, "the controller greets")
+        link.send(encode(message, sequence=0, system=254, component=190))
+        await until(lambda: stranger.mode == until_mode, f"it is {until_mode.name}")
         link.close()
+
+
+def command(command: MavCmd, param: float) -> CommandLong:
+    """As MAVProxy says it: `arm disarm` and its like."""
+    return CommandLong(1, 1, command, 0, param, *(0.0,) * 6)
 
 
 @pytest.fixture
@@ -99,9 +115,28 @@ async def test_a_stop_over_a_link_of_somebody_else_is_shown_until_it_is_released
     url = crew.members[1].address
     await crew.start("proxy", "rover", "rover-1", "--connect", url)
     await shown(stopped=False)
-    await Stranger.sets(url, ModeKind.SAFE_STOP, 0)
-    assert (await shown(stopped=True))["stop_reason"] == REASON
-    await Stranger.sets(url, ModeKind.READY, 1)
-    assert "stop_reason" not in await shown(stopped=False)
+    arm = command(MavCmd.COMPONENT_ARM_DISARM, 1.0)
+    for stop, release in (
+        (SetMode(0, 0, 0, ModeKind.SAFE_STOP), SetMode(0, 0, 0, ModeKind.READY)),
+        (command(MavCmd.COMPONENT_ARM_DISARM, 0.0), arm),
+        (command(MavCmd.DO_FLIGHTTERMINATION, 1.0), arm),
+    ):
+        await Stranger.says(url, stop, ModeKind.SAFE_STOP)
+        assert (await shown(stopped=True))["stop_reason"] == REASON
+        await Stranger.says(url, release, ModeKind.READY)
+        assert "stop_reason" not in await shown(stopped=False)
     code, _, said = await robotree("call", "rover-1.move", "x=0.1", "y=0")
     assert code == exit_codes.DONE, said
+
+
+async def test_a_stop_of_ours_stays_though_somebody_else_releases_the_robot(crew: Crew) -> None:
+    url = crew.members[1].address
+    await crew.start("proxy", "rover", "rover-1", "--connect", url)
+    await shown(stopped=False)
+    await robotree("stop", "rover-1")
+    await Stranger.says(url, command(MavCmd.COMPONENT_ARM_DISARM, 1.0), ModeKind.READY)
+    stranger = Stranger()
+    link = await connect(url, lambda _: stranger)
+    await until(lambda: stranger.mode == ModeKind.SAFE_STOP, "it is stopped again")
+    link.close()
+    assert (await shown(stopped=True))["stop_reason"] == "the operator's protective stop"
