@@ -1,0 +1,153 @@
+"""The demo over a CAN bus: the same cast, the same lever, and anybody on the bus can listen."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from robotree.tui import exit_codes
+from robotree.tui.demo import Wire, cast
+from robotree.tui.processes import Crew
+from robotree.tui.realm import joined
+from robotree.vr.fleet import Fleet
+from robotree.vr.testing import until
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+
+
+@pytest.fixture(autouse=True)
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runtime = tmp_path / "run"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+@asynccontextmanager
+async def playing(wire: Wire, folder: Path) -> AsyncGenerator[Fleet]:
+    """The demo's own cast, on a bus of this process alone."""
+    realm = name(wire)
+    async with Crew(realm, folder) as crew:
+        await cast(crew, counting=False, wire=wire)
+        async with joined(realm) as fleet:
+            await until(lambda: len(fleet.robots()) == 2 and len(fleet.views()) == 1, "the cast is listed")
+            async with asyncio.timeout(20):
+                for robot in ("arm-1", "rover-1"):
+                    while not (await fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
+                        await asyncio.sleep(0.02)
+            yield fleet
+
+
+def name(wire: Wire) -> str:
+    """The realm, which is also the channel of the bus."""
+    return f"can-{os.getpid()}-{wire.name.lower()}"
+
+
+@pytest.fixture
+def listeners() -> Iterator[Any]:
+    """Members of a bus that only listen, as candump does."""
+    opened: list[can.BusABC] = []
+
+    def listen(channel: str) -> can.BusABC:
+        opened.append(can.Bus(interface="robotree", channel=channel))
+        return opened[-1]
+
+    yield listen
+    for bus in opened:
+        bus.shutdown()
+
+
+def heard(bus: can.BusABC) -> list[can.Message]:
+    """What has come so far."""
+    messages: list[can.Message] = []
+    while (message := bus.recv(0)) is not None:
+        messages.append(message)
+    return messages
+
+
+def test_the_options_name_the_wire() -> None:
+    assert Wire.of(can=False, classic=False) is Wire.TCP
+    assert Wire.of(can=True, classic=False) is Wire.CAN_FD
+    assert Wire.of(can=True, classic=True) is Wire.of(can=False, classic=True) is Wire.CAN_CLASSIC
+
+
+async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -> None:
+    async with playing(Wire.CAN_FD, tmp_path) as fleet:
+        bus = listeners(name(Wire.CAN_FD))
+        assert (await fleet.describe_view("cell")).readings["lever"] < -0.75
+        await fleet.create(EXAMPLES / "move_to.py", "mover")
+        await fleet.create(EXAMPLES / "open_close_lever.py", "lever")
+        await fleet.enslave("mover", "arm", "arm-1")
+        await fleet.enslave("lever", "mover", "mover")
+        peak = await fleet.call("lever", "close", {}, deadline=120)
+        readings = (await fleet.describe_view("cell")).readings
+        assert readings["lever"] > 0.75
+        assert 0 < peak <= readings["peak_force"] < 35
+        frames = heard(bus)
+        assert len(frames) > 1000
+        assert all(frame.is_fd for frame in frames)
+
+
+async def test_classic_can_carries_both_robots_and_pictures(tmp_path: Path, listeners: Any) -> None:
+    async with playing(Wire.CAN_CLASSIC, tmp_path) as fleet:
+        bus = listeners(name(Wire.CAN_CLASSIC))
+        at = await fleet.call("arm-1", "get_info", {})
+        goal = {"x": at["x"], "y": at["y"], "z": at["z"] - 0.03, "twist": at["twist"]}
+        await fleet.call("arm-1", "go_to", goal)
+        assert (await fleet.call("arm-1", "get_info", {}))["z"] == pytest.approx(goal["z"], abs=0.005)
+        await fleet.call("rover-1", "move", {"x": 0.1, "y": 0.0})
+        assert (await fleet.call("rover-1", "get_info", {}))["x"] == pytest.approx(0.1, abs=0.01)
+        picture = await fleet.look("cell", width=640, height=360, quality=85)
+        assert (picture.width, picture.height) == (640, 360)
+        frames = heard(bus)
+        assert len(frames) > 3000, "a picture alone takes thousands"
+        assert not any(frame.is_fd or frame.dlc > 8 for frame in frames)
+
+
+def robotree(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """One command line, as a person types it."""
+    return subprocess.run(
+        [*ROBOTREE, *map(str, words)], capture_output=True, text=True, check=False, timeout=280
+    )
+
+
+async def test_loggers_of_others_and_our_own_hear_the_bus(tmp_path: Path) -> None:
+    channel, log, tape = name(Wire.CAN_FD), tmp_path / "bus.log", tmp_path / "arm.tlog"
+    async with playing(Wire.CAN_FD, tmp_path):
+        logger = subprocess.Popen(  # noqa: ASYNC220  the bus is other processes' matter
+            [sys.executable, "-m", "can.logger", "-i", "robotree", "-c", channel, "--fd", "-f", str(log)],
+            stdout=subprocess.DEVNULL,
+        )
+        recorded = robotree("wire", "record", "--connect", f"can:robotree/{channel}", tape, "--for", "2s")
+        assert recorded.returncode == exit_codes.DONE, recorded.stderr
+        logger.terminate()
+        logger.wait(10)
+    for file in (log, tape):
+        *_, last = robotree("wire", "decode", file, "--json").stdout.splitlines()
+        statistics = json.loads(last)["statistics"]
+        assert statistics["messages"]["ROBOTREE_TOOL"] > 50
+        assert statistics["bad_crc"] == statistics["skipped"] == 0
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("options", [["--can"], ["--can", "--classic"]], ids=["fd", "classic"])
+def test_the_whole_demo_plays_over_can(options: list[str], tmp_path: Path) -> None:
+    played = robotree("demo", "--headless", *options, "--pictures", tmp_path / "pictures")
+    assert played.returncode == exit_codes.DONE, played.stdout[-2000:] + played.stderr[-2000:]
+    verdict = json.loads(played.stdout.splitlines()[-1])
+    assert verdict["ok"] is True
+    assert verdict["lever_angle_rad"] > 0.75
+    assert 0 < verdict["peak_force_n"] < 35
+    assert len(verdict["pictures"]) == 2
