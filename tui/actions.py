@@ -200,9 +200,10 @@ ACTIONS: tuple[Action, ...] = (
     # -- run
     Action(
         usage="demo [--headless] [--pictures FOLDER] [--can] [--classic]",
-        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen.",
+        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD.",
         group=PROCESS,
         where=Where.SHELL,
+        examples=("demo --can", "demo --headless --can --classic"),
     ),
     Action(
         usage="supervise",
@@ -319,7 +320,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire key FILE [--links PATTERN] [--passphrase]",
-        help="Make a file with a signing key: the --key of sim, proxy, view and the verbs of the wire.",
+        help="Make a file with a signing key for --key FILE, or for $ROBOTREE_KEY.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire key cell.key", "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase"),
