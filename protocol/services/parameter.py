@@ -130,23 +130,29 @@ class ParameterServer:
         self._lists = {peer: index for peer, index in self._lists.items() if peer.via != via}
 
     def _set(self, message: ParamSet, peer: Peer) -> list[Effect]:
-        name, value = message.param_id, message.param_value
+        name = message.param_id
         parameter = self._parameters.get(name)
         if parameter is None:
             return [_error(peer, name, MavParamError.DOES_NOT_EXIST)]
-        if not self._may_set(peer):
-            return [_error(peer, name, MavParamError.PERMISSION_DENIED)]
-        if parameter.read_only:
-            return [_error(peer, name, MavParamError.READ_ONLY)]
-        if message.param_type != MavParamType.REAL32:
-            return [_error(peer, name, MavParamError.TYPE_MISMATCH)]
-        lower, upper = _on_the_wire(parameter.lower), _on_the_wire(parameter.upper)
-        if not isfinite(value) or not lower <= value <= upper:
-            return [_error(peer, name, MavParamError.VALUE_OUT_OF_RANGE)]
-        value = min(max(value, parameter.lower), parameter.upper)
-        changed = msgspec.structs.replace(parameter, value=value)
-        self._parameters[name] = changed
+        if (why_not := self._why_not(parameter, message, peer)) is not None:
+            # The value too: that is the answer of old, and all that tools without PARAM_ERROR look at.
+            return [_error(peer, name, why_not), self._tell(name, peer)]
+        value = min(max(message.param_value, parameter.lower), parameter.upper)
+        self._parameters[name] = msgspec.structs.replace(parameter, value=value)
         return [Changed(name, value), self._tell(name, peer)]
+
+    def _why_not(self, parameter: Parameter, wish: ParamSet, peer: Peer) -> MavParamError | None:
+        """Why a parameter cannot be set so; None: it can."""
+        if not self._may_set(peer):
+            return MavParamError.PERMISSION_DENIED
+        if parameter.read_only:
+            return MavParamError.READ_ONLY
+        if wish.param_type != MavParamType.REAL32:
+            return MavParamError.TYPE_MISMATCH
+        lower, upper = _on_the_wire(parameter.lower), _on_the_wire(parameter.upper)
+        if not isfinite(wish.param_value) or not lower <= wish.param_value <= upper:
+            return MavParamError.VALUE_OUT_OF_RANGE
+        return None
 
     def told(self, name: str) -> ParamValue:
         """A parameter as it is told; for the others, when one peer has changed it."""

@@ -164,7 +164,10 @@ class Commands:
         width = _WIDTHS.get(request.param(2, default=-1.0))
         if width is None:
             return self._refuse(MavResult.DENIED, "A gripper releases (0), grabs (1) or holds (2).")
-        return self._move(request, Verb.GRIP, (width, *(nan,) * 6), now)
+        answer = self._move(request, Verb.GRIP, (width, *(nan,) * 6), now)
+        # ACCEPTED as soon as it begins, as ArduPilot answers: the gripper plugin of MAVSDK 4.1 takes the
+        # first IN_PROGRESS for the end and breaks at the second answer. ROBOTREE_GRIP tells its progress.
+        return Answer(MavResult.ACCEPTED) if answer.result == MavResult.IN_PROGRESS else answer
 
     # -- stops and modes
 

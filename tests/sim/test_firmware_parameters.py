@@ -82,6 +82,9 @@ def test_a_change_is_obeyed_and_told_to_everyone(arm: ArmBench) -> None:
     assert slowly > 1.5 * (arm.operator.now - began)
 
 
+VALUES = {each.name: each.read(ArmTuning()) for each in PARAMETERS}
+
+
 @pytest.mark.parametrize(
     ("name", "value", "kind", "error"),
     [
@@ -98,8 +101,9 @@ def test_what_cannot_be_set_is_an_error_at_once_and_changes_nothing(
     tell(arm.operator, name, value, kind)
     (told,) = arm.operator.all(ParamError)
     assert (told.error, told.target_system, told.target_component) == (error, 255, 190)
-    assert arm.operator.all(ParamValue) == []
     assert arm.world.arm.tuning == ArmTuning()
+    values = [each.param_value for each in arm.operator.all(ParamValue)]
+    assert values == [pytest.approx(VALUES[each]) for each in VALUES if each == name]
 
 
 @pytest.mark.parametrize("stiffness", [250.0, 1000.0])

@@ -1,0 +1,115 @@
+"""MAVProxy, the ground station of the terminal, works with the simulated arm as with any vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.interop
+
+WITH_RADIO = "ardupilotmega"
+"""The signing module of MAVProxy 1.8.75 asks for a message that only this dialect has."""
+
+
+@pytest.fixture
+def proxy(mavproxy: Callable[[str], Any], arm: str) -> Any:
+    """MAVProxy that has seen the arm."""
+    program = mavproxy(arm)
+    program.reads(r"Detected vehicle 1:1 on link 0\n")
+    return program
+
+
+@pytest.fixture
+def with_parameters(proxy: Any) -> Any:
+    """MAVProxy that has fetched the arm's parameters."""
+    proxy.type("param fetch")
+    proxy.count = int(proxy.reads(r"Received (\d+) parameters")[1])
+    return proxy
+
+
+def test_it_fetches_the_whole_parameter_list(with_parameters: Any) -> None:
+    proxy = with_parameters
+    assert proxy.count >= 8
+    proxy.type("param status")
+    proxy.reads(rf"Have {proxy.count}/{proxy.count} params")
+
+
+def test_it_sets_a_parameter_and_sees_one_refused(with_parameters: Any) -> None:
+    proxy = with_parameters
+    proxy.type("param set TOOL_SPEED 9")
+    proxy.reads(r"Failed to set TOOL_SPEED to 9 \(invalid returned value 0\.2")
+    proxy.type("param set TOOL_SPEED 0.1")
+    fetched = ""
+    while fetched != "0.1000000":  # it sends what was set when it has time, after what was fetched
+        proxy.type("param fetch TOOL_SPEED")
+        fetched = proxy.reads(r"TOOL_SPEED = (\S+)")[1]
+
+
+def test_a_named_command_tells_its_progress_and_its_end(proxy: Any) -> None:
+    proxy.type("long ROBOTREE_GO_TO 0.45 0.1 0.3 0")
+    proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: IN_PROGRESS")
+    proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: IN_PROGRESS")
+    proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: ACCEPTED")
+    proxy.type("long ROBOTREE_GO_TO 9 0 0.3 0")
+    proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: DENIED")
+    proxy.reads(r"out of reach")
+
+
+def test_the_gripper_obeys(proxy: Any) -> None:
+    proxy.type("long DO_GRIPPER 1 0")
+    proxy.reads(r"Got COMMAND_ACK: DO_GRIPPER: ACCEPTED")
+
+
+def test_a_kill_is_a_protective_stop_that_arming_releases(proxy: Any) -> None:
+    proxy.type("long COMPONENT_ARM_DISARM 0 21196")
+    proxy.reads(r"Got COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
+    proxy.reads(r"(?i)safe stop")
+    proxy.reads(r"DISARMED")
+    proxy.type("long ROBOTREE_GO_TO 0.45 0.1 0.3 0")
+    proxy.reads(r"Got COMMAND_ACK: ROBOTREE_GO_TO: TEMPORARILY_REJECTED")
+    proxy.type("long COMPONENT_ARM_DISARM 1")
+    proxy.reads(r"(?<!DIS)ARMED\n")
+
+
+def test_our_own_messages_have_names_fields_and_rates(proxy: Any) -> None:
+    proxy.type("status ROBOTREE_JOINTS")
+    proxy.reads(r"ROBOTREE_JOINTS \{time_boot_ms : \d+, position : \[")
+    proxy.type("messagerate set ROBOTREE_JOINTS 5")
+    proxy.reads(r"Got COMMAND_ACK: SET_MESSAGE_INTERVAL: ACCEPTED")
+    proxy.type("messagerate get ROBOTREE_JOINTS")
+    proxy.reads(r"Msg:ROBOTREE_JOINTS  rate:5\.00Hz")
+
+
+class TestSigning:
+    """The arm has a key; MAVProxy makes its own from a passphrase."""
+
+    @pytest.fixture
+    def arm(self, simulate: Callable[..., str], tmp_path: Path) -> str:
+        keys = tmp_path / "keys"
+        keys.touch(mode=0o600)
+        keys.write_text(f"* {sha256(b'sesame').hexdigest()}\n")
+        return simulate("--key", keys)
+
+    def test_with_the_right_key_it_is_obeyed(self, mavproxy: Callable[..., Any], arm: str) -> None:
+        proxy = mavproxy(arm, WITH_RADIO)
+        proxy.type("module load signing")
+        proxy.reads("Loaded module signing")
+        proxy.type("signing key sesame")
+        proxy.reads("Setup signing key")
+        proxy.type("param fetch")
+        proxy.reads(r"Received \d+ parameters")
+
+    def test_with_a_wrong_key_it_is_not_heard(self, mavproxy: Callable[..., Any], arm: str) -> None:
+        proxy = mavproxy(arm, WITH_RADIO)
+        proxy.type("module load signing")
+        proxy.reads("Loaded module signing")
+        proxy.type("signing key wheat")
+        proxy.reads("Setup signing key")
+        proxy.type("param fetch")
+        proxy.type("long DO_GRIPPER 1 0")
+        with pytest.raises(AssertionError, match="never printed"):
+            proxy.reads(r"Received \d+ parameters|COMMAND_ACK", within=5.0)
