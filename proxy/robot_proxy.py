@@ -49,7 +49,12 @@ class RobotProxy(Robot):
     readers: Readers = READERS
     """How its telemetry reads; a kind may say its own."""
     reading_units = UNITS
-    """In which units; a kind with readers of its own says those."""
+    """In which units; a kind with readers of its own says theirs, the others stay."""
+
+    def __init_subclass__(cls) -> None:
+        """Keep the units of the readings that every kind has, such as `age`."""
+        super().__init_subclass__()
+        cls.reading_units = {**UNITS, **cls.reading_units}
 
     def __init__(
         self,
