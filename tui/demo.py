@@ -39,10 +39,13 @@ class Wire(Enum):
         return cls.CAN_CLASSIC if classic else cls.CAN_FD if can else cls.TCP
 
     def addresses(self, realm: str) -> tuple[str, str]:
-        """Where the arm's and the rover's controllers listen; on CAN, two nodes of one bus of the realm."""
+        """Where the arm's and the rover's controllers listen; on CAN, two nodes of one bus of the realm.
+
+        The channel is never a number alone, for that would be a port.
+        """
         if self is Wire.TCP:
             return "tcp:127.0.0.1:0", "tcp:127.0.0.1:0"
-        bus = f"can:robotree/{realm}?fd={int(self is Wire.CAN_FD)}"
+        bus = f"can:robotree/demo-{realm}?fd={int(self is Wire.CAN_FD)}"
         return f"{bus}&node=1", f"{bus}&node=2"
 
 

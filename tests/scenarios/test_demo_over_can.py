@@ -15,6 +15,9 @@ from typing import Any
 import can
 import pytest
 
+from robotree.protocol.canbus.seats import first_port
+from robotree.protocol.links.can.address import read
+from robotree.protocol.links.url import parse
 from robotree.tui import exit_codes
 from robotree.tui.demo import Wire, cast
 from robotree.tui.processes import Crew
@@ -51,8 +54,13 @@ async def playing(wire: Wire, folder: Path) -> AsyncGenerator[Fleet]:
 
 
 def name(wire: Wire) -> str:
-    """The realm, which is also the channel of the bus."""
+    """The realm."""
     return f"can-{os.getpid()}-{wire.name.lower()}"
+
+
+def channel(wire: Wire) -> str:
+    """The channel of the bus."""
+    return f"demo-{name(wire)}"
 
 
 @pytest.fixture
@@ -83,9 +91,14 @@ def test_the_options_name_the_wire() -> None:
     assert Wire.of(can=True, classic=True) is Wire.of(can=False, classic=True) is Wire.CAN_CLASSIC
 
 
+def test_a_realm_whose_name_is_a_number_has_a_bus_too() -> None:
+    for address in Wire.CAN_FD.addresses("7"):
+        assert first_port(read(parse(address)).channel) > 1024
+
+
 async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -> None:
     async with playing(Wire.CAN_FD, tmp_path) as fleet:
-        bus = listeners(name(Wire.CAN_FD))
+        bus = listeners(channel(Wire.CAN_FD))
         assert (await fleet.describe_view("cell")).readings["lever"] < -0.75
         await fleet.create(EXAMPLES / "move_to.py", "mover")
         await fleet.create(EXAMPLES / "open_close_lever.py", "lever")
@@ -102,7 +115,7 @@ async def test_the_lever_is_closed_over_can_fd(tmp_path: Path, listeners: Any) -
 
 async def test_classic_can_carries_both_robots_and_pictures(tmp_path: Path, listeners: Any) -> None:
     async with playing(Wire.CAN_CLASSIC, tmp_path) as fleet:
-        bus = listeners(name(Wire.CAN_CLASSIC))
+        bus = listeners(channel(Wire.CAN_CLASSIC))
         at = await fleet.call("arm-1", "get_info", {})
         goal = {"x": at["x"], "y": at["y"], "z": at["z"] - 0.03, "twist": at["twist"]}
         await fleet.call("arm-1", "go_to", goal)
@@ -124,13 +137,25 @@ def robotree(*words: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 async def test_loggers_of_others_and_our_own_hear_the_bus(tmp_path: Path) -> None:
-    channel, log, tape = name(Wire.CAN_FD), tmp_path / "bus.log", tmp_path / "arm.tlog"
+    log, tape = tmp_path / "bus.log", tmp_path / "arm.tlog"
     async with playing(Wire.CAN_FD, tmp_path):
         logger = subprocess.Popen(  # noqa: ASYNC220  the bus is other processes' matter
-            [sys.executable, "-m", "can.logger", "-i", "robotree", "-c", channel, "--fd", "-f", str(log)],
+            [
+                sys.executable,
+                "-m",
+                "can.logger",
+                "-i",
+                "robotree",
+                "-c",
+                channel(Wire.CAN_FD),
+                "--fd",
+                "-f",
+                str(log),
+            ],
             stdout=subprocess.DEVNULL,
         )
-        recorded = robotree("wire", "record", "--connect", f"can:robotree/{channel}", tape, "--for", "2s")
+        url = f"can:robotree/{channel(Wire.CAN_FD)}"
+        recorded = robotree("wire", "record", "--connect", url, tape, "--for", "2s")
         assert recorded.returncode == exit_codes.DONE, recorded.stderr
         logger.terminate()
         logger.wait(10)

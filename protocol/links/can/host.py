@@ -22,7 +22,8 @@ from robotree.protocol.links.can.identifiers import (
     route,
 )
 from robotree.protocol.links.can.link import CanLink, Ends
-from robotree.protocol.links.can.port import Port, PortStatistics, open_port
+from robotree.protocol.links.can.opening import open_port
+from robotree.protocol.links.can.port import Port, PortStatistics
 
 if TYPE_CHECKING:
     from can import Message
