@@ -5,8 +5,9 @@ Runs in the environment of the tools, not in ours:
     python mavsdk_client.py tcpout://127.0.0.1:5760 robotree.xml
 
 A request is `[PLUGIN, METHOD, ARGUMENT, …]`. The answer, behind the word `answer`, is what the method
-returned, or `{"error": NAME}` with the name of MAVSDK's result. The message methods of `direct` take a message
-as an object: `{"name": …, "fields": {…}}`; `["direct", "next", NAME]` waits for the next message with that name.
+returned, or `{"error": NAME}` with the name of MAVSDK's result. The message methods of `direct` take a
+message as an object: `{"name": …, "fields": {…}}`; `["direct", "next", NAME]` waits for the next one with
+that name.
 """
 
 from __future__ import annotations

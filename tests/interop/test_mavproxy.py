@@ -76,8 +76,9 @@ def test_a_kill_is_a_protective_stop_that_arming_releases(proxy: Any) -> None:
 
 
 def test_our_own_messages_have_names_fields_and_rates(proxy: Any) -> None:
-    proxy.type("status ROBOTREE_JOINTS")
-    proxy.reads(r"ROBOTREE_JOINTS \{time_boot_ms : \d+, position : \[")
+    proxy.type("watch ROBOTREE_GRIPPER")
+    proxy.reads(r"ROBOTREE_GRIPPER \{time_boot_ms : \d+, width : 0\.\d+, ")
+    proxy.type("watch")
     proxy.type("messagerate set ROBOTREE_JOINTS 5")
     proxy.reads(r"Got COMMAND_ACK: SET_MESSAGE_INTERVAL: ACCEPTED")
     proxy.type("messagerate get ROBOTREE_JOINTS")
