@@ -23,6 +23,7 @@ from robotree.vr.host.pattern import matches
 from robotree.vr.host.presence import Presence
 from robotree.vr.host.rendezvous import Rendezvous, realm_name
 from robotree.vr.host.replies import Replies
+from robotree.vr.host.turns import Turns
 from robotree.vr.host.zenoh_session import LEASE, Session
 from robotree.vr.transport import (
     PresenceHandler,
@@ -34,7 +35,10 @@ from robotree.vr.transport import (
 )
 
 LARGE = 8192
-"""Bytes from which on a reply is sent by a thread: a stalled receiver may block the sender for a second."""
+"""Bytes from which on a body is sent by a thread: a stalled receiver may block the sender for a second."""
+
+URGENT = b"!"
+"""What is attached to a request that goes ahead of others."""
 
 WAITING_SAMPLES = 4096
 """Samples that may wait for one subscriber before the oldest are lost."""
@@ -88,6 +92,7 @@ class ZenohTransport:
         self._served: dict[str, RequestHandler] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._asking: set[Replies] = set()
+        self._turns = Turns()
         self.declared: set[_Declared] = set()
         """What is declared now. A token that nobody refers to any more is taken back by Zenoh."""
 
@@ -111,10 +116,9 @@ class ZenohTransport:
         def take(query: zenoh.Query) -> None:
             payload = query.payload
             body = payload.to_bytes() if payload is not None else b""
-            try:
-                self._loop.call_soon_threadsafe(self._answer, key, query, body)
-            except RuntimeError:  # the loop is closed
-                query.drop()
+            urgent = query.attachment is not None
+            if not self._turns.put(partial(self._answer, key, query, body), urgent=urgent):
+                query.drop()  # the loop is closed
 
         # never complete=True: after one of two is undeclared, callers get nothing for ever (zenoh pull 2660)
         queryable = await self.in_thread(lambda: session.declare_queryable(key, _direct(take)))
@@ -135,22 +139,29 @@ class ZenohTransport:
 
         def take(reply: zenoh.Reply) -> None:
             if reply.ok is None:  # nobody here replies with an error: it is Zenoh's own "Timeout"
-                self._call(replies.time_out)
+                self._turns.put(replies.time_out, urgent=urgent)
             else:
-                self._call(replies.feed, reply.ok.payload.to_bytes())
+                self._turns.put(partial(replies.feed, reply.ok.payload.to_bytes()), urgent=urgent)
 
-        session.get(
-            key,
-            _direct(take, lambda: self._call(self._asked, replies)),
-            # anything else holds replies back until the last one is there
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout,
-            payload=bytes(body),
-            # a queue of its own. BLOCK, because DROP loses large bodies; it does not block here, since
-            # telemetry, which could fill a queue, has another one
-            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+        def send() -> None:
+            session.get(
+                key,
+                _direct(take, lambda: self._turns.put(partial(self._asked, replies), urgent=urgent)),
+                # anything else holds replies back until the last one is there
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout,
+                payload=bytes(body),
+                # a queue of its own on this side; who receives it sees no priority, so it is written on it
+                priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
+                attachment=URGENT if urgent else None,
+                # DROP loses large bodies
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+
+        if len(body) < LARGE:
+            send()
+        else:
+            self._spawn(self._send(send, replies))
         return replies
 
     def publish(self, key: str, body: bytes) -> None:
@@ -265,6 +276,12 @@ class ZenohTransport:
             raise TransportClosed(key=key)
         return session
 
+    async def _send(self, send: Callable[[], object], replies: Replies) -> None:
+        try:
+            await self.in_thread(send)
+        except zenoh.ZError:  # the session has closed meanwhile
+            self._asked(replies)
+
     def _call(self, action: Callable[..., None], *arguments: object) -> None:
         """From a thread of the network to the loop."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
@@ -322,7 +339,7 @@ async def _handle(handler: RequestHandler, body: bytes, respond: Respond, key: s
 
 
 def _direct(
-    callback: Callable[[_R], None], drop: Callable[[], None] | None = None
+    callback: Callable[[_R], None], drop: Callable[[], object] | None = None
 ) -> zenoh.handlers.Callback[_R]:
     """Have a callback called in the network's own thread; otherwise each request costs a new thread."""
     return zenoh.handlers.Callback(callback, drop, indirect=False)

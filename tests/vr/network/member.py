@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 
 from robotree.vr import Robot, command
 from robotree.vr.host.agent import RobotAgent
@@ -101,7 +102,14 @@ MEMBERS: dict[str, Callable[[ZenohTransport, str], Awaitable[None]]] = {
     "wait-for-interrupt": wait_for_interrupt,
     "robot": robot,
 }
-SERVICES = {"lookup": run_lookup, "host": run_host}
+BRIEF = 1.0
+"""[s] Shorter than it takes to see that a stopped process has gone: here the term alone decides."""
+
+SERVICES: dict[str, Callable[..., Coroutine[None, None, None]]] = {
+    "lookup": run_lookup,
+    "host": run_host,
+    "brief-host": partial(run_host, term=BRIEF),
+}
 
 
 async def main(word: str, name: str) -> None:

@@ -1,0 +1,177 @@
+"""Bonds between real processes over real Zenoh: a frozen parent, a flooded link, a child that stalls."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import statistics
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from robotree.vr import Child, VirtualRobot
+from robotree.vr.address import Address
+from robotree.vr.errors import SlotEmpty, StaleEpoch, TransportError
+from robotree.vr.fleet import Fleet
+from robotree.vr.host.agent import RobotAgent
+from robotree.vr.host.asking import ask
+from robotree.vr.host.client import RobotClient
+from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.requests import Call, Describe, Described, encode
+from robotree.vr.testing import until
+from tests.vr.network.member import BRIEF
+
+Start = Callable[[str, str], Awaitable[Any]]
+Enter = Callable[[], Awaitable[ZenohTransport]]
+
+CARRIER = """
+from robotree.vr import Child, VirtualRobot
+
+class Carrier(VirtualRobot):
+    rover = Child("Rover")
+    move = rover.exposed("move")
+"""
+NOISE = 0.5
+"""[s] that a busy machine may need to notice what has happened."""
+
+
+class Carrier(VirtualRobot):
+    rover = Child("Rover")
+
+
+@pytest.fixture
+async def fleet(join_zenoh: Enter) -> AsyncIterator[Fleet]:
+    fleet = Fleet(await join_zenoh())
+    await fleet.start()
+    yield fleet
+    await fleet.close()
+
+
+async def begin(start: Start, *members: tuple[str, str]) -> list[Any]:
+    started = [await start(*member) for member in members]
+    await asyncio.gather(*(member.ready() for member in started))
+    return started
+
+
+async def lost(fleet: Fleet, parent: str) -> None:
+    """Wait until a parent knows that its child is lost."""
+    async with asyncio.timeout(5):
+        while (await fleet.describe(parent)).slots[0].child is not None:  # noqa: ASYNC110 # it is asked
+            await asyncio.sleep(0.01)
+
+
+@pytest.mark.parametrize(("host", "term"), [("host", DEFAULT_TERM), ("brief-host", BRIEF)])
+async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when_it_wakes(
+    start: Start, fleet: Fleet, tmp_path: Path, host: str, term: float
+) -> None:
+    _, frozen, _ = await begin(start, ("lookup", "l1"), (host, "h1"), ("robot", "rover"))
+    (tmp_path / "carrier.py").write_text(CARRIER)
+    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
+    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
+    await fleet.enslave("carrier", "rover", "rover")
+    assert await fleet.call("carrier", "move", {"x": 1.0}) == 1.0
+    bound = await fleet.describe("rover")
+    assert bound.bond is not None
+    frozen.signal(signal.SIGSTOP)
+    stopped = time.monotonic()
+    while (await fleet.describe("rover")).bond is not None:  # noqa: ASYNC110 # what is asked is the law
+        await asyncio.sleep(0.01)
+    assert time.monotonic() - stopped < term + NOISE
+    assert await fleet.call("rover", "move", {"x": 2.0}) == 2.0, "it obeys the operator"
+    frozen.signal(signal.SIGCONT)
+    await until(lambda: len(fleet.directory.present("robot")) == 2, "it is back")
+    with pytest.raises((SlotEmpty, StaleEpoch)):  # it may go on with its last thought
+        await fleet.call("carrier", "move", {"x": 3.0})
+    await lost(fleet, "carrier")
+    await fleet.enslave("carrier", "rover", "rover")
+    assert (await fleet.describe("rover")).epoch > bound.epoch
+    assert await fleet.call("carrier", "move", {"x": 4.0}) == 4.0
+
+
+@contextmanager
+def flood(transport: ZenohTransport, key: str) -> Iterator[None]:
+    """Send small calls on a link as fast as it takes them."""
+    enough = threading.Event()
+    body = encode(Call(key="k", command="fly", arguments={"text": "x" * 1000}, deadline=5.0))
+    session = transport.session.zenoh
+    assert session is not None
+
+    def send() -> None:
+        while not enough.is_set():
+            session.get(
+                key,
+                zenoh.handlers.Callback(lambda _: None, indirect=False),
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=60,
+                payload=body,
+                priority=zenoh.Priority.DATA,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        enough.set()
+        thread.join()
+
+
+async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_zenoh: Enter) -> None:
+    """Thousands wait in the child's process too; the lease needs its answer within 1 s, again and again."""
+    await begin(start, ("robot", "rover"))
+    transport = await join_zenoh()
+    (key,) = await transport.present("robot/rover/*")
+    child = Address.parse(key)
+    assert child is not None
+    carrier = RobotAgent(Carrier("carrier"), transport, term=BRIEF)
+    await carrier.start()
+    operator = RobotClient(transport, carrier.address)
+    await operator.enslave("rover", child)
+    epoch = (await RobotClient(transport, child).describe()).epoch
+
+    async def seconds(*, urgent: bool) -> float:
+        began = time.monotonic()
+        await ask(transport, key, Describe(), Described, timeout=60, urgent=urgent)
+        return time.monotonic() - began
+
+    ahead: list[float] = []
+    behind: list[float] = []
+    with flood(transport, key):
+        end = time.monotonic() + 3 * BRIEF
+        while time.monotonic() < end:
+            ahead.append(await seconds(urgent=True))
+            behind.append(await seconds(urgent=False))
+    described = carrier.description().slot("rover")
+    assert described is not None
+    assert (described.child, described.lost) == (child, "")
+    assert (await ask(transport, key, Describe(), Described, timeout=60, urgent=True)).robot.epoch == epoch
+    assert 3 * statistics.median(ahead) < statistics.median(behind), (ahead, behind)
+    await carrier.close()
+
+
+async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
+    start: Start, join_zenoh: Enter
+) -> None:
+    (rover,) = await begin(start, ("robot", "rover"))
+    transport = await join_zenoh()
+    (key,) = await transport.present("robot/rover/*")
+    rover.signal(signal.SIGSTOP)
+    body = encode(Call(key="k", command="fly", arguments={"text": "x" * 3_000_000}, deadline=5.0))
+    loop = asyncio.get_running_loop()
+    longest, last = 0.0, loop.time()
+    replies = transport.request(key, body, timeout=3.0)
+    asking = asyncio.ensure_future(anext(replies))
+    while not asking.done():
+        await asyncio.sleep(0.005)
+        longest, last = max(longest, loop.time() - last), loop.time()
+    assert isinstance(asking.exception(), TransportError)
+    assert longest < 0.4, "the loop that keeps all leases went on"
+    rover.signal(signal.SIGCONT)

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import asyncio
+import threading
+from functools import partial
+
+import pytest
+
+from robotree.vr.host.turns import SHARE, Turns
+
+
+async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:
+    done: list[str] = []
+    turns = Turns()
+
+    def bring() -> None:
+        for number in range(3):
+            turns.put(partial(done.append, f"other {number}"))
+        for number in range(2):
+            turns.put(partial(done.append, f"urgent {number}"), urgent=True)
+
+    thread = threading.Thread(target=bring)
+    thread.start()
+    thread.join()
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert done == ["urgent 0", "urgent 1", "other 0", "other 1", "other 2"]
+
+
+async def test_a_flood_leaves_the_loop_its_turns_and_urgent_things_overtake_it() -> None:
+    done: list[int] = []
+    turns = Turns()
+    for number in range(10 * SHARE):
+        turns.put(partial(done.append, number))
+    await asyncio.sleep(0)
+    assert 0 < len(done) <= SHARE
+    turns.put(partial(done.append, -1), urgent=True)
+    await asyncio.sleep(0)
+    assert -1 in done[: 2 * SHARE]
+    for _ in range(11):
+        await asyncio.sleep(0)
+    done.remove(-1)
+    assert done == list(range(10 * SHARE))
+
+
+async def test_one_that_raises_does_not_hold_up_the_others(caplog: pytest.LogCaptureFixture) -> None:
+    done: list[int] = []
+    turns = Turns()
+    turns.put(lambda: 1 / 0)
+    turns.put(partial(done.append, 1))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert done == [1]
+    assert "ZeroDivisionError" in caplog.text
+
+
+def test_when_the_loop_is_closed_nothing_is_done_and_it_is_said() -> None:
+    async def make() -> Turns:
+        return Turns()
+
+    turns = asyncio.run(make())
+    assert not turns.put(lambda: None)
+    assert not turns.put(lambda: None, urgent=True)
