@@ -24,12 +24,12 @@ from robotree.vr.errors import BadArgument, CommandFailed
 CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
 """Which component of the controller is which camera. The first one is looked through when none is named."""
 ANSWER_WITHIN = 1.5
-"""[s] in which a picture begins to come, and goes on to come; a busy renderer needs 0.2."""
-LONGEST = 4.5
-"""[s] that one picture may take while it comes: 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside
-all telemetry. Whoever looks waits 5 s."""
-ATTEMPTS = 2
-"""A picture with a hole is dropped on the way and has to be asked for again."""
+"""[s] in which a picture begins to come, and goes on to come; else it is asked for again. A busy renderer
+needs 0.2; on a machine that is busy with other things ten times that, and then the first request is answered
+while the second waits."""
+ATTEMPTS = 3
+"""How many times `ANSWER_WITHIN` a picture may take, all in all: 4.5 s, since whoever looks waits 5 s. One
+with a hole is dropped on the way. 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside all telemetry."""
 SMALLEST, LARGEST = 16, 1920
 """[px] Sides of a picture."""
 
@@ -145,30 +145,30 @@ class WorkspaceView:
 
     async def _fetch(self, wish: Wish) -> bytes:
         """Ask for one picture at a time from each camera: the wire does not say which request it answers."""
+        patience = ATTEMPTS * self._answer_within
         async with self._turn[wish.camera]:
-            for _ in range(ATTEMPTS):
+            ends = self._connection.now() + patience
+            while ends - self._connection.now() > self._answer_within / 10:
                 if not self._session.online:
                     raise self._failed(self._session.trouble)
-                try:
-                    return await self._ask(wish)
-                except TimeoutError:
-                    continue
-        raise self._failed(f"no whole picture came from camera {wish.camera}, asked for {ATTEMPTS} times")
+                if (jpeg := await self._ask(wish, ends)) is not None:
+                    return jpeg
+        raise self._failed(f"no whole picture came from camera {wish.camera} within {patience:g} s")
 
-    async def _ask(self, wish: Wish) -> bytes:
+    async def _ask(self, wish: Wish, ends: float) -> bytes | None:
+        """Ask once, and wait while pieces come, until the moment `ends` [s]; None: no whole picture came."""
         component, system = CAMERAS[wish.camera], self._session.controller.system
         request = PictureRequest(wish.width, wish.height, system, component, wish.quality)
         expected: asyncio.Future[bytes]
         expected = self._expected[component] = asyncio.get_running_loop().create_future()
         self._connection.perform(self._session.ask_for(request))
-        began = self._connection.now()
         before = -1
         try:
-            while self._connection.now() - began < LONGEST and before != (before := self._session.pieces):
-                await asyncio.wait([expected], timeout=self._answer_within)
+            while (left := ends - self._connection.now()) > 0 and before != (before := self._session.pieces):
+                await asyncio.wait([expected], timeout=min(self._answer_within, left))
                 if expected.done():
                     return expected.result()
-            raise TimeoutError
+            return None
         finally:
             self._expected.pop(component, None)
 

@@ -122,11 +122,12 @@ class Controller:
         elif isinstance(message, SetMode):
             self._set_mode(message)
         elif isinstance(message, PictureRequest) and self.jpeg:
-            self._send_picture(message)
+            self.draw(self.jpeg, message)
 
-    def _send_picture(self, request: PictureRequest) -> None:
+    def draw(self, jpeg: bytes, request: PictureRequest) -> None:
+        """Send a picture."""
         assert self._endpoint is not None
-        pieces = split(self.jpeg, width=request.width, height=request.height, quality=request.quality)
+        pieces = split(jpeg, width=request.width, height=request.height, quality=request.quality)
         if self.holes:
             self.holes -= 1
             pieces.pop(1)
