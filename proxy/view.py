@@ -29,7 +29,7 @@ needs 0.2; on a machine that is busy with other things ten times that, and then 
 while the second waits."""
 ATTEMPTS = 3
 """How many times `ANSWER_WITHIN` a picture may take, all in all: 4.5 s, since whoever looks waits 5 s. One
-with a hole is dropped on the way. 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside all telemetry."""
+with a hole is dropped on the way. 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside telemetry."""
 SMALLEST, LARGEST = 16, 1920
 """[px] Sides of a picture."""
 
