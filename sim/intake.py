@@ -1,8 +1,9 @@
 """Frames on their way from the links to the physics: bounded, fair, and never in the way of a stop.
 
-Each link has a queue of its own. What is heard before a batch is at most `TURN` frames of each link; of what
-a link brings beyond `LARGEST_QUEUE` the newest is dropped and counted, so a client that floods costs itself.
-A stop goes before everything; a second one of a link that still waits says nothing new, and is not queued.
+Each link has a queue of its own, and credit that grows with every batch: a frame costs 1, one for which a
+way has to be planned `PLANNED`, a set-point `FOLLOWED`, as their processor time does. Of what a link brings
+beyond `LARGEST_QUEUE` the newest is dropped and counted, so a client that floods costs itself. A stop goes
+before everything; when several of a link wait already, one more says nothing new and is not queued.
 """
 
 import threading
@@ -11,12 +12,28 @@ from collections.abc import Hashable, Iterator
 from typing import Final, NamedTuple
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import CommandInt, CommandLong, MavCmd, ModeKind, SetMode
+from robotree.protocol.messages import (
+    CommandInt,
+    CommandLong,
+    Goal,
+    MavCmd,
+    ModeKind,
+    SetMode,
+    Setpoint,
+    Verb,
+)
+from robotree.sim.firmware.commands import MOVING
 
 LARGEST_QUEUE: Final = 256
 """Frames of one link that wait."""
-TURN: Final = 16
-"""Frames of one link that are heard before a batch of 5 ms: 3200 in a second."""
+CREDIT: Final = 16
+"""By which each link's credit grows before a batch of 5 ms, never beyond: 3200 in a second."""
+ALL_CREDIT: Final = 64
+"""By which the credit of all links together grows, when there are many."""
+PLANNED: Final = 64
+"""Cost of a goal or a command that moves: its way takes 1 to 5 ms to plan, so a link gets 50 in a second."""
+FOLLOWED: Final = 8
+"""Cost of a set-point: its posture takes 0.1 to 1 ms to find, so a link gets 400 in a second."""
 LARGEST_STOPS: Final = 8
 """Stops of one link that wait; each is answered."""
 
@@ -50,6 +67,7 @@ class Intake:
         self._lock = threading.Lock()
         self._stops: dict[Hashable, deque[Heard]] = {}
         self._queues: dict[Hashable, deque[Event]] = {}
+        self._debts: dict[Hashable, int] = {}
         self.dropped = 0
         """Frames that found their link's queue full."""
 
@@ -74,21 +92,38 @@ class Intake:
             self._queues.setdefault(via, deque()).append(Closed(via))
 
     def take(self) -> list[Event]:
-        """What is heard before the next batch: all stops, then a turn of each link."""
+        """What is heard before the next batch: all stops, then what each link has credit for."""
         if not self._stops and not self._queues:
             return []
         with self._lock:
             events: list[Event] = [event for queue in self._stops.values() for event in queue]
             self._stops.clear()
-            for queue in self._queues.values():
-                events += _pop(queue)
-            self._queues = {via: queue for via, queue in self._queues.items() if queue}
+            credit = min(CREDIT, max(ALL_CREDIT // max(len(self._queues), 1), 1))
+            for via, queue in self._queues.items():
+                events += self._pop(via, queue, credit)
+            self._queues = {via: queue for via, queue in self._queues.items() if queue or via in self._debts}
         return events
 
+    def _pop(self, via: Hashable, queue: deque[Event], credit: int) -> Iterator[Event]:
+        """What a link has credit for; the last frame may cost more, which it pays back before the next."""
+        credit -= self._debts.pop(via, 0)
+        while queue and credit > 0:
+            event = queue.popleft()
+            credit -= _cost(event)
+            yield event
+        if credit < 0:
+            self._debts[via] = -credit
 
-def _pop(queue: deque[Event]) -> Iterator[Event]:
-    for _ in range(min(TURN, len(queue))):
-        yield queue.popleft()
+
+def _cost(event: Event) -> int:
+    if not isinstance(event, Heard):
+        return 1
+    message = event.frame.message
+    if isinstance(message, Setpoint):
+        return FOLLOWED
+    if isinstance(message, Goal):
+        return PLANNED if message.verb != Verb.STATUS else 1
+    return PLANNED if isinstance(message, CommandLong | CommandInt) and message.command in MOVING else 1
 
 
 def is_stop(frame: Frame) -> bool:

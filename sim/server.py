@@ -14,7 +14,7 @@ from typing import Final
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError, LinkRefused
 from robotree.protocol.frame import Frame
-from robotree.protocol.links.link import Link
+from robotree.protocol.links.link import Handler, Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
@@ -26,6 +26,7 @@ from robotree.sim.errors import CannotListen
 from robotree.sim.firmware import COMPONENT, SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
 from robotree.sim.realtime import Pace, RealTime
+from robotree.sim.throttle import TOTAL, Throttled
 
 LARGEST_CROWD: Final = 32
 """Clients that are served at a time; each costs its telemetry."""
@@ -188,7 +189,7 @@ class Server:
         """How real time is kept."""
         return self._realtime.pace
 
-    def accept(self, link: Link) -> Endpoint:
+    def accept(self, link: Link) -> Handler:
         """A client has come.
 
         Where `LARGEST_CROWD` are served already, the one that has been silent from the beginning for the
@@ -211,7 +212,11 @@ class Server:
             connection.refuse(f"{LARGEST_CROWD} clients are served already; end one of them.")
         else:
             self._connections[connection.endpoint] = connection
-        return connection.endpoint
+        return Throttled(link, connection.endpoint, self._share)
+
+    def _share(self) -> float:
+        """[bytes/s] that one of the clients may send for long."""
+        return TOTAL / max(len(self._connections), 1)
 
     def close(self) -> None:
         """End the threads."""

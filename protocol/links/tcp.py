@@ -116,6 +116,16 @@ class TcpLink(asyncio.Protocol):
             self._received += len(data)
             self._handler.received(data)
 
+    def pause_reading(self) -> None:
+        """Let the far end wait: what it sends is not read until `resume_reading`."""
+        if self._transport is not None:
+            self._transport.pause_reading()
+
+    def resume_reading(self) -> None:
+        """Read on."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.resume_reading()
+
     def pause_writing(self) -> None:
         """Asyncio tells: the far end does not read."""
         self._paused = True

@@ -11,6 +11,7 @@ from robotree.protocol.messages import (
     AnyMessage,
     CommandInt,
     CommandLong,
+    Goal,
     GoalStatus,
     Heartbeat,
     MavCmd,
@@ -18,9 +19,10 @@ from robotree.protocol.messages import (
     ModeKind,
     Ping,
     SetMode,
+    Setpoint,
     Verb,
 )
-from robotree.sim.intake import LARGEST_QUEUE, LARGEST_STOPS, TURN, Closed, Heard, Intake, Opened, is_stop
+from robotree.sim.intake import CREDIT, LARGEST_QUEUE, LARGEST_STOPS, Closed, Heard, Intake, Opened, is_stop
 from robotree.sim.testing import ArmBench
 
 STOP = Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
@@ -57,7 +59,7 @@ def test_a_flood_is_bounded_and_what_is_dropped_is_counted(flood: int) -> None:
     assert intake.dropped == max(0, flood - LARGEST_QUEUE)
     heard: list[int] = []
     while turn := numbers(intake, "flooder"):
-        assert len(turn) <= TURN
+        assert len(turn) <= CREDIT
         heard += turn
     assert heard == list(range(min(flood, LARGEST_QUEUE)))
 
@@ -68,6 +70,40 @@ def test_a_flood_does_not_delay_others() -> None:
         intake.put(ping(i), "flooder")
     intake.put(ping(7), "other")
     assert numbers(intake, "other") == [7]
+
+
+def goal(key: int, verb: Verb) -> Frame:
+    return Frame.of(Goal(key, 0, 0, (0.3, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0), verb, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("frame", "per_second"),
+    [
+        (ping(1), 3200),
+        (goal(1, Verb.STATUS), 3200),
+        (goal(1, Verb.GO_TO), 50),
+        (Frame.of(Setpoint(0, 0, 1, (0.0,) * 7, 100, 1, 1, 1)), 400),
+        (Frame.of(CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, *(0.0,) * 7)), 50),
+    ],
+)
+def test_what_takes_long_is_heard_less_often(frame: Frame, per_second: int) -> None:
+    intake, heard = Intake(), 0
+    for _ in range(200):
+        for _ in range(20):
+            intake.put(frame, "flooder")
+        heard += len(intake.take())
+    assert heard == pytest.approx(per_second, rel=0.03)
+
+
+def test_many_flooders_share_what_there_is() -> None:
+    intake, heard = Intake(), 0
+    for _ in range(200):
+        for via in range(32):
+            intake.put(ping(1), via)
+            intake.put(ping(1), via)
+            intake.put(ping(1), via)
+        heard += len(intake.take())
+    assert heard == 200 * 64
 
 
 def test_a_stop_goes_before_everything_even_of_the_flooder_itself() -> None:

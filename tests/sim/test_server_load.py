@@ -1,0 +1,221 @@
+"""A controller under load: floods, crowds and clients that never read cost themselves, not the arm's pace."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from itertools import count
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame
+from robotree.protocol.frame import encode
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import (
+    AnyMessage,
+    CommandLong,
+    ControlStatus,
+    Heartbeat,
+    MavAutopilot,
+    MavCmd,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    Ping,
+    SetMode,
+    SetupSigning,
+    Statustext,
+)
+from robotree.sim.server import LARGEST_CROWD, Server, serving
+
+ANY = "tcp:127.0.0.1:0"
+PATIENCE = 20.0
+BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+
+
+class Client:
+    """A well-behaved client."""
+
+    def __init__(self, system: int = 255) -> None:
+        self.system = system
+        self.heard: list[AnyMessage] = []
+        self.ended = asyncio.get_running_loop().create_future()
+        self._news = asyncio.Event()
+        self._numbers = count(1)
+
+    async def dial(self, address: str) -> Client:
+        self.link = await connect(address, self._accept)
+        self.say(BEAT)
+        return self
+
+    def say(self, message: AnyMessage) -> None:
+        self._endpoint.send(message)
+
+    async def until(self, kind: type[AnyMessage], **fields: object) -> AnyMessage:
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                for message in self.heard:
+                    if isinstance(message, kind) and all(getattr(message, k) == v for k, v in fields.items()):
+                        return message
+                self._news.clear()
+                await self._news.wait()
+
+    async def ping(self) -> float:
+        """Seconds until a ping came back."""
+        number, began = next(self._numbers), time.monotonic()
+        self.say(Ping(0, number))
+        await self.until(Ping, seq=number, target_system=self.system)
+        return time.monotonic() - began
+
+    def _accept(self, link: Link) -> Endpoint:
+        self._endpoint = Endpoint(
+            link, system=self.system, component=190, on_frame=self._hear, on_closed=self.ended.set_result
+        )
+        return self._endpoint
+
+    def _hear(self, frame: Frame) -> None:
+        self.heard.append(frame.message)
+        self._news.set()
+
+
+@contextlib.asynccontextmanager
+async def keeping_pace(server: Server) -> AsyncIterator[None]:
+    """The world's time goes on like the wall clock's inside the block, and no debt of it is dropped."""
+    before, began = server.pace, time.monotonic()
+    yield
+    after, elapsed = server.pace, time.monotonic() - began
+    assert after.dropped == before.dropped
+    assert (after.time_ms - before.time_ms) / 1000 == pytest.approx(elapsed, rel=0.02, abs=0.1)
+
+
+async def flood(address: str, messages: list[AnyMessage]) -> None:
+    """Send as fast as the far end takes it, and read what comes."""
+    host, port = address.removeprefix("tcp:").split(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    frames = [encode(each, sequence=i & 255, system=200, component=1) for i, each in enumerate(messages)]
+    reading = asyncio.create_task(_drain(reader))
+    try:
+        while True:
+            writer.write(b"".join(frames))
+            await writer.drain()
+            await asyncio.sleep(0.01)
+    finally:
+        reading.cancel()
+        writer.close()
+
+
+async def _drain(reader: asyncio.StreamReader) -> None:
+    while await reader.read(65536):
+        pass
+
+
+async def test_a_flood_slows_neither_the_arm_nor_others_and_their_stop_is_obeyed() -> None:
+    async with serving("arm", ANY) as server:
+        client = await Client().dial(server.address)
+        await client.ping()
+        flooding = asyncio.create_task(flood(server.address, [BEAT] * 2000))
+        await asyncio.sleep(0.5)
+        async with keeping_pace(server):
+            trips = sorted([await client.ping() for _ in range(50)])
+            await asyncio.sleep(1.0)
+        assert trips[25] < 0.05
+        client.say(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
+        began = time.monotonic()
+        await client.until(Mode, mode=ModeKind.SAFE_STOP)
+        assert time.monotonic() - began < 0.25
+        flooding.cancel()
+
+
+async def test_a_flood_of_work_is_carried_out_at_a_bearable_pace() -> None:
+    """Every command has to be planned, which takes a millisecond or more of the physics' thread."""
+    plan = CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, 0.3, 0.3, 0.2, 0.5, 0.0, 0.0, 0.0)
+    unreachable = CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, 0.6, 0.3, 0.2, 0.5, 0.0, 0.0, 0.0)
+    async with serving("arm", ANY) as server:
+        client = await Client().dial(server.address)
+        flooding = asyncio.create_task(flood(server.address, [plan, unreachable] * 500))
+        await asyncio.sleep(0.5)
+        async with keeping_pace(server):
+            for _ in range(20):
+                await client.ping()
+            await asyncio.sleep(1.0)
+        flooding.cancel()
+
+
+async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
+    async with serving("arm", ANY) as server:
+        host, port = server.address.removeprefix("tcp:").split(":")
+        first = await Client().dial(server.address)
+        await first.ping()
+        writers: list[asyncio.StreamWriter] = []
+        async with keeping_pace(server):
+            for _ in range(1000):
+                _, writer = await asyncio.open_connection(host, int(port))
+                writers.append(writer)
+            last = await Client().dial(server.address)
+            await last.ping()
+            await first.ping()
+            await asyncio.sleep(1.0)
+        assert len(server._connections) <= LARGEST_CROWD
+        for writer in writers:
+            writer.transport.abort()
+
+
+async def test_where_all_places_are_taken_by_speakers_the_newcomer_is_told_so() -> None:
+    async with serving("rover", ANY) as server:
+        crowd = [await Client(1 + i).dial(server.address) for i in range(LARGEST_CROWD)]
+        for each in crowd:
+            await each.ping()
+        newcomer = await Client(250).dial(server.address)
+        told = await newcomer.until(Statustext)
+        assert isinstance(told, Statustext)
+        assert f"{LARGEST_CROWD} clients" in told.text
+        async with asyncio.timeout(PATIENCE):
+            await newcomer.ended
+        crowd[0].link.close()
+        await crowd[0].ended
+        await (await Client(251).dial(server.address)).ping()
+
+
+async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -> None:
+    async with serving("arm", ANY) as server:
+        host, port = server.address.removeprefix("tcp:").split(":")
+        reader, writer = await asyncio.open_connection(host, int(port), limit=1024)
+        reader._transport.pause_reading()  # type: ignore[attr-defined]
+        for msgid in (57600, 57601, 57602):
+            order = CommandLong(1, 1, MavCmd.SET_MESSAGE_INTERVAL, 0, msgid, 5000.0, 0, 0, 0, 0, 0)
+            writer.write(encode(order, sequence=0, system=9, component=1))
+        client = await Client().dial(server.address)
+        await client.ping()
+        async with keeping_pace(server):
+            await asyncio.sleep(3.0)
+            trips = sorted([await client.ping() for _ in range(20)])
+        assert trips[10] < 0.05
+        assert all(each.endpoint.link.statistics.waiting < 200_000 for each in server._connections.values())
+        writer.transport.abort()
+
+
+async def test_control_ends_with_the_link_of_its_owner() -> None:
+    async with serving("rover", ANY) as server:
+        owner, other = await Client(9).dial(server.address), await Client(10).dial(server.address)
+        owner.say(CommandLong(1, 1, MavCmd.REQUEST_OPERATOR_CONTROL, 0, 1.0, *(0.0,) * 6))
+        await other.until(ControlStatus, gcs_main=9)
+        other.heard.clear()
+        owner.link.close()
+        await other.until(ControlStatus, gcs_main=0)
+
+
+async def test_a_key_over_the_wire_is_refused_once_and_nothing_of_it_is_told() -> None:
+    key = bytes(range(32))
+    async with serving("rover", ANY) as server:
+        client, other = await Client(9).dial(server.address), await Client(10).dial(server.address)
+        for _ in range(5):
+            client.say(SetupSigning(1, 1, key, 1))
+        await client.ping()
+        await other.ping()
+        text = "".join(message.text for message in client.heard if isinstance(message, Statustext))
+        assert text.count("key file") == 1
+        assert not [message for message in other.heard if isinstance(message, Statustext | SetupSigning)]
