@@ -61,9 +61,13 @@ class Directory:
         # news first: what changes after a service has answered must not be missed
         self._declared.append(await self._transport.subscribe(NEWS_PATTERN, self._news))
         self._declared.append(await self._transport.watch("*/*/*", self._seen))
+        await self.settled(FIRST_LOOK)
+
+    async def settled(self, limit: float) -> None:
+        """Wait until all services that live have said what they hold, or for `limit` [s]."""
         waiting = [asyncio.create_task(event.wait()) for event in self._answered.values()]
         if waiting:
-            _, late = await asyncio.wait(waiting, timeout=FIRST_LOOK)
+            _, late = await asyncio.wait(waiting, timeout=limit)
             for task in late:
                 task.cancel()
 
@@ -94,6 +98,11 @@ class Directory:
     def stale(self) -> bool:
         """Whether no lookup service lives, so that the list may be old."""
         return not self._union.services
+
+    @property
+    def remembers(self) -> bool:
+        """Whether some may be listed only because a service said so that is lost now."""
+        return self._union.remembers
 
     def find(self, template: Template) -> tuple[Listing, ...]:
         """Return the listings that match, by role and name."""

@@ -41,6 +41,11 @@ class Union:
         """The services that are counted, by key."""
         return tuple(sorted(self._views))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether anything is kept of what lost services said."""
+        return bool(self._memory)
+
     def add_service(self, service: str) -> None:
         """Count a service from now on. It has said nothing yet."""
         self._views.setdefault(service, {})

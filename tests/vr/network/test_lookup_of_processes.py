@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from robotree.vr.fleet import Fleet
+from robotree.vr.host.promises import PATIENCE
 from robotree.vr.host.zenoh import ZenohTransport
 from robotree.vr.testing import until
 
@@ -71,7 +72,8 @@ async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, o
     await until(lambda: list(fleet.services) == ["l3"], "only one is left")
     lookups[1].signal(signal.SIGCONT)
     await until(lambda: list(fleet.services) == ["l2", "l3"], "the stopped one is back")
-    await asyncio.sleep(0.5)
+    await fleet.directory.settled(PATIENCE)
+    await until(lambda: not fleet.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"]
     for lookup in lookups[1:]:
         lookup.signal(signal.SIGKILL)
@@ -80,7 +82,7 @@ async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, o
     assert onlooker.names == ["rover"]
     await start_all(start, ("lookup", "l4"))
     await until(lambda: list(fleet.services) == ["l4"], "a new one is there")
-    await asyncio.sleep(3.5)
+    await until(lambda: not fleet.directory.remembers, "what the lost ones said is forgotten")
     assert onlooker.told == ["arrived rover"], "all have registered again before the old list was forgotten"
     rover.signal(signal.SIGKILL)
     killed = time.perf_counter()
