@@ -194,13 +194,15 @@ class Store:
             return "offline"
         if state.stopped:
             return "stopped"
-        if state.busy:
+        if state.busy or state.abandoned:
             return "busy"
         return "enslaved" if state.bond else "free"
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
         mood, state = self.mood(name, now), self.state(name)
+        if mood == "busy" and state and state.abandoned:
+            return f"ABANDONED: {', '.join(state.abandoned)} still runs"
         if mood == "busy" and state:
             share = self.progress(name)
             done = f" {share:.0%}" if share is not None and isfinite(share) else ""

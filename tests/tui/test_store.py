@@ -61,6 +61,7 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
 @pytest.mark.parametrize(
     ("state", "mood", "doing"),
     [
+        (State(abandoned=("defy",)), "busy", "ABANDONED: defy still runs"),
         (State(), "free", "free"),
         (State(busy="go_to"), "busy", "go_to"),
         (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40% +2"),
