@@ -6,6 +6,7 @@ further requests the newest per camera waits, and pieces go out no faster than t
 """
 
 import asyncio
+import sys
 from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -30,6 +31,9 @@ from robotree.sim.throttle import TOTAL, Throttled
 
 LARGEST_CROWD: Final = 32
 """Clients that are served at a time; each costs its telemetry."""
+SWITCH: Final = 0.001
+"""[s] after which a thread that computes lets another one go on. CPython's own 5 ms are a whole batch of the
+physics, which would be late whenever the loop has much to read."""
 KEY_REFUSED: Final = "Keys are not taken over the wire; give the controller a key file, and start it again."
 SYSTEM: Final = 1
 """MAVLink system id that ground stations expect of the first robot on a link."""
@@ -106,6 +110,12 @@ class Connection:
         self._key_refused = False
         controller.greet(self.endpoint)
 
+    @property
+    def garbled(self) -> int:
+        """What this client said in vain: no frame, no message that we know, or not signed as it must be."""
+        heard = self.endpoint.statistics
+        return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused
+
     def send(self, outgoing: Outgoing) -> None:
         """Say something to this client."""
         self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
@@ -177,6 +187,7 @@ class Server:
         self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
+        self._garbled = 0
         self._darkroom = Darkroom(controller)
         self.address = ""
         """Where it listens, with the port that was really taken."""
@@ -225,11 +236,14 @@ class Server:
 
     def _left(self, connection: Connection) -> None:
         self._connections.pop(connection.endpoint, None)
+        self._garbled += connection.garbled
 
     def _tell(self, out: list[Outgoing]) -> None:
         self._loop.call_soon_threadsafe(self._deliver, out)
 
     def _deliver(self, out: list[Outgoing]) -> None:
+        now = sum(connection.garbled for connection in self._connections.values())
+        self._controller.firmware.gauges.garbled = self._garbled + now
         for outgoing in out:
             if outgoing.via is None:
                 for connection in self._connections.values():
@@ -318,6 +332,7 @@ async def serve(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
+    sys.setswitchinterval(SWITCH)
     async with serving(
         kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed, security=security
     ) as server:
