@@ -77,20 +77,21 @@ class Supervisor(Fenced, App[int]):
         Binding("question_mark", "show_help", "Help"),
     ]
 
-    def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None) -> None:
+    def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None, farewell: str = "") -> None:
         """Supervise a fleet that has been joined.
 
         Args:
             fleet: the agents of the realm.
             realm: its name, to be shown.
             store: what is known already, when the screen is opened anew.
+            farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
         """
         super().__init__()
         for theme in (DARK, LIGHT):
             self.register_theme(theme)
         wanted = os.environ.get("TEXTUAL_THEME", "")
         self.theme = wanted if wanted in self.available_themes else DARK.name
-        self.fleet, self.realm = fleet, realm
+        self.fleet, self.realm, self.farewell = fleet, realm, farewell
         self.store = store or Store()
         self.feed = Feed(fleet, self.store, self.now)
         self._harmless = Harmless()
@@ -160,7 +161,8 @@ class Supervisor(Fenced, App[int]):
         if run is None:
             return "", f"{line.verb} is done by its key"
         try:
-            outcome = await run(self.fleet, line, self)
+            with self.store.asking(line.text("ROBOT.COMMAND").partition(".")[0]):
+                outcome = await run(self.fleet, line, self)
         except (VrError, SupervisorError, OSError) as error:
             self.tell(sentence(error), "error")
             return "", sentence(error)
@@ -192,9 +194,10 @@ class Supervisor(Fenced, App[int]):
         hearer.began()
         began = self.now()
         try:
-            value = await self.fleet.call(
-                robot, command, arguments, deadline=CALL_LIMIT, on_progress=hearer.went_on
-            )
+            with self.store.asking(robot):
+                value = await self.fleet.call(
+                    robot, command, arguments, deadline=CALL_LIMIT, on_progress=hearer.went_on
+                )
         except VrError as error:
             self.tell(str(error), "error")
             hearer.failed(str(error))
@@ -263,6 +266,10 @@ class Supervisor(Fenced, App[int]):
         if action == "stop_unless_typing" and isinstance(self.focused, Input):
             return False
         return super().check_action(action, parameters)
+
+    async def action_quit(self) -> None:
+        """Leave, after asking back if something ends with this screen."""
+        self.ask_for("quit")
 
     def action_stop_unless_typing(self) -> None:
         """Stop every robot."""
@@ -338,20 +345,25 @@ def _logging_to_a_file(realm: str) -> Generator[None]:
         handler.close()
 
 
-async def supervise(fleet: Fleet, realm: str) -> int:
+async def supervise(fleet: Fleet, realm: str, *, farewell: str = "") -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
+
+    Args:
+        fleet: the agents of the realm.
+        realm: its name, to be shown.
+        farewell: what ends with the screen; empty: nothing does.
 
     Returns:
         The exit code.
     """
     with _logging_to_a_file(realm):
-        return await _show(fleet, realm)
+        return await _show(fleet, realm, farewell)
 
 
-async def _show(fleet: Fleet, realm: str) -> int:
+async def _show(fleet: Fleet, realm: str, farewell: str) -> int:
     store, ends = Store(), list[float]()
     while True:
-        app = Supervisor(fleet, realm=realm, store=store)
+        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell)
         code = await app.run_async()
         if app.fatal is None:
             return code or exit_codes.DONE

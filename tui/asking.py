@@ -82,6 +82,18 @@ def _delete(app: Supervisor, name: str, _slot: str) -> None:
         confirm_line(app, Line("delete", {"NAME": name}))
 
 
+def _quit(app: Supervisor, _name: str, _slot: str) -> None:
+    if not app.farewell:
+        app.exit(0)
+        return
+
+    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+        if answer:
+            app.exit(0)
+
+    app.push_screen(Confirm("Leave ?", app.farewell, "Leave"), answered)
+
+
 def _resume(app: Supervisor, _name: str, _slot: str) -> None:
     if not app.store.stopped:
         app.tell("no robot is in protective stop", "plain")
@@ -139,7 +151,7 @@ ASK: Mapping[str, Ask] = {
     "cancel": _about_robot("cancel"),
     "stop": lambda app, _name, _slot: app.action_protective_stop(),
     "help": lambda app, _name, _slot: app.action_show_help(),
-    "quit": lambda app, _name, _slot: app.exit(0),
+    "quit": _quit,
     "robots": lambda app, _name, _slot: app.main.show_pane("robots"),
     "tree": lambda app, _name, _slot: app.main.show_pane("tree"),
     "views": lambda app, _name, _slot: app.main.show_pane("views"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from robotree.tui.actions import Where, shapes
 from robotree.tui.grammar import Blank, Group, Part, Shape, Word
@@ -17,28 +18,47 @@ class Words:
     """For example NAME, CHILD, PARENT.SLOT, ROBOT.COMMAND, VIEW, HOST."""
 
 
+def candidates(text: str, words: Words) -> tuple[str, ...]:
+    """Return the words that the last one may become.
+
+    Args:
+        text: what stands before the cursor; after a space every word that may come next fits.
+        words: what can be named.
+
+    Returns:
+        The words, each once; what was typed in full already is none of them.
+    """
+    *before, last = text.split(" ")
+    given = [word for word in before if word]
+    if not (given or last):
+        return ()
+    return tuple(
+        dict.fromkeys(word for word in _known(given, words) if word.startswith(last) and word != last)
+    )
+
+
 def complete(text: str, words: Words) -> str | None:
-    """Return the line with its last word completed.
+    """Return the line with its last word completed as far as there is no choice.
 
     Args:
         text: what stands before the cursor.
         words: what can be named.
 
     Returns:
-        A longer line that begins with `text`, or None when nothing fits.
+        A longer line that begins with `text`, or None when nothing fits or more must be typed first.
     """
-    *before, last = text.split(" ")
-    found = next(
-        (word for word in _candidates([word for word in before if word], words) if _fits(word, last)), None
-    )
-    return text + found[len(last) :] if found else None
+    last = text.rpartition(" ")[2]
+    found = _shared(candidates(text, words))
+    return text + found[len(last) :] if len(found) > len(last) else None
 
 
-def _fits(word: str, typed: str) -> bool:
-    return bool(typed) and word.startswith(typed) and word != typed
+def _shared(words: Sequence[str]) -> str:
+    """Return the letters with which all words begin: as far as the first and the last in order agree."""
+    both = zip(min(words, default=""), max(words, default=""), strict=False)
+    return "".join(one for one, _ in takewhile(lambda pair: pair[0] == pair[1], both))
 
 
-def _candidates(before: list[str], words: Words) -> Sequence[str]:
+def _known(before: list[str], words: Words) -> Sequence[str]:
     known = shapes(Where.PROMPT)
     if not before:
         return tuple(known)

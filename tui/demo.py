@@ -24,6 +24,7 @@ from robotree.vr.address import ROLES
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 LOOKUPS = ("lookup-1", "lookup-2")
 HOST = "host-1"
+FAREWELL = "The demo ends with this screen: its robots, its lookup services and its host end, too."
 
 
 class Wire(Enum):
@@ -132,7 +133,7 @@ async def _supervise(realm: str) -> int:
     from robotree.tui.realm import joined
 
     async with joined(realm) as fleet:
-        return await supervise(fleet, realm)
+        return await supervise(fleet, realm, farewell=FAREWELL)
 
 
 async def _play(realm: str, folder: Path) -> int:

@@ -74,6 +74,14 @@ def drawing(roots: Iterable[Branch]) -> str:
     return "\n".join(line for root in roots for line in _lines(root, "", ""))
 
 
+def names(branch: Branch) -> Iterable[str]:
+    """Return the names of all robots of a tree, from the top."""
+    if branch.name:
+        yield branch.name
+    for one in branch.branches:
+        yield from names(one)
+
+
 def label(branch: Branch) -> str:
     """Return one line for a branch, without its lead."""
     place = f"{branch.slot.name}: " if branch.slot else ""

@@ -7,7 +7,8 @@ what it heard last and when, so that silence can be told from calm.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Literal
@@ -88,6 +89,10 @@ class Store:
     """Grows when somebody should look again who commands whom."""
     _heard: dict[str, Heard] = field(default_factory=dict[str, Heard])
     _came: dict[str, float] = field(default_factory=dict[str, float])
+    _asked: dict[str, int] = field(default_factory=dict[str, int])
+    """How many commands of ours a robot has not answered yet."""
+    _elsewhere: set[str] = field(default_factory=set[str])
+    """Robots that carry out what others asked for."""
 
     # -- what is told ------------------------------------------------------------------------------
 
@@ -142,7 +147,28 @@ class Store:
             self._tell_change(name, before.state, state, now)
         self.revision += 1
 
+    @contextmanager
+    def asking(self, name: str) -> Generator[None]:
+        """Note that what a robot begins meanwhile was asked for here: whoever asked tells of it."""
+        self._asked[name] = self._asked.get(name, 0) + 1
+        try:
+            yield
+        finally:
+            self._asked[name] -= 1
+
+    def _tell_commands(self, name: str, before: State, after: State, now: float) -> None:
+        """Tell what others have a robot do; what a parent asks of a child is part of its own command."""
+        if before.busy == after.busy:
+            return
+        if before.busy and name in self._elsewhere:
+            self._elsewhere.discard(name)
+            self.tell(f"{name}.{before.busy} has ended, asked for elsewhere", "plain", now)
+        if after.busy and after.bond is None and not self._asked.get(name):
+            self._elsewhere.add(name)
+            self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now)
+
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
+        self._tell_commands(name, before, after, now)
         if before.online and not after.online:
             self.tell(f"{name} lost its controller: its readings are stale", "error", now)
         if after.online and not before.online:
@@ -255,14 +281,23 @@ class Store:
         return children.get(wanted, "")
 
     def rows(self, letters: str, now: float) -> list[Row]:
-        """Return the listed robots whose row contains these letters, by name."""
+        """Return the listed robots whose row or description contains these letters, by name."""
         rows = [self._row(listing, now) for _, listing in sorted(self.robots.items())]
         wanted = letters.lower()
         return [
             row
             for row in rows
             if wanted in f"{row.name} {row.kind} {row.doing} {row.host} {row.about}".lower()
+            or self.about(row.name, letters)
         ]
+
+    def about(self, name: str, letters: str) -> bool:
+        """Whether a robot speaks of these letters where it describes itself and its commands."""
+        robot = self.descriptions.get(name)
+        if robot is None:
+            return False
+        said = [*robot.kinds, robot.doc, *(f"{one.name} {one.doc}" for one in robot.commands)]
+        return letters.lower() in " ".join(said).lower()
 
     def _row(self, listing: Listing, now: float) -> Row:
         name = listing.name

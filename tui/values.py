@@ -16,6 +16,8 @@ Scalar = float | int | bool | str
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h)?")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
+SMALLEST, LARGEST = 16, 1920
+"""[px] Sides that a picture may have: what the views render."""
 _SIZE = re.compile(r"(\d{1,4})x(\d{1,4})")
 
 
@@ -94,9 +96,14 @@ def size(text: str) -> tuple[int, int]:
     """Read `640x360` as width and height [px].
 
     Raises:
-        ValueRefused: it is no size, or has no area.
+        ValueRefused: it is no size, or none that a view renders.
     """
     found = _SIZE.fullmatch(text)
-    if not found or not (int(found[1]) and int(found[2])):
+    if not found:
         raise ValueRefused("SIZE", f"{text!r} is no picture size; write for example 640x360")
-    return int(found[1]), int(found[2])
+    width, height = int(found[1]), int(found[2])
+    if not (min(width, height) >= SMALLEST and max(width, height) <= LARGEST):
+        raise ValueRefused(
+            "SIZE", f"{text} cannot be rendered; each side has {SMALLEST} to {LARGEST} pixels, e.g. 640x360"
+        )
+    return width, height

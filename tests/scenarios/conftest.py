@@ -128,14 +128,14 @@ class Stage:
         return page
 
     async def run_command(self, page: PanelPage, name: str, within: float) -> None:
-        """Go to a command of the panel and press its button."""
+        """Go to a command of the panel and run it."""
         await self.press("escape", "home") if not page.query_one("#commands").has_focus else None
         await self.press("home")
         for command in page.robot.commands:
             if command.name == name:
                 break
             await self.press("down")
-        await self.press("enter", "enter")
+        await self.press("ctrl+r")
         await self.sees("done in", within=within)
 
     async def jog(self, *keys: str, within: float = 15.0) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.completion import Words, complete
+from robotree.tui.completion import Words, candidates, complete
 
 WORDS = Words(
     {
@@ -26,6 +26,8 @@ WORDS = Words(
         ("enslave mo", "enslave mover.arm"),
         ("enslave mover.arm a", "enslave mover.arm arm-1"),
         ("call arm-1.gr", "call arm-1.grip"),
+        ("call a", "call arm-1.g"),
+        ("sh", "show"),
         ("delete mo", "delete mover"),
         ("create a.py a", "create a.py as"),
         ("create a.py as b on h", "create a.py as b on host-1"),
@@ -37,7 +39,21 @@ def test_the_next_word_is_suggested(typed: str, completed: str) -> None:
     assert complete(typed, WORDS) == completed
 
 
-@pytest.mark.parametrize("typed", ["", "enslave ", "fly a", "delete arm-1 m", "delete zz", "ls"])
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("re", ("release", "resume")),
+        ("call arm-1.g", ("arm-1.go_to", "arm-1.grip")),
+        ("delete ", ("arm-1", "mover")),
+        ("delete mover", ()),
+        ("", ()),
+    ],
+)
+def test_where_there_is_a_choice_it_is_offered_whole(typed: str, offered: tuple[str, ...]) -> None:
+    assert candidates(typed, WORDS) == offered
+
+
+@pytest.mark.parametrize("typed", ["", "delete ", "re", "fly a", "delete arm-1 m", "delete zz", "ls"])
 def test_nothing_is_suggested_where_nothing_fits(typed: str) -> None:
     assert complete(typed, WORDS) is None
 

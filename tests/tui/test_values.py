@@ -71,7 +71,10 @@ def test_a_source_may_name_its_class() -> None:
 
 def test_a_size_has_an_area() -> None:
     assert values.size("640x360") == (640, 360)
-    for text in ("640", "0x5", "x", "640x360x2"):
+    for text in ("0x5", "1x1", "640x15", "1921x1080"):
+        with pytest.raises(ValueRefused, match="each side has 16 to 1920 pixels"):
+            values.size(text)
+    for text in ("640", "x", "640x360x2"):
         with pytest.raises(ValueRefused, match="no picture size"):
             values.size(text)
 

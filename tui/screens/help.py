@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rich.text import Text
-from textual.app import App
 
 from robotree.tui.actions import Where, groups
 from robotree.tui.manual import spell
 from robotree.tui.widgets.marks import tint
 
+if TYPE_CHECKING:
+    from robotree.tui.app import Supervisor
+
+PANEL = (
+    ("enter", "into the form, and on to the next field; it never runs anything"),
+    ("ctrl+r", "run the command as it is filled in"),
+    ("x c i", "tele-operate, cancel, about: at the list of commands"),
+)
 TELEOP = (
     ("←→↑↓", "move left, right, forward, back"),
     ("pgup pgdn", "move up, down"),
@@ -21,7 +28,7 @@ TELEOP = (
 )
 
 
-def help_text(app: App[Any]) -> Text:
+def help_text(app: Supervisor) -> Text:
     """Return the help page."""
     strong, muted = tint(app, "primary", bold=True), tint(app, "muted")
     text = Text()
@@ -35,11 +42,16 @@ def help_text(app: App[Any]) -> Text:
         for action in actions:
             if action.key and action.key != "space":
                 text.append(f"  {spell(action.key):<8}", strong)
-                text.append(f"{action.help}\n")
+                leaving = f"Leave. {app.farewell}" if action.verb == "quit" and app.farewell else ""
+                text.append(f"{leaving or action.help}\n")
     text.append(f"  {'esc':<8}", strong)
     text.append("Back.\n")
     text.append(f"  {'ctrl+p':<8}", strong)
     text.append("Palette: everything by name, colours, a screenshot.\n")
+    text.append("\nPanel\n", strong)
+    for keys, meaning in PANEL:
+        text.append(f"  {keys:<8}", strong)
+        text.append(f"{meaning}\n")
     text.append("\nTele-operation (x in the panel of an arm)\n", strong)
     for keys, meaning in TELEOP:
         text.append(f"  {keys:<10}", strong)

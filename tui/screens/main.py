@@ -14,6 +14,7 @@ from textual.widgets import ContentSwitcher, DataTable, Tree
 from robotree.tui import forest
 from robotree.tui.actions import ACTIONS, BY_VERB, Where
 from robotree.tui.screens.page import Page
+from robotree.tui.store import Store
 from robotree.tui.widgets.details import Details
 from robotree.tui.widgets.happenings import HappeningLog
 from robotree.tui.widgets.prompt import Prompt
@@ -185,10 +186,10 @@ class MainPage(Page):
         self.query_one(TabLine).draw(pane)
         rows = store.rows(letters, now)
         if pane == "robots":
-            self.query_one(RobotTable).draw(rows)
+            self.query_one(RobotTable).draw(rows, letters)
         elif pane == "tree":
             self.query_one(RobotTree).draw(
-                _filtered(forest.forest(store.descriptions.values()), letters), store, now
+                _filtered(forest.forest(store.descriptions.values()), store, letters), store, now
             )
         elif pane == "views":
             self.query_one(ViewsPane).draw()
@@ -208,7 +209,12 @@ class MainPage(Page):
             empty.show(Text(HIDDEN.format(letters=wanted) if store.descriptions or letters else EMPTY))
 
 
-def _filtered(roots: tuple[forest.Branch, ...], letters: str) -> tuple[forest.Branch, ...]:
-    """Keep the trees in which a line contains these letters."""
+def _filtered(roots: tuple[forest.Branch, ...], store: Store, letters: str) -> tuple[forest.Branch, ...]:
+    """Keep the trees in which a line contains these letters, or a robot's description."""
     wanted = letters.lower()
-    return tuple(root for root in roots if wanted in forest.drawing([root]).lower())
+    return tuple(
+        root
+        for root in roots
+        if wanted in forest.drawing([root]).lower()
+        or any(store.about(name, letters) for name in forest.names(root))
+    )

@@ -24,11 +24,16 @@ if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
 
+LETTERS = {"teleoperate", "cancel", "about"}
+"""Actions whose keys are letters."""
+
+
 class PanelPage(Page):
     """Commands on the left, the form of the chosen one on the right."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "back", "Back"),
+        Binding("ctrl+r", "run", "Run"),
         Binding("x", "teleoperate", "Tele-operate"),
         Binding("c", "cancel", "Cancel"),
         Binding("i", "about", "About", show=False),
@@ -115,15 +120,28 @@ class PanelPage(Page):
         else:
             commands.focus()
 
+    def action_run(self) -> None:
+        """Have the command in front carried out, as it is filled in."""
+        form = self.query_one("#forms", ContentSwitcher).visible_content
+        if isinstance(form, CommandForm):
+            form.send()
+
     def action_about(self) -> None:
         """Describe the robot in full."""
         self.app.do("show", NAME=self.robot.name)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer tele-operation only to robots that can be tele-operated."""
+        """Offer tele-operation only to robots that have it, and letters only where nobody may be typing."""
         if action == "teleoperate" and bounds(self.robot) is None:
             return False
+        if action in LETTERS and self.is_mounted and not self._at_rest(action):
+            return False
         return super().check_action(action, parameters)
+
+    def _at_rest(self, action: str) -> bool:
+        """Whether a letter is a key: at the list of commands; `c` also on the button that says the same."""
+        focused = self.focused
+        return focused is not None and focused.id in {"commands", action}
 
     def action_teleoperate(self) -> None:
         """Open the tele-operation panel."""

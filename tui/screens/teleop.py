@@ -173,7 +173,8 @@ class TeleopPage(Page):
     async def _ask(self, command: str, arguments: Mapping[str, Any]) -> str:
         """Have a command carried out; return why not, or nothing."""
         try:
-            await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
+            with self.app.store.asking(self.robot.name):
+                await self.app.fleet.call(self.robot.name, command, arguments, deadline=MOVE_LIMIT)
         except VrError as error:
             return str(error)
         return ""

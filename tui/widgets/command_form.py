@@ -11,6 +11,7 @@ from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
 from textual.message import Message
+from textual.widget import Widget
 from textual.widgets import Button, Label, ProgressBar, Static
 
 from robotree.tui import entry, wording
@@ -18,6 +19,8 @@ from robotree.tui.fence import Fenced
 from robotree.tui.widgets.field_row import FieldRow
 from robotree.tui.widgets.marks import tint
 from robotree.vr.description import CommandSpec
+
+HOW_TO_RUN = "ctrl+r runs it, or the button"
 
 
 class CommandForm(Fenced, VerticalScroll):
@@ -41,6 +44,8 @@ class CommandForm(Fenced, VerticalScroll):
         self._readings = dict(readings)
         self.running = False
         self.gone = False
+        self._came_from: Widget | None = None
+        """What had the focus when the command was sent."""
 
     def compose(self) -> ComposeResult:
         """Documentation, fields, buttons, progress, result."""
@@ -63,12 +68,24 @@ class CommandForm(Fenced, VerticalScroll):
             self._say("!", "warning", f"the slot {slot} is empty: enslave a robot first (key e)")
 
     def focus_first(self) -> None:
-        """Put the cursor into the first field, or on the button when there is none."""
+        """Put the cursor into the first field; where there is none, say how it is run.
+
+        Never on the button: a hasty Enter after the one that led here would make a robot move.
+        """
         rows = list(self.query(FieldRow))
         if rows:
             rows[0].focus_entry()
+        elif self.spec.available:
+            self._say("·", "muted", HOW_TO_RUN)
+
+    @on(FieldRow.Onward)
+    def _onward(self, event: FieldRow.Onward) -> None:
+        rows = list(self.query(FieldRow))
+        following = rows[rows.index(event.row) + 1 :]
+        if following:
+            following[0].focus_entry()
         else:
-            self.query_one("#run", Button).focus()
+            self._say("·", "muted", HOW_TO_RUN)
 
     def tell_readings(self, readings: Mapping[str, float]) -> None:
         """Show the values now."""
@@ -78,7 +95,6 @@ class CommandForm(Fenced, VerticalScroll):
     # -- what the person does ----------------------------------------------------------------------
 
     @on(Button.Pressed, "#run")
-    @on(FieldRow.Sent)
     def send(self) -> None:
         """Ask for the command, if the form is filled in well; else explain beside the fields."""
         if self.running or self.gone or not self.spec.available:
@@ -101,6 +117,7 @@ class CommandForm(Fenced, VerticalScroll):
     def began(self) -> None:
         """The command was sent."""
         self.running = True
+        self._came_from = self.screen.focused
         bar = self.query_one(ProgressBar)
         bar.display = True
         bar.update(total=None, progress=0)
@@ -145,6 +162,8 @@ class CommandForm(Fenced, VerticalScroll):
     def _ended(self) -> None:
         self.running = False
         self.query_one(ProgressBar).display = False
+        if self.query_one("#cancel", Button).has_focus and self._came_from is not None:
+            self._came_from.focus()  # a button that can no longer be pressed would keep the keys
         self._enable()
 
     def _enable(self) -> None:

@@ -21,8 +21,13 @@ YES_NO = ("yes", "no")
 class FieldRow(Fenced, Vertical):
     """Draws one parameter of a command."""
 
-    class Sent(Message):
-        """Enter was pressed in the field: the form shall be sent."""
+    class Onward(Message):
+        """Enter was pressed in the field: the next one shall have the cursor."""
+
+        def __init__(self, row: FieldRow) -> None:
+            """Carry the row."""
+            super().__init__()
+            self.row = row
 
     def __init__(self, spec: FieldSpec, readings: Mapping[str, float]) -> None:
         """Draw `spec`, with what the robot reads now."""
@@ -99,4 +104,4 @@ class FieldRow(Fenced, Vertical):
     @on(Input.Submitted)
     def _submitted(self, event: Input.Submitted) -> None:
         event.stop()
-        self.post_message(self.Sent())
+        self.post_message(self.Onward(self))

@@ -33,6 +33,11 @@ class RobotTable(Fenced, DataTable[Text]):
         super().__init__(cursor_type="row", id=id, cursor_foreground_priority="renderable")
         self._shown: dict[str, Row] = {}
         self._room = 0
+        self._letters = ""
+        self._chosen = ""
+        """The robot that a person put the cursor on: it comes back there when a filter that hid it goes."""
+        self._placed = ""
+        """The robot that the cursor was put on by us."""
 
     def on_mount(self) -> None:
         """Set up the columns."""
@@ -50,7 +55,7 @@ class RobotTable(Fenced, DataTable[Text]):
             self.remove_column(ABOUT)
         if room:
             self.add_column(Text(ABOUT), key=ABOUT, width=room)
-        self._refill(rows)
+        self._refill(rows, [self.selected])
 
     @property
     def selected(self) -> str:
@@ -58,24 +63,31 @@ class RobotTable(Fenced, DataTable[Text]):
         names = list(self._shown)
         return names[self.cursor_row] if 0 <= self.cursor_row < len(names) else ""
 
-    def draw(self, rows: Sequence[Row]) -> None:
-        """Draw these rows, in this order."""
+    def draw(self, rows: Sequence[Row], letters: str = "") -> None:
+        """Draw these rows, in this order; `letters` are those that they were filtered by."""
+        filtered_anew, self._letters = letters != self._letters, letters
+        if self.selected != self._placed:
+            self._chosen = self._placed = self.selected
         if [row.name for row in rows] == list(self._shown):
             for row in rows:
                 self._redraw(self._shown[row.name], row)
             return
-        self._refill(rows)
+        self._refill(rows, [self._chosen, self.selected] if filtered_anew else [self.selected])
+        self._placed = self.selected
+        if not filtered_anew:
+            self._chosen = self.selected
 
-    def _refill(self, rows: Sequence[Row]) -> None:
-        keep = self.selected
+    def _refill(self, rows: Sequence[Row], keep: Sequence[str]) -> None:
+        """Show other rows; the cursor goes to the first of these robots that is among them."""
         self.clear()
         self._shown = {}
         for row in rows:
             self._shown[row.name] = row
             self.add_row(*self._cells(row), key=row.name)
         names = list(self._shown)
-        if keep in names:
-            self.move_cursor(row=names.index(keep), animate=False)
+        wanted = next((name for name in keep if name in names), None)
+        if wanted is not None:
+            self.move_cursor(row=names.index(wanted), animate=False)
 
     def _redraw(self, before: Row, after: Row) -> None:
         if before == after:

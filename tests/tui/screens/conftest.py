@@ -93,9 +93,9 @@ def operate() -> Operate:
 
     @asynccontextmanager
     async def sit_down(
-        fleet: Fleet, *, size: tuple[int, int] = (120, 34), mended: bool = False
+        fleet: Fleet, *, size: tuple[int, int] = (120, 34), mended: bool = False, farewell: str = ""
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(fleet, realm="test")
+        app = Supervisor(fleet, realm="test", farewell=farewell)
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")

@@ -224,6 +224,71 @@ async def test_the_prompt_completes_and_remembers(realm: Realm, operate: Operate
         assert operator.one(Input, "#line").value == "call arm-1.shout text=hello"
 
 
+async def test_tab_goes_through_what_a_word_may_become(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
+        await operator.press("colon")
+        await operator.type("call arm-1.s")
+        line = operator.one(Input, "#line")
+        await operator.sees("arm-1.shout", "arm-1.stop", "arm-1.stumble")
+        seen: list[str] = []
+        for _ in range(4):
+            await operator.press("tab")
+            seen.append(line.value)
+        assert seen[0] == seen[3]
+        assert set(seen) == {"call arm-1.shout", "call arm-1.stop", "call arm-1.stumble"}
+        await operator.press("shift+tab")
+        assert line.value == seen[2]
+        await operator.type(" ")
+        await operator.press("escape", "colon")
+        assert line.value == ""
+
+
+async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
+        table = operator.one(RobotTable)
+        await operator.press("ctrl+end")
+        assert table.selected == "rover-1"
+        await operator.press("slash")
+        await operator.type("stumble")
+        await operator.until(lambda: table.selected == "arm-1", "the arm, by what its commands are called")
+        assert table.row_count == 1
+        await operator.press("escape")
+        await operator.until(lambda: table.row_count == 2, "the filter has gone")
+        assert table.selected == "rover-1"
+        await realm.robot(Robot("aaa-1"))
+        await operator.until(lambda: table.row_count == 3, "another robot")
+        assert table.selected == "rover-1"
+
+
+async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
+        realm.arm.pace = 0.03
+        await realm.fleet.call("arm-1", "go_to", {"x": 0.4, "y": 0, "z": 0.3, "twist": 0})
+        await operator.press("g")
+        await operator.sees(
+            "arm-1.go_to has begun, asked for elsewhere", "arm-1.go_to has ended, asked for elsewhere"
+        )
+        await operator.obey("call arm-1.go_to x=0.3 y=0 z=0.3 twist=0")
+        await operator.sees("arm-1.go_to is done")
+        assert operator.text.count("elsewhere") == 2, "what was asked for here is told once, by its result"
+
+
+async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, farewell="The demo ends with this screen.") as operator:
+        await operator.press("question_mark")
+        await operator.sees("Leave. The demo ends with this screen.")
+        await operator.press("escape", "q")
+        await operator.at(Confirm)
+        await operator.sees("The demo ends with this screen.")
+        await operator.press("escape")
+        await operator.at(MainPage)
+        await operator.press("q", "right", "enter")
+        await operator.until(lambda: operator.app.return_value == 0, "it has ended")
+
+
 async def test_views_show_a_live_picture_only_while_they_are_looked_at(
     realm: Realm, operate: Operate
 ) -> None:

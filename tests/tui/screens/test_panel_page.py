@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import pytest
@@ -9,6 +11,7 @@ from textual.widgets import Button, Input, OptionList, ProgressBar
 
 from robotree.tui.screens.main import MainPage
 from robotree.tui.screens.panel import PanelPage
+from robotree.tui.screens.teleop import TeleopPage
 from robotree.tui.widgets.choice import Choice
 from robotree.tui.widgets.command_form import CommandForm
 from robotree.tui.widgets.field_row import FieldRow
@@ -44,6 +47,16 @@ async def choose(operator: Operator, page: PanelPage, name: str) -> CommandForm:
     return next(form for form in forms.query(CommandForm) if form.spec.name == name)
 
 
+@asynccontextmanager
+async def panel(
+    realm: Realm, operate: Operate, name: str, command: str
+) -> AsyncIterator[tuple[Operator, PanelPage, CommandForm]]:
+    """Open the panel of a robot at the form of a command."""
+    async with operate(realm.fleet) as operator:
+        page = await open_panel(operator, name)
+        yield operator, page, await choose(operator, page, command)
+
+
 def row(form: CommandForm, name: str) -> FieldRow:
     return {one.spec.name: one for one in form.query(FieldRow)}[name]
 
@@ -60,41 +73,35 @@ def complaint(form: CommandForm, name: str) -> str:
 
 
 async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         await operator.sees("-0.8 … 0.8 m · now 0.35", "rad · now 0", "m/s · default 0.1", "Move the gripper")
         assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
         assert row(form, "speed").text == "0.1"
 
 
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
         realm.arm.pace = 0.03
         await fill(operator, form, "x", "45 cm")
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: form.query_one(ProgressBar).display, "the bar")
         await operator.until(lambda: (form.query_one(ProgressBar).percentage or 0) > 0, "progress")
         await operator.sees("◐ go_to")
         await operator.sees("done in")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
         assert not form.query_one(ProgressBar).display
-        form = await choose(operator, page, "get_info")
-        await operator.press("enter", "enter")
+        await choose(operator, page, "get_info")
+        await operator.press("ctrl+r")
         await operator.sees("twist", "0.45", "fz", "-20")
 
 
 async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         for name, text in (("x", "9"), ("y", "near"), ("z", ""), ("twist", "3 kg"), ("speed", "nan")):
             await fill(operator, form, name, text)
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: "9 is out of range" in complaint(form, "x"), "a complaint")
         assert "is not a number in m" in complaint(form, "y")
         assert "needs a number in m" in complaint(form, "z")
@@ -107,37 +114,73 @@ async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
 
 
 async def test_a_field_that_is_left_wrong_complains_at_once(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         await fill(operator, form, "x", "far")
         await operator.press("tab")
         await operator.until(lambda: "is not a number" in complaint(form, "x"), "a complaint")
+        assert row(form, "y").query_one(Input).has_focus, "and lets go of the cursor"
+
+
+async def test_hasty_enters_lead_through_a_form_and_never_run_it(realm: Realm, operate: Operate) -> None:
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
+        await operator.press(*["enter"] * 9)
+        await operator.sees("ctrl+r runs it")
+        assert row(form, "speed").query_one(Input).has_focus, "the last field"
+        hold = await choose(operator, page, "hold")
+        await operator.press(*["enter"] * 9)
+        await operator.sees("ctrl+r runs it")
+        assert page.query_one("#commands").has_focus
+        assert not hold.running
+        assert realm.arm.calls == []
+        calls = operator.app.store.descriptions["arm-1"].calls
+        await operator.press("ctrl+r")
+        await operator.sees("done in")
+        assert "hold" not in calls
+
+
+async def test_letters_are_keys_only_where_nobody_may_be_typing(realm: Realm, operate: Operate) -> None:
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
+        realm.arm.pace = 0.2
+        form.query_one("#run", Button).focus()
+        await operator.press("x", "i")
+        assert operator.app.screen is page
+        await operator.press("enter")
+        await operator.until(lambda: form.running, "it runs")
+        page.set_focus(None)
+        await operator.press("c", "x", "i")
+        assert operator.app.screen is page
+        await operator.sees("done in")
+        page.query_one("#commands").focus()
+        await operator.press("x")
+        await operator.at(TeleopPage)
+
+
+async def test_the_keys_are_where_they_were_when_a_command_has_ended(realm: Realm, operate: Operate) -> None:
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
+        row(form, "y").focus_entry()
+        await operator.press("ctrl+r")
+        await operator.sees("done in")
+        await operator.until(lambda: row(form, "y").query_one(Input).has_focus, "the cursor is back")
 
 
 async def test_choices_and_truths_are_chosen_and_texts_stay_texts(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "grip")
-        await operator.press("enter")
+    async with panel(realm, operate, "arm-1", "grip") as (operator, page, form):
         row(form, "width").focus_entry()
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: "one of open, close, width" in complaint(form, "action"), "a complaint")
         row(form, "action").query_one(Choice).value = "close"
         form.query_one("#run", Button).press()
         await operator.until(lambda: realm.arm.width == 0.0, "the gripper is closed")
-        form = await choose(operator, page, "shout")
-        await fill(operator, form, "text", "[/x] hey")
-        row(form, "loud").query_one(Choice).value = "yes"
-        form.query_one("#run", Button).press()
+        shout = await choose(operator, page, "shout")
+        await fill(operator, shout, "text", "[/x] hey")
+        row(shout, "loud").query_one(Choice).value = "yes"
+        shout.query_one("#run", Button).press()
         await operator.sees("[/X] HEY")
 
 
 async def test_a_failure_is_told_where_the_command_was_given(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "stumble")
-        await operator.press("enter", "enter")
+    async with panel(realm, operate, "arm-1", "stumble") as (operator, _page, form):
+        await operator.press("ctrl+r")
         await operator.until(
             lambda: "a stone [/x] lay there" in str(form.query_one("#outcome").render()), "the failure"
         )
@@ -146,15 +189,13 @@ async def test_a_failure_is_told_where_the_command_was_given(realm: Realm, opera
 async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
     realm: Realm, operate: Operate
 ) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
         realm.arm.pace = 2.0
         row(form, "x").focus_entry()
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
         await choose(operator, page, "get_info")
-        await operator.press("enter", "enter")
+        await operator.press("ctrl+r")
         await operator.sees("0.35", "done in")
         assert form.running
         await choose(operator, page, "go_to")
@@ -164,12 +205,10 @@ async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
 
 
 async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         realm.arm.pace = 0.1
         await fill(operator, form, "x", "0.45")
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
         await operator.press("escape", "escape")
         await operator.at(MainPage)
@@ -180,9 +219,7 @@ async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: O
 
 async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "mover")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "mover", "go_to") as (operator, page, form):
         await operator.sees("the slot arm is empty")
         assert form.query_one("#run", Button).disabled
         await realm.fleet.enslave("mover", "arm", "arm-1")
@@ -198,12 +235,10 @@ async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm
 
 
 async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
-        page = await open_panel(operator, "arm-1")
-        form = await choose(operator, page, "go_to")
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         realm.arm.pace = 2.0
         row(form, "x").focus_entry()
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
         realm.network.kill(realm.members["arm-1"])
         await operator.sees("✗ has gone")
@@ -225,10 +260,9 @@ async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
         await realm.robot(Odd("odd-1"))
         await operator.until(lambda: not page._gone, "it is back")
         await choose(operator, page, "poke")
-        await operator.press("enter")
         form = next(form for form in page.query(CommandForm) if form.spec.name == "poke")
         await fill(operator, form, "bracket", "[bold]")
-        await operator.press("enter")
+        await operator.press("ctrl+r")
         await operator.sees("{[bold]}")
 
 
@@ -241,7 +275,7 @@ async def test_an_enslaved_robot_says_who_commands_it(realm: Realm, operate: Ope
         page = await operator.at(PanelPage)
         await operator.sees("under mover")
         await choose(operator, page, "hold")
-        await operator.press("enter", "enter")
+        await operator.press("ctrl+r")
         await operator.sees("arm-1 is commanded by mover")
 
 
