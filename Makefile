@@ -16,14 +16,15 @@ help:  ## list the targets
 
 setup: $(STAMP)  ## build .venv from the hash-pinned lock
 
-# uv is taken from the machine when it is there, else installed into .venv by pip.
+# uv is taken from the machine when it is there, else installed into .venv by pip, as the lock has it. `sync` also takes
+# away what the lock no longer has, robotree too, which the next line puts back.
 # Other people's packages are compiled at once, as pip does: else every start of a process compiles them again
 # where PYTHONDONTWRITEBYTECODE is set.
 $(STAMP): $(LOCK) pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@command -v uv >/dev/null || test -x $(BIN)/uv || $(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	@command -v uv >/dev/null || test -x $(BIN)/uv || $(MAKE) --no-print-directory --silent $(BIN)/uv
 	@UV=$$(command -v uv || echo $(BIN)/uv); \
-	  $$UV pip install --quiet --compile-bytecode --python $(BIN)/python --require-hashes -r $(LOCK) && \
+	  $$UV pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes $(LOCK) && \
 	  $$UV pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
 	@touch $@
 
@@ -67,7 +68,8 @@ lock: $(VENV)/bin/uv  ## resolve the dependencies again
 
 $(BIN)/uv:
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	@awk '/^[a-z]/ { keep = /^uv==/ } keep' $(LOCK) >$(VENV)/uv.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.lock
 
 clean:  ## remove what setup and the tests made
 	rm -rf $(VENV) $(INTEROP) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

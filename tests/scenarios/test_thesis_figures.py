@@ -177,7 +177,6 @@ async def test_figure_4_24_one_press_of_a_button_works_the_lever(stage: Stage) -
     page = stage.app.screen
     await stage.run_command(page, "open", within=60)
     assert await stage.lever() < -0.75
-    await stage.press("escape")
     await stage.run_command(page, "close", within=60)
 
 
