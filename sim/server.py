@@ -6,6 +6,7 @@ further requests the newest per camera waits, and pieces go out no faster than t
 """
 
 import asyncio
+import logging
 import sys
 from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +29,8 @@ from robotree.sim.firmware import COMPONENT, SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
 from robotree.sim.realtime import Pace, RealTime
 from robotree.sim.throttle import TOTAL, Throttled
+
+_log = logging.getLogger(__name__)
 
 LARGEST_CROWD: Final = 32
 """Clients that are served at a time; each costs its telemetry."""
@@ -178,6 +181,12 @@ class Connection:
             self._drawing.cancel()
         self._controller.leave(self.endpoint)
         self._leave(self)
+        if refused := self.endpoint.statistics.refused:
+            _log.warning(
+                "%s: %d frames were refused, for they were not signed with our key",
+                self.endpoint.link.address,
+                refused,
+            )
 
 
 class Server:

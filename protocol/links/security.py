@@ -56,19 +56,21 @@ class Security:
     Args:
         keyring: the keys, and where time is persisted.
         clock: the wall clock, Unix time in [s].
+        first_link: id of the first link, 0 to 255; by chance, so that programs that speak as the same system
+            are different streams: else the one whose frame is overtaken by the other's would be refused.
 
     Raises:
         KeyFileError: the persisted time cannot be read.
     """
 
-    def __init__(self, keyring: Keyring, clock: Callable[[], float]) -> None:
+    def __init__(self, keyring: Keyring, clock: Callable[[], float], *, first_link: int = 0) -> None:
         self._keyring = keyring
         self._time = SigningTime(clock)
         if (persisted := keyring.persisted()) > self._time.now():
             # The wall clock was set back. Go on ahead of all that may have been signed before.
             self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
         self._streams = StreamTable()
-        self._links = 0
+        self._links = first_link
 
     def seals(self, address: str) -> Seals:
         """What the link at an address needs. Every link of ours has an id of its own, modulo 256."""

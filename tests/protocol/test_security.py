@@ -90,6 +90,22 @@ def test_links_of_one_process_are_different_streams(keys: Path) -> None:
     assert one.sign(b"")[0] != two.sign(b"")[0]
 
 
+def test_programs_that_speak_as_the_same_system_do_not_overtake_each_other(keys: Path) -> None:
+    """Both have the key and the same wall clock; a frame of one may arrive after a later one of the other."""
+    address = "tcp:127.0.0.1:1"
+    ours = Security(Keyring(keys), lambda: NOW)
+    verifier = ours.seals(address)["verifier"]
+    one = Security(Keyring(keys), lambda: NOW, first_link=7).seals(address)["signer"]
+    other = Security(Keyring(keys), lambda: NOW + 0.001, first_link=250).seals(address)["signer"]
+    earlier, later = (
+        encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=signer)
+        for signer in (one, other)
+    )
+    parser = Parser(verifier)
+    assert len(parser.feed(later)) == len(parser.feed(earlier)) == 1
+    assert parser.feed(later) == parser.feed(earlier) == []
+
+
 def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recordings(keys: Path) -> None:
     address = "tcp:127.0.0.1:1"
     long_ago = Security(Keyring(keys), lambda: NOW - 120).seals(address)["signer"]

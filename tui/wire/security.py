@@ -6,6 +6,7 @@ The file is one that `robotree wire key FILE` makes. Its path is all that comman
 from __future__ import annotations
 
 import os
+import secrets
 import time
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -34,5 +35,6 @@ async def securing(line: Line) -> AsyncGenerator[Sealing]:
     if given == NOTHING:
         yield UNSIGNED
         return
-    async with persisting(Security(Keyring(Path(given)), time.time)) as security:
+    keys, link = Keyring(Path(given)), secrets.randbelow(256)
+    async with persisting(Security(keys, time.time, first_link=link)) as security:
         yield security
