@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import tempfile
 import time
 from contextlib import chdir
 from enum import Enum
@@ -64,23 +63,20 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "", wire: Wir
         The exit code.
     """
     realm = realm or (f"demo-{os.getpid()}" if headless else "default")
-    with tempfile.TemporaryDirectory(prefix="robotree-demo-") as folder:
-        try:
-            await _alone(realm)
-            async with Crew(realm, Path(folder)) as crew:
-                note(
-                    f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …"
-                )
-                await cast(crew, counting=not headless, wire=wire)
-                if headless:
-                    return await _play(realm, Path(pictures or "robotree-demo"))
-                return await _supervise(realm)
-        except (MemberFailed, DemoRuns) as failure:
-            complain(failure)
-            return exit_codes.REFUSED
-        except asyncio.CancelledError:
-            note("the demo was ended from outside")
-            return exit_codes.INTERRUPTED
+    try:
+        await _alone(realm)
+        async with Crew(realm) as crew:
+            note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
+            await cast(crew, counting=not headless, wire=wire)
+            if headless:
+                return await _play(realm, Path(pictures or "robotree-demo"))
+            return await _supervise(realm)
+    except (MemberFailed, DemoRuns) as failure:
+        complain(failure)
+        return exit_codes.REFUSED
+    except asyncio.CancelledError:
+        note("the demo was ended from outside")
+        return exit_codes.INTERRUPTED
 
 
 async def _alone(realm: str) -> None:

@@ -12,10 +12,11 @@ import asyncio
 import contextlib
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 READY = "ready"
 """First word of the line by which a member says that it is up; the rest is its address."""
@@ -40,10 +41,16 @@ class MemberFailed(Exception):
 class Member:
     """One process of the crew."""
 
-    def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process, log: Path) -> None:
+    def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process, log: IO[bytes]) -> None:
         """Take over a process that was just started; `log` is where its standard error goes."""
-        self.words, self.process, self.log = tuple(words), process, log
+        self.words, self.process, self._log = tuple(words), process, log
         self.address = ""
+
+    @property
+    def log(self) -> str:
+        """What it has said on standard error so far."""
+        size = os.fstat(self._log.fileno()).st_size
+        return os.pread(self._log.fileno(), size, 0).decode(errors="replace")
 
     @property
     def pid(self) -> int:
@@ -75,6 +82,12 @@ class Member:
 
     async def stop(self) -> None:
         """Cut the tether, then end it politely, then surely."""
+        try:
+            await self._end()
+        finally:
+            self._log.close()
+
+    async def _end(self) -> None:
         if self.process.stdin:
             self.process.stdin.close()
         with contextlib.suppress(TimeoutError):
@@ -86,15 +99,18 @@ class Member:
         await self.process.wait()
 
     def _last(self) -> str:
-        lines = self.log.read_text(errors="replace").strip().splitlines()
+        lines = self.log.strip().splitlines()
         return "\n".join(line.removeprefix("robotree: ") for line in lines[-3:])
 
 
 class Crew:
     """Starts members, in order or at once, and ends them all, the last one first."""
 
-    def __init__(self, realm: str, logs: Path) -> None:
-        """Members live in `realm` and write what they have to say to files in `logs`."""
+    def __init__(self, realm: str, logs: Path | None = None) -> None:
+        """Members live in `realm` and write what they have to say to files in the folder `logs`.
+
+        Without a folder those files have no name, so that nothing of them stays behind, whatever ends us.
+        """
         self.realm, self.logs = realm, logs
         self.members: list[Member] = []
 
@@ -104,24 +120,26 @@ class Crew:
         Raises:
             MemberFailed: it did not come up.
         """
-        log = (
-            self.logs
-            / f"{'-'.join(word for word in words[:3] if word.isidentifier())}-{len(self.members)}.log"
+        log = self._open_log(words)
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-m", "robotree.tui", *words, "--tether"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=log,
+            env={**os.environ, "ROBOTREE_REALM": self.realm},
+            start_new_session=True,  # Ctrl-C is for the starter, who then ends its crew in order
         )
-        with log.open("wb") as errors:
-            process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                *("-m", "robotree.tui", *words, "--tether"),
-                stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=errors,
-                env={**os.environ, "ROBOTREE_REALM": self.realm},
-                start_new_session=True,  # Ctrl-C is for the starter, who then ends its crew in order
-            )
         member = Member(words, process, log)
         self.members.append(member)
         await member.ready()
         return member
+
+    def _open_log(self, words: Sequence[str]) -> IO[bytes]:
+        if self.logs is None:
+            return tempfile.TemporaryFile()
+        name = "-".join(word for word in words[:3] if word.isidentifier())
+        return (self.logs / f"{name}-{len(self.members)}.log").open("w+b")
 
     async def start_all(self, *commands: Sequence[str]) -> list[Member]:
         """Start several at once.

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.processes import Crew, MemberFailed
+from robotree.tui.realm import joined
+from robotree.vr.address import ROLES
 
 pytestmark = pytest.mark.e2e
 
@@ -89,3 +91,40 @@ async def test_a_member_that_cannot_start_says_why_in_one_sentence(tmp_path: Pat
     assert str(port) in sentence
     assert "\n" not in sentence
     assert "Traceback" not in sentence
+
+
+async def test_a_demo_that_is_killed_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable, name in (("XDG_RUNTIME_DIR", "r"), ("XDG_STATE_HOME", "s"), ("TMPDIR", "t")):
+        (tmp_path / name).mkdir(mode=0o700)
+        monkeypatch.setenv(variable, str(tmp_path / name))
+    demo = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "robotree.tui", "demo", "--headless", "--realm", "killed"),
+        cwd=tmp_path,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    assert demo.stdout
+    await demo.stdout.readline()  # the first step of its script: everybody is up
+    living = (int(one.name) for one in Path("/proc").iterdir() if one.name.isdigit())
+    members = {pid for pid in living if parent(pid) == demo.pid}
+    assert len(members) == 8, "two controllers, two proxies, a view, two lookup services, a host"
+    handles = [os.pidfd_open(pid) for pid in members]
+    demo.kill()
+    await demo.wait()
+    assert all(await asyncio.gather(*(ended(handle, 20) for handle in handles)))
+    async with joined("killed") as fleet:
+        assert not any(fleet.directory.present(role) for role in ROLES)
+    entries = {path.name for path in (tmp_path / "r" / "robotree" / "killed").iterdir()}
+    assert entries == {".door"}, "no socket and no entry"
+    assert list((tmp_path / "t").iterdir()) == []
+    assert list((tmp_path / "s").iterdir()) == [], "it counts no calls"
+
+
+def parent(pid: int) -> int:
+    """The process that started this one; 0: it has gone."""
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    except (FileNotFoundError, ProcessLookupError):
+        return 0

@@ -123,7 +123,7 @@ async def test_a_command_that_heeds_no_cancel_is_no_secret(crew: Crew) -> None:
     code, _, complaints = await robotree("call", "clerk.count")
     assert code == exit_codes.REFUSED
     assert "its defy was ended but heeds no cancel and still runs; restart host host-1" in complaints
-    assert "clerk.defy is abandoned: it heeds no cancel and still runs" in host(crew).log.read_text()
+    assert "clerk.defy is abandoned: it heeds no cancel and still runs" in host(crew).log
     code, out, _ = await robotree("delete", "clerk")
     assert (code, out) == (
         exit_codes.DONE,
