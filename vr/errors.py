@@ -4,7 +4,7 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
+      AddressError    BadName · DuplicateName · NameInSilence · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
                       Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
@@ -85,6 +85,12 @@ class DuplicateName(AddressError):
     """A living agent has this name already."""
 
     sentence = "a {role} named {name!r} is already running; choose another name or end that one first"
+
+
+class NameInSilence(AddressError):
+    """An agent that lives and cannot be reached has this name; when it wakes there would be two."""
+
+    sentence = "a {role} named {name!r} is in {where}, which hangs; choose another name, or: {remedy}"
 
 
 class NoSuchRobot(AddressError):

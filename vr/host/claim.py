@@ -11,8 +11,8 @@ import asyncio
 import secrets
 
 from robotree.vr.address import Address, Role, check_name, everyone
-from robotree.vr.errors import DuplicateName
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.errors import DuplicateName, NameInSilence
+from robotree.vr.transport import Registration, Silent, Transport
 
 SETTLE = 0.1
 """[s] after which an announcement has reached everybody, and a farewell too."""
@@ -40,6 +40,7 @@ async def claim(transport: Transport, address: Address) -> Registration:
 
     Raises:
         DuplicateName: a living agent has the name.
+        NameInSilence: one has it that lives and hangs.
     """
     await expect_free(transport, address)
     presence = await transport.announce(address.key)
@@ -56,11 +57,15 @@ async def expect_free(transport: Transport, address: Address) -> None:
 
     Raises:
         DuplicateName: somebody has it.
+        NameInSilence: somebody has it who hangs.
     """
-    if await _others(transport, address):
+    if await _others(transport, address) or await _silent(transport, address):
         await asyncio.sleep(SETTLE)
         for other in await _others(transport, address):
             raise DuplicateName(role=other.role, name=other.name)
+        for one in await _silent(transport, address):
+            role = one.key.partition("/")[0]
+            raise NameInSilence(role=role, name=address.name, where=one.where, remedy=one.remedy)
 
 
 async def outlast(transport: Transport, address: Address) -> None:
@@ -76,7 +81,16 @@ async def outlast(transport: Transport, address: Address) -> None:
 
 
 async def _others(transport: Transport, address: Address) -> list[Address]:
-    roles = _SIDE_BY_SIDE if address.role in _SIDE_BY_SIDE else (address.role,)
-    present = await asyncio.gather(*(transport.present(everyone(role, address.name)) for role in roles))
+    present = await asyncio.gather(*map(transport.present, _patterns(address)))
     found = [Address.parse(key) for keys in present for key in keys]
     return [other for other in found if other is not None and other != address]
+
+
+async def _silent(transport: Transport, address: Address) -> list[Silent]:
+    silent = await asyncio.gather(*map(transport.silent, _patterns(address)))
+    return [one for some in silent for one in some if one.key != address.key]
+
+
+def _patterns(address: Address) -> list[str]:
+    roles = _SIDE_BY_SIDE if address.role in _SIDE_BY_SIDE else (address.role,)
+    return [everyone(role, address.name) for role in roles]

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from robotree.vr.address import Address, Role
-from robotree.vr.errors import DuplicateName, VrError
+from robotree.vr.errors import DuplicateName, NameInSilence, VrError
 from robotree.vr.host.claim import claim, new_address
 from robotree.vr.host.memory import MemoryNetwork
 from robotree.vr.testing import in_virtual_time
@@ -23,6 +23,22 @@ async def test_a_taken_name_is_refused_until_its_holder_has_gone() -> None:
     await held.close()
     await claim(other, new_address("robot", "arm"))
     assert len(await one.present("robot/arm/*")) == 1
+
+
+@in_virtual_time
+async def test_a_name_whose_holder_hangs_is_not_given_to_another() -> None:
+    """When it wakes there would be two, and each would take the children for its own."""
+    network = MemoryNetwork()
+    one, other = network.join("one"), network.join("other")
+    held = await claim(one, new_address("robot", "arm"))
+    network.freeze(one)
+    await asyncio.sleep(2 * network.lease)
+    assert not await other.present("robot/**")
+    with pytest.raises(NameInSilence, match=r"a robot named 'arm' is in one, which hangs; choose .*thaw"):
+        await claim(other, new_address("view", "arm"))
+    network.kill(one)
+    await claim(other, new_address("robot", "arm"))
+    await held.close()
 
 
 @pytest.mark.parametrize(("first", "second"), [("robot", "view"), ("view", "robot")])
