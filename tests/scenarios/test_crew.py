@@ -107,8 +107,7 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     )
     assert demo.stdout
     await demo.stdout.readline()  # the first step of its script: everybody is up
-    living = (int(one.name) for one in Path("/proc").iterdir() if one.name.isdigit())
-    members = {pid for pid in living if parent(pid) == demo.pid}
+    members = children(demo.pid)
     assert len(members) == 8, "two controllers, two proxies, a view, two lookup services, a host"
     handles = [os.pidfd_open(pid) for pid in members]
     demo.kill()
@@ -120,6 +119,12 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     assert entries == {".door"}, "no socket and no entry"
     assert list((tmp_path / "t").iterdir()) == []
     assert list((tmp_path / "s").iterdir()) == [], "it counts no calls"
+
+
+def children(pid: int) -> list[int]:
+    """The processes that this one has started."""
+    living = (int(one.name) for one in Path("/proc").iterdir() if one.name.isdigit())
+    return [one for one in living if parent(one) == pid]
 
 
 def parent(pid: int) -> int:

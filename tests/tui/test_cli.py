@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -164,11 +163,14 @@ def test_verbs_agents_and_sessions_work_between_processes(processes: Processes, 
 
 @pytest.mark.e2e
 def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
-    processes.start("lookup", "lookup-1")
+    processes.start("host", "host-1")
+    source = Path(__file__).parents[2] / "examples" / "two_arms.py"
+    assert robotree("create", str(source), "as", "pair").returncode == 0
     watching = subprocess.Popen(
         [*ROBOTREE, "watch"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    time.sleep(1.0)
+    assert watching.stdout
+    assert watching.stdout.readline().startswith("pair ")
     watching.send_signal(signal.SIGINT)
     _, err = watching.communicate(timeout=10)
     assert watching.returncode == INTERRUPTED
