@@ -226,7 +226,10 @@ class Firmware:
 
     def _own_streams(self) -> tuple[Stream, ...]:
         def told(kind: type[Message], period: int | None, read: Callable[[int], Message]) -> Stream:
-            return Stream(kind, period, lambda now, _: (read(now),))
+            def one(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+                return (read(now),)
+
+            return Stream(kind, period, one)
 
         identity = self._identity
         return (
