@@ -16,7 +16,15 @@ import pytest
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import AnyMessage, CommandLong, MavCmd, Mode, ModeKind, SetMode
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandLong,
+    MavCmd,
+    MavResult,
+    Mode,
+    ModeKind,
+    SetMode,
+)
 from robotree.protocol.parser import Parser
 from robotree.tui import exit_codes
 from robotree.tui.processes import Crew
@@ -42,7 +50,9 @@ async def shown(*, stopped: bool) -> dict[str, Any]:
     """What `show` tells once it tells that."""
     async with asyncio.timeout(30):
         while True:
-            told = json.loads((await robotree("show", "rover-1", "--json"))[1])
+            code, out, err = await robotree("show", "rover-1", "--json")
+            assert code == exit_codes.DONE, err
+            told = json.loads(out)
             if told.get("online", True) and told.get("stopped", False) is stopped:
                 return told
 
@@ -52,24 +62,34 @@ class Stranger:
 
     def __init__(self) -> None:
         self.mode: int | None = None
+        self.obeyed = False
         self._parser = Parser()
 
     def received(self, data: bytes) -> None:
         for frame in self._parser.feed(data):
-            if isinstance(frame.message, Mode):
-                self.mode = frame.message.mode
+            match frame.message:
+                case Mode(mode=mode):
+                    self.mode = mode
+                case CommandAck(result=MavResult.ACCEPTED):
+                    self.obeyed = True
+                case _:
+                    pass
 
     def closed(self, reason: Exception) -> None:
         pass
 
     @classmethod
-    async def says(cls, url: str, message: AnyMessage, until_mode: ModeKind) -> None:
-        """Say one thing to the controller, and leave when it has the mode that this leads to."""
+    async def says(cls, url: str, order: CommandLong | SetMode) -> None:
+        """Give one order to the controller, and leave when it has obeyed."""
         stranger = cls()
         link: Link = await connect(url, lambda _: stranger)
         await until(lambda: stranger.mode is not None, "the controller greets")
-        link.send(encode(message, sequence=0, system=254, component=190))
-        await until(lambda: stranger.mode == until_mode, f"it is {until_mode.name}")
+        link.send(encode(order, sequence=0, system=254, component=190))
+        if isinstance(order, SetMode):
+            stop = order.mode == ModeKind.SAFE_STOP
+            await until(lambda: (stranger.mode == ModeKind.SAFE_STOP) is stop, "the mode is told")
+        else:
+            await until(lambda: stranger.obeyed, "the command is acknowledged")
         link.close()
 
 
@@ -121,9 +141,9 @@ async def test_a_stop_over_a_link_of_somebody_else_is_shown_until_it_is_released
         (command(MavCmd.COMPONENT_ARM_DISARM, 0.0), arm),
         (command(MavCmd.DO_FLIGHTTERMINATION, 1.0), arm),
     ):
-        await Stranger.says(url, stop, ModeKind.SAFE_STOP)
+        await Stranger.says(url, stop)
         assert (await shown(stopped=True))["stop_reason"] == REASON
-        await Stranger.says(url, release, ModeKind.READY)
+        await Stranger.says(url, release)
         assert "stop_reason" not in await shown(stopped=False)
     code, _, said = await robotree("call", "rover-1.move", "x=0.1", "y=0")
     assert code == exit_codes.DONE, said
@@ -134,7 +154,7 @@ async def test_a_stop_of_ours_stays_though_somebody_else_releases_the_robot(crew
     await crew.start("proxy", "rover", "rover-1", "--connect", url)
     await shown(stopped=False)
     await robotree("stop", "rover-1")
-    await Stranger.says(url, command(MavCmd.COMPONENT_ARM_DISARM, 1.0), ModeKind.READY)
+    await Stranger.says(url, command(MavCmd.COMPONENT_ARM_DISARM, 1.0))
     stranger = Stranger()
     link = await connect(url, lambda _: stranger)
     await until(lambda: stranger.mode == ModeKind.SAFE_STOP, "it is stopped again")
