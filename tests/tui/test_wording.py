@@ -94,3 +94,18 @@ def test_the_manual_fits_into_a_terminal_and_explains_every_verb() -> None:
     for verb in ("ls", "enslave", "call", "demo", "run", "sim", "supervise"):
         assert verb in text
         assert f"usage: robotree {verb}" in page(verb)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown", "written"),
+    [
+        (-1e-9, "+8.4f", " +0.0000"),
+        (-0.0, "+8.2f", "   +0.00"),
+        (-0.0001, "+8.4f", " -0.0001"),
+        (3.0, "8.1f", "     3.0"),
+    ],
+)
+def test_a_figure_that_rounds_to_zero_has_no_sign_of_its_own(value: float, shown: str, written: str) -> None:
+    from robotree.tui.widgets.gauges import figure
+
+    assert figure(value, shown) == written

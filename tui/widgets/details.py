@@ -11,7 +11,9 @@ from robotree.tui.widgets.marks import mood_mark, tint
 from robotree.tui.widgets.still import Still
 
 READINGS = 10
-"""Readings that are shown."""
+"""Readings that are shown however little room there is."""
+FRAME = 2
+"""Lines of the border."""
 
 
 class Details(Still):
@@ -74,7 +76,8 @@ class Details(Still):
         muted, units = tint(self.app, "muted"), store.units(name)
         self._heading(text, "readings")
         width = max(len(key) for key in readings)
-        for key in sorted(readings, key=rank)[:READINGS]:
+        room = self.container_size.height - FRAME - text.plain.count("\n") - 1
+        for key in sorted(readings, key=rank)[: max(room, READINGS)]:
             text.append(f"\n{key.ljust(width)} ", muted)
             text.append(f"{wording.number(readings[key], 3):>9}")
             text.append(f" {units.get(key, '')}".rstrip(), muted)

@@ -58,6 +58,12 @@ def is_of_robot(name: str) -> bool:
     return name in _RANK or _JOINT.fullmatch(name) is not None
 
 
+def figure(value: float, shown: str) -> str:
+    """Write a number in a format; what rounds to zero has no sign that would come and go."""
+    text = f"{value:{shown}}"
+    return text if float(text) else f"{0.0:{shown}}"
+
+
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _WARN, _ALARM = 0.5, 0.8
 """Shares of a full bar from which on it is drawn as a warning, as an alarm."""
@@ -100,7 +106,7 @@ class Gauges(Still):
         rest = dict(readings)
         for name, (scale, shown, unit) in FIGURES.items():
             if name in rest:
-                self._figure(text, name, f"{scale * rest.pop(name):{shown}}", unit)
+                self._figure(text, name, figure(scale * rest.pop(name), shown), unit)
         for name, (full, unit) in BARS.items():
             if name in rest:
                 self._bar(text, name, rest.pop(name), full, unit)
