@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import re
 import sys
-import tempfile
 from pathlib import Path
 
 from robotree.tui.app import Supervisor
@@ -31,24 +30,23 @@ WEB_FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 
 async def shoot(path: Path) -> None:
     """Play the scene and write the picture."""
-    with tempfile.TemporaryDirectory() as logs:
-        async with Crew(REALM, Path(logs)) as crew:
-            await cast(crew)
-            async with joined(REALM) as fleet:
-                await fleet.create(str(EXAMPLES / "move_square.py"), "square")
-                await fleet.create(str(EXAMPLES / "move_to.py"), "mover")
-                await fleet.create(str(EXAMPLES / "open_close_lever.py"), "lever")
-                await fleet.enslave("square", "rover", "rover-1")
-                await fleet.enslave("mover", "arm", "arm-1")
-                await fleet.enslave("lever", "mover", "mover")
-                app = Supervisor(fleet, realm=REALM)
-                async with app.run_test(size=SIZE) as pilot:
-                    closing = asyncio.create_task(fleet.call("lever", "close", {}, deadline=60))
-                    await pilot.press("t")
-                    await pilot.pause(SETTLED)
-                    picture = WEB_FONTS.sub("", app.export_screenshot(title="robotree"))
-                    await asyncio.to_thread(path.write_text, picture, encoding="utf-8")
-                    await closing
+    async with Crew(REALM) as crew:
+        await cast(crew)
+        async with joined(REALM) as fleet:
+            await fleet.create(str(EXAMPLES / "move_square.py"), "square")
+            await fleet.create(str(EXAMPLES / "move_to.py"), "mover")
+            await fleet.create(str(EXAMPLES / "open_close_lever.py"), "lever")
+            await fleet.enslave("square", "rover", "rover-1")
+            await fleet.enslave("mover", "arm", "arm-1")
+            await fleet.enslave("lever", "mover", "mover")
+            app = Supervisor(fleet, realm=REALM)
+            async with app.run_test(size=SIZE) as pilot:
+                closing = asyncio.create_task(fleet.call("lever", "close", {}, deadline=60))
+                await pilot.press("t")
+                await pilot.pause(SETTLED)
+                picture = WEB_FONTS.sub("", app.export_screenshot(title="robotree"))
+                await asyncio.to_thread(path.write_text, picture, encoding="utf-8")
+                await closing
 
 
 if __name__ == "__main__":
