@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import shutil
 import tempfile
 import traceback
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pymavlink
 
+from robotree.protocol.dialect.examine import problems
 from robotree.protocol.dialect.table import Definition, Field
 from robotree.protocol.errors import DialectError
 
@@ -64,6 +66,12 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
             return
         if depth > LARGEST_NESTING:
             raise DialectError(str(xml), f"includes are nested deeper than {LARGEST_NESTING}")
+        if not path.is_file():
+            raise DialectError(
+                str(xml), f"it includes {path.name}, which lies neither beside it nor in MAVLink"
+            )
+        if not (base_directory() / path.name).exists() and (problem := next(problems(path), None)):
+            raise DialectError(str(xml.with_name(path.name)), problem)
         parsed = seen[path] = mavparse.MAVXML(str(path), mavparse.PROTOCOL_2_0)
         for include in parsed.include:
             read(path.parent / include, seen, depth + 1)
@@ -72,14 +80,15 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
     with workspace(xml) as copy, contextlib.redirect_stdout(said):
         try:
             read(copy, seen)
-            duplicate = mavparse.check_duplicates(list(seen.values()))
+            every = list(seen.values())
+            wrong = mavparse.check_duplicates(every) or mavparse.check_missing_enum(every)
         except DialectError:
             raise
         except Exception as error:  # whatever the parser may raise
-            raise DialectError(str(xml), _told(error)) from error
-    if duplicate:
-        raise DialectError(str(xml), said.getvalue().strip())
-    return list(seen.values())
+            raise DialectError(str(xml), _told(error, copy.parent)) from error
+    if wrong:
+        raise DialectError(str(xml), _complaint(said.getvalue(), copy.parent))
+    return every
 
 
 def build(xml: Path = DIALECT) -> list[Definition]:
@@ -134,22 +143,36 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     """
     from pymavlink.generator import mavgen
 
+    build(xml)
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)
         try:
             done = mavgen.mavgen(options, [str(copy)]) is True
         except (Exception, SystemExit) as error:  # noqa: BLE001  it raises what it likes, SystemExit included
-            failure = _told(error)
+            failure = _told(error, copy.parent)
     if not done:
-        raise DialectError(str(xml), failure or said.getvalue().strip()[-2000:])
+        raise DialectError(str(xml), failure or _complaint(said.getvalue(), copy.parent))
 
 
-def _told(error: BaseException) -> str:
+def _told(error: BaseException, folder: Path) -> str:
     """What an error says; its frames are cleared, since mavparse leaves files open in them."""
     with warnings.catch_warnings(action="ignore", category=ResourceWarning):
         traceback.clear_frames(error.__traceback__)
-    return f"{type(error).__name__}: {error}"
+    return _line(str(error) or type(error).__name__, folder)
+
+
+def _complaint(said: str, folder: Path) -> str:
+    """What the generator complained about, from the first error on; before it there is only chatter."""
+    lines = said.strip().splitlines()
+    first = next((i for i, line in enumerate(lines) if line.startswith("ERROR")), len(lines) - 1)
+    return _line(" ".join(lines[max(first, 0) :]), folder)
+
+
+def _line(text: str, folder: Path) -> str:
+    """One line, without our temporary folder and the codes of the schema's validator."""
+    text = re.sub(r"^ERROR: |\S*:SCHEMASV:\w+: ", "", text.replace(f"{folder}/", ""))
+    return " ".join(text.split())
 
 
 def languages() -> tuple[str, ...]:

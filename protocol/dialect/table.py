@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 TABLE = Path(__file__).with_name("table.json")
-_CODES = {
+CODES = {
     "float": "f",
     "double": "d",
     "char": "c",
@@ -53,7 +53,7 @@ class Field(msgspec.Struct, frozen=True, array_like=True):
         """
         if self.is_bytes:
             return f"{self.length}s"
-        return f"{self.length or ''}{_CODES[self.type]}"
+        return f"{self.length or ''}{CODES[self.type]}"
 
 
 class Definition(msgspec.Struct, frozen=True):
