@@ -81,12 +81,13 @@ async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm,
 
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
-        realm.arm.pace = 0.03
+        realm.arm.pace = 0.5
         await fill(operator, form, "x", "45 cm")
         await operator.press("ctrl+r")
         await operator.until(lambda: form.query_one(ProgressBar).display, "the bar")
         await operator.until(lambda: (form.query_one(ProgressBar).percentage or 0) > 0, "progress")
         await operator.sees("◐ go_to")
+        realm.arm.pace = 0.0
         await operator.sees("done in")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
         assert not form.query_one(ProgressBar).display
