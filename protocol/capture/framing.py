@@ -38,12 +38,12 @@ def claimed_size(buffer: bytes, i: int) -> int:
 
 def known(raw: bytes) -> bool:
     """Whether the dialect has the message of a frame."""
-    return _msgid(raw) in definitions()
+    return msgid(raw) in definitions()
 
 
 def intact(raw: bytes) -> bool:
     """Whether a whole frame is of a known message and its checksum is right."""
-    definition = definitions().get(_msgid(raw))
+    definition = definitions().get(msgid(raw))
     if definition is None:
         return False
     header, start = (HEADER_BYTES, CRC_START) if raw[0] == MAGIC else (HEADER_BYTES_V1, CRC_START_V1)
@@ -54,7 +54,8 @@ def intact(raw: bytes) -> bool:
     return mcrf4xx(raw[:end] + bytes((definition.crc_extra,)), start) == checksum
 
 
-def _msgid(raw: bytes) -> int:
+def msgid(raw: bytes) -> int:
+    """The id of a frame's message."""
     return int.from_bytes(raw[7:10], "little") if raw[0] == MAGIC else raw[5]
 
 

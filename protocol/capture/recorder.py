@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO, Protocol
 from robotree.protocol.capture.errors import BadRecording
 from robotree.protocol.capture.framing import Splitter
 from robotree.protocol.capture.mcap import McapWriter
+from robotree.protocol.capture.secrecy import carries_secret
 from robotree.protocol.capture.tlog import TlogWriter
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def writer_of(name: str) -> Callable[[BinaryIO], Writer]:
 
 
 class Recorder:
-    """Writes the frames of one link; what is no frame is counted.
+    """Writes the frames of one link; what is no frame, or carries a secret, is counted.
 
     Args:
         writer: writes the format.
@@ -54,12 +55,16 @@ class Recorder:
         self.frames = 0
         self.skipped = 0
         """[bytes] that are no frame."""
+        self.withheld = 0
+        """Frames that were left out because they carry a secret."""
 
     def take(self, data: bytes, now: float) -> None:
         """Take some bytes that came at `now`, [s] since 1970."""
         time = round(now * 1e6)
         for piece in self._splitter.feed(data):
-            if piece.framed:
+            if piece.framed and carries_secret(piece.data):
+                self.withheld += 1
+            elif piece.framed:
                 self._writer.write(time, piece.data)
                 self.frames += 1
             else:

@@ -28,6 +28,10 @@ CODES = {
 }
 
 
+SECRETS = {"SETUP_SIGNING": frozenset({"secret_key"})}
+"""Fields whose values are never shown, logged, recorded or passed on, by the name of their message."""
+
+
 class Field(msgspec.Struct, frozen=True, array_like=True):
     """One field of a message. Fields of a message are listed in the order of the XML."""
 
@@ -73,6 +77,11 @@ class Definition(msgspec.Struct, frozen=True):
     """Offset of the field of that name in the payload; -1: none."""
     target_component: int
     """Offset of the field of that name in the payload; -1: none."""
+
+    @property
+    def secrets(self) -> frozenset[str]:
+        """The fields whose values are nobody's business; see `SECRETS`."""
+        return SECRETS.get(self.name, frozenset())
 
 
 @cache

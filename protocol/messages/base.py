@@ -51,6 +51,17 @@ class Untyped(msgspec.Struct, frozen=True, gc=False):
         """The value of a field by its name."""
         return fields_of(self)[field]
 
+    def __repr__(self) -> str:
+        return f"Untyped(msgid={self.msgid}, values={self._shown()!r})"
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:
+        return [("msgid", self.msgid), ("values", self._shown())]
+
+    def _shown(self) -> Any:
+        """The values, if none of them is secret."""
+        definition = definitions().get(self.msgid)
+        return ... if definition is not None and definition.secrets else self.values
+
 
 AnyMessage = Message | Untyped
 M = TypeVar("M", bound=Message)

@@ -6,6 +6,7 @@ Field names are the XML's, even where Python has a builtin of that name.
 from __future__ import annotations
 
 from enum import IntEnum, IntFlag
+from typing import Any
 
 from robotree.protocol.messages.base import Message, wire
 
@@ -166,3 +167,6 @@ class SetupSigning(Message, frozen=True, gc=False):
         return (
             f"SetupSigning(target_system={self.target_system}, target_component={self.target_component}, ...)"
         )
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:  # msgspec's would show every field
+        return [("target_system", self.target_system), ("target_component", self.target_component)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.capture.framing import Splitter
+from robotree.protocol.capture.secrecy import carries_secret
 from robotree.protocol.links.loopback import Accidents, Loopback, LoopbackEnd
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 MOST_EARLY = 4096
 """Frames that wait for a link that is still being opened; older ones are lost."""
 
+_OTHER = {"near": "far", "far": "near"}
+
 
 class Traffic(msgspec.Struct, frozen=True):
     """What came to one side of a joint and left it on the other; the rest was lost or is under way."""
@@ -25,6 +28,8 @@ class Traffic(msgspec.Struct, frozen=True):
     """Frames."""
     passed: int
     """Frames; more than were taken if some were passed twice."""
+    withheld: int = 0
+    """Frames among the taken ones that carry a secret; they are never passed on."""
 
 
 class _Exit:
@@ -57,12 +62,14 @@ class _Entrance:
     def __init__(self, end: LoopbackEnd) -> None:
         self._end = end
         self._splitter = Splitter()
-        self.taken = 0
+        self.taken = self.withheld = 0
 
     def take(self, data: bytes, *, lose: bool) -> None:
         for piece in self._splitter.feed(data):
             self.taken += 1
-            if not lose:
+            if piece.framed and carries_secret(piece.data):
+                self.withheld += 1
+            elif not lose:
                 self._end.send(piece.data)
 
 
@@ -97,8 +104,10 @@ class Joint:
     @property
     def traffic(self) -> dict[str, Traffic]:
         """What went in from either side."""
-        other = {"near": "far", "far": "near"}
-        return {side: Traffic(self._entrances[side].taken, self._exits[other[side]].passed) for side in other}
+        return {
+            side: Traffic(one.taken, self._exits[_OTHER[side]].passed, one.withheld)
+            for side, one in self._entrances.items()
+        }
 
     def open(self, side: str, link: Link) -> None:
         """A side has its link; what arrived for it already is sent."""

@@ -146,7 +146,11 @@ class Relay:
 
 
 def _sum(parts: list[Traffic]) -> Traffic:
-    return Traffic(sum(one.taken for one in parts), sum(one.passed for one in parts))
+    return Traffic(
+        sum(one.taken for one in parts),
+        sum(one.passed for one in parts),
+        sum(one.withheld for one in parts),
+    )
 
 
 @asynccontextmanager

@@ -72,7 +72,8 @@ async def _relay(line: Line, accidents: Accidents) -> int:
         put(msgspec.json.encode({"traffic": traffic, "refused": relay.refused}).decode())
     else:
         for side, one in traffic.items():
-            put(f"from the {side} side: {one.taken} frames came, {one.passed} passed")
+            withheld = f"; {one.withheld} with keys were kept back" if one.withheld else ""
+            put(f"from the {side} side: {one.taken} frames came, {one.passed} passed{withheld}")
     return here.exit_code()
 
 

@@ -61,9 +61,10 @@ async def _record(line: Line, recorder: Recorder) -> int:
     recorder.close()
     seconds = time.monotonic() - began
     if line.flag("--json"):
-        told = {"file": line.text("FILE"), "frames": recorder.frames, "skipped": recorder.skipped}
-        put(json.dumps({**told, "seconds": round(seconds, 3)}))
+        told = {"frames": recorder.frames, "skipped": recorder.skipped, "withheld": recorder.withheld}
+        put(json.dumps({"file": line.text("FILE"), **told, "seconds": round(seconds, 3)}))
     else:
         skipped = f"; {recorder.skipped} bytes were no frame" if recorder.skipped else ""
-        put(f"{line.text('FILE')}: {recorder.frames} frames in {seconds:.1f} s{skipped}")
+        withheld = f"; {recorder.withheld} with keys were left out" if recorder.withheld else ""
+        put(f"{line.text('FILE')}: {recorder.frames} frames in {seconds:.1f} s{skipped}{withheld}")
     return here.exit_code()

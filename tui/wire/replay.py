@@ -10,6 +10,7 @@ from collections.abc import Generator
 from robotree.protocol.capture.errors import BadRecording
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.capture.replay import schedule
+from robotree.protocol.capture.secrecy import Sieve
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link, Listener
@@ -97,7 +98,9 @@ def run(line: Line) -> int:
         raise BadRecording(recording.name, "has no times; replay a .tlog, an .mcap or a candump log")
     if bool(line.text("--connect")) == bool(line.text("--listen")):
         raise BadLine("wire replay: give either --connect URL or --listen URL", "")
-    return asyncio.run(_replay(line, schedule(recording.captured(), speed(line.text("--speed")))))
+    sieve = Sieve()
+    moments = schedule(sieve.sift(recording.captured()), speed(line.text("--speed")))
+    return asyncio.run(_replay(line, moments, sieve))
 
 
 def speed(text: str) -> float:
@@ -117,7 +120,7 @@ def speed(text: str) -> float:
     return number
 
 
-async def _replay(line: Line, moments: Generator[tuple[float, bytes]]) -> int:
+async def _replay(line: Line, moments: Generator[tuple[float, bytes]], sieve: Sieve) -> int:
     listener: Listener | None = None
     async with lasting(line) as here, securing(line) as security:
         crowd = Listeners(here, security)
@@ -134,7 +137,9 @@ async def _replay(line: Line, moments: Generator[tuple[float, bytes]]) -> int:
             link.close()
         if listener is not None:
             await listener.close()
-    put(json.dumps({"frames": sent}) if line.flag("--json") else f"{sent} frames were sent")
+    withheld = f"; {sieve.withheld} with keys were left out" if sieve.withheld else ""
+    told = {"frames": sent, "withheld": sieve.withheld}
+    put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}")
     return here.exit_code()
 
 
