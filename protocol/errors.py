@@ -8,6 +8,7 @@ link that cannot be had::
       LocalProtocolError    we were about to speak wrongly
         InvalidMessage      a message with a value that its field cannot hold
         UnknownMessage      a message that the dialect does not have
+      KeyRefused            a signing key that came over the wire, and is not taken
       LinkError
         BadUrl              an address that means nothing
         LinkRefused         nobody listens there, or the port is taken
@@ -51,6 +52,10 @@ class UnknownMessage(LocalProtocolError):
         super().__init__(
             f"the dialect has no message {what!r}; add it to robotree.xml and regenerate the table"
         )
+
+
+class KeyRefused(ProtocolError):
+    """A key that came over the wire is not taken. Its sentence is for who sent it, and shows no key."""
 
 
 class LinkError(ProtocolError):

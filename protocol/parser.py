@@ -101,7 +101,8 @@ class Parser:
     """
 
     def __init__(self, verifier: Verifier | None = None) -> None:
-        self._verifier = verifier
+        self.verifier = verifier
+        """Asked from the next call on, if another one is put here."""
         self._rest = b""
         self._speaker = self._next = self._after_late = -1
         self._expected: dict[int, int] = {}
@@ -150,7 +151,7 @@ class Parser:
     def _run(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
         """Take the frames of MAVLink 2 that follow each other from `i` on; tells where they end."""
         end, take = len(buffer), frames.append
-        verify = None if self._verifier is None else self._verifier.verify
+        verify = None if self.verifier is None else self.verifier.verify
         last_speaker, expected = self._speaker, self._next
         while i + _OVERHEAD <= end:
             magic, length, flags, sequence, speaker, key = _HEADER(buffer, i)
@@ -218,7 +219,7 @@ class Parser:
         if mcrf4xx(body + codec.crc_extra, CRC_START_V1) != checksum:
             return self._step(i)
         frame = Frame(body, codec, checksum)
-        if self._verifier is not None and not self._verifier.verify(frame, b""):
+        if self.verifier is not None and not self.verifier.verify(frame, b""):
             self._refused += 1
             return crc + 2
         self._version_1 += 1

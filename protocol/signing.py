@@ -32,6 +32,8 @@ UNITS = 100_000
 """Timestamps per second: they count 10 microseconds."""
 OLDEST_STREAM = 60 * UNITS
 """How far a new stream may lie behind our clock: a minute, as MAVLink says."""
+LARGEST_LEAD = OLDEST_STREAM // 2
+"""How far somebody else may put our clock forward; the other half is for delays, and clocks that differ."""
 LARGEST_CROWD = 4096
 """Streams that are remembered."""
 _EPOCH, _UNITS = float(EPOCH), float(UNITS)
@@ -81,13 +83,21 @@ class SigningTime:
         self._clock = clock
         self._passed = 0.0
         """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
-        self.last = persisted
+        self.last: int = persisted
         """The latest timestamp; persist it, so that a wall clock that is set back does no harm."""
 
     def now(self) -> int:
         """The timestamp of this moment."""
-        self.last = max(self.last, int((self._clock() - _EPOCH) * _UNITS))
+        self.last = max(self.last, self._wall())
         return self.last
+
+    def advance(self, moment: int) -> None:
+        """Go on at a timestamp that a holder of the key names, if it is later than ours.
+
+        But no further than `LARGEST_LEAD` before the wall clock: nobody whose clock is right is locked out by
+        one whose clock is wrong.
+        """
+        self.last = max(self.last, min(moment, self._wall() + LARGEST_LEAD))
 
     def next(self) -> int:
         """A timestamp for one frame."""
@@ -100,6 +110,10 @@ class SigningTime:
         self.last = last = wall if wall > last else last + 1
         self._passed = _EPOCH + last / _UNITS
         return last
+
+    def _wall(self) -> int:
+        """What the wall clock shows."""
+        return int((self._clock() - _EPOCH) * _UNITS)
 
 
 class Signer:
@@ -172,6 +186,8 @@ class Verifier:
         streams: StreamTable,
         allow: Callable[[Frame], bool] = nothing_unsigned,
     ) -> None:
+        self.key = key
+        """Whose signatures pass."""
         self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
         self._passed = self._allowed = self._unsigned = self._forged = self._replayed = 0

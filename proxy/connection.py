@@ -15,7 +15,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Accept, Handler, Link
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, Sealing, Seals
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
@@ -57,7 +57,7 @@ class Connection:
         self.url = url
         self.session = session
         self._security = security
-        self._keyed = False
+        self._seals = Seals(signer=None, verifier=None)
         self._signed = 0
         self._on_event = on_event
         self._dial = dial
@@ -129,15 +129,14 @@ class Connection:
         endpoints: list[Endpoint] = []
 
         def accept(link: Link) -> Handler:
-            seals = self._security.seals(link.address)
-            self._keyed, self._signed = seals["signer"] is not None, 0
+            self._seals, self._signed = self._security.seals(link.address), 0
             endpoint = Endpoint(
                 link,
                 system=SUPERVISOR_SYSTEM,
                 component=self.session.component,
                 on_frame=self._hear,
                 on_closed=lambda reason: None if ended.done() else ended.set_result(reason),
-                **seals,
+                **self._seals,
             )
             endpoints.append(endpoint)
             return endpoint
@@ -164,7 +163,10 @@ class Connection:
     async def _tick(self) -> None:
         while True:
             if self._endpoint is not None:
-                disbelief = self._disbelief(self._endpoint.statistics.refused)
+                refused = self._endpoint.statistics.refused
+                if refused and self._security.renewed(self._endpoint.link.address, self._seals):
+                    self.perform([Redial("its signing key was changed")])
+                disbelief = self._disbelief(refused)
                 if disbelief and not self.session.disbelief:
                     _log.warning("%s: %s", self.url, disbelief)
                 self.session.disbelief = disbelief
@@ -175,7 +177,7 @@ class Connection:
         """Why what comes over the present link is not heard."""
         if self._signed:
             return f"its controller signs what it says and this link has no key ({self._signed} refused)"
-        if refused and self._keyed:
+        if refused and self._seals["verifier"] is not None:
             return f"frames arrive but none is signed with our key ({refused} refused)"
         return ""
 
@@ -188,7 +190,7 @@ class Connection:
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
-        if frame.signed and not self._keyed:
+        if frame.signed and self._seals["verifier"] is None:
             # Who signs obeys nobody without the key: a robot that cannot be stopped must not look free.
             self._signed += 1
             return

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from robotree.protocol.endpoint import Endpoint
-from robotree.protocol.errors import LinkError
+from robotree.protocol.errors import KeyRefused, LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
@@ -23,7 +23,6 @@ from robotree.sim.firmware import COMPONENT, Outgoing
 
 _log = logging.getLogger(__name__)
 
-KEY_REFUSED: Final = "Keys are not taken over the wire; give the controller a key file, and start it again."
 WINDOW: Final = 2048
 """Bytes that may wait for a client before a piece of a picture waits, too: so a slow line delays what else is
 said by no more than these."""
@@ -40,6 +39,7 @@ class Connection:
         controller: hears the client.
         darkroom: draws for it.
         leave: told when the client has gone.
+        rotated: told when the client has changed a key: who it was, whose links, and the client's system id.
         security: signs what we say, and decides whom we hear.
     """
 
@@ -50,29 +50,42 @@ class Connection:
         controller: Controller,
         darkroom: Darkroom,
         leave: Callable[["Connection"], None],
+        rotated: Callable[["Connection", str, int], None],
         security: Sealing = UNSIGNED,
     ) -> None:
+        self._security, self._seals = security, security.seals(link.address)
         self.endpoint = Endpoint(
             link,
             system=system,
             component=COMPONENT,
             on_frame=self._hear,
             on_closed=self._closed,
-            **security.seals(link.address),
+            **self._seals,
         )
-        self._controller, self._darkroom, self._leave = controller, darkroom, leave
+        self._controller, self._darkroom, self._leave, self._rotated = controller, darkroom, leave, rotated
         self.spoken = False
         """Whether an intact frame has come."""
         self._wanted: dict[int, PictureRequest] = {}
         self._drawing: asyncio.Task[None] | None = None
-        self._key_refused = False
+        self._keys_refused = 0
+        self._said: set[str] = set()
         controller.greet(self.endpoint)
 
     @property
     def garbled(self) -> int:
-        """What this client said in vain: no frame, no message that we know, or not signed as it must be."""
+        """What it said in vain: no frame, no message that we know, not signed as it must be, or a key."""
         heard = self.endpoint.statistics
-        return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused
+        return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused + self._keys_refused
+
+    @property
+    def pattern(self) -> str:
+        """Names the links that have their key together with this one; empty: it has none."""
+        return self._security.pattern(self.endpoint.link.address)
+
+    def reseal(self) -> None:
+        """Sign, and hear, with the key that the link has now."""
+        self._seals = self._security.seals(self.endpoint.link.address)
+        self.endpoint.reseal(**self._seals)
 
     def send(self, outgoing: Outgoing) -> None:
         """Say something to this client."""
@@ -80,15 +93,19 @@ class Connection:
 
     def refuse(self, text: str) -> None:
         """Tell the client why it is not served (any more), and end the link."""
-        for chunk in Speaker().say(MavSeverity.ERROR, text):
-            self.endpoint.send(chunk)
+        self.say(MavSeverity.ERROR, text)
         self.endpoint.link.close()
+
+    def say(self, severity: MavSeverity, text: str) -> None:
+        """Tell the client a sentence."""
+        for chunk in Speaker().say(severity, text):
+            self.endpoint.send(chunk)
 
     def _hear(self, frame: Frame) -> None:
         self.spoken = True
         message = frame.message
         if isinstance(message, SetupSigning):
-            self._refuse_key()
+            self._set_up(frame, message)
             return
         if not isinstance(message, PictureRequest):
             self._controller.post(frame, self.endpoint)
@@ -104,15 +121,24 @@ class Connection:
                     self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}"
                 )
 
-    def _refuse_key(self) -> None:
-        """A key that comes over the wire is never taken: any program of this machine could lock us out.
+    def _set_up(self, frame: Frame, message: SetupSigning) -> None:
+        """Take a key from who has the present one; the message is neither logged nor passed on.
 
-        Said once, and neither logged nor passed on.
+        MAVLink answers it with nothing; why a key is not taken is said once.
         """
-        if not self._key_refused:
-            self._key_refused = True
-            for chunk in Speaker().say(MavSeverity.WARNING, KEY_REFUSED):
-                self.endpoint.send(chunk)
+        if not frame.is_for(self.endpoint.system, COMPONENT):
+            return
+        address, secret, moment = self.endpoint.link.address, message.secret_key, message.initial_timestamp
+        try:
+            pattern = self._security.rotate(address, self._seals, secret, moment)
+        except KeyRefused as error:
+            self._keys_refused += 1
+            if (text := str(error)) not in self._said:
+                self._said.add(text)
+                self.say(MavSeverity.WARNING, text)
+        else:
+            if pattern:
+                self._rotated(self, pattern, frame.system)
 
     async def _draw_wanted(self) -> None:
         try:

@@ -4,6 +4,7 @@ The loop carries frames, the cell's own thread computes (`realtime`), one more t
 """
 
 import asyncio
+import logging
 import sys
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -14,6 +15,7 @@ from robotree.protocol.errors import LinkRefused
 from robotree.protocol.links.link import Handler, Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import listen
+from robotree.protocol.messages import MavSeverity
 from robotree.sim.connection import Connection
 from robotree.sim.controller import Controller
 from robotree.sim.darkroom import Darkroom
@@ -22,6 +24,8 @@ from robotree.sim.firmware import SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
 from robotree.sim.realtime import Pace, RealTime
 from robotree.sim.throttle import TOTAL, Throttled
+
+_log = logging.getLogger(__name__)
 
 LARGEST_CROWD: Final = 32
 """Clients that are served at a time; each costs its telemetry."""
@@ -43,6 +47,8 @@ class Server:
         self._darkroom = Darkroom(controller)
         self.address = ""
         """Where it listens, with the port that was really taken."""
+        self.rotations = 0
+        """Keys that were changed over the wire."""
         self.failure: asyncio.Future[None] = self._loop.create_future()
         """Raises what ended the physics, if something does."""
         self._realtime = RealTime(controller, self._tell, self._fail, hurry)
@@ -69,6 +75,7 @@ class Server:
             self._controller,
             self._darkroom,
             self._left,
+            self._rotated,
             self._security,
         )
         if full and silent is None:
@@ -89,6 +96,21 @@ class Server:
     def _left(self, connection: Connection) -> None:
         self._connections.pop(connection.endpoint, None)
         self._garbled += connection.garbled
+
+    def _rotated(self, by: Connection, pattern: str, system: int) -> None:
+        """A key was changed: all who had it are told so with it, and need the new one from now on.
+
+        Who changed it is told with the new one, and so knows that it is obeyed.
+        """
+        self.rotations += 1
+        text = f"The signing key was changed by system {system}."
+        _log.warning("links %s: %s (%s)", pattern, text[:-1].lower(), by.endpoint.link.address)
+        for each in [*self._connections.values()]:
+            if each.pattern == pattern:
+                if each is not by:
+                    each.say(MavSeverity.NOTICE, text)
+                each.reseal()
+        by.say(MavSeverity.NOTICE, text)
 
     def _tell(self, out: list[Outgoing]) -> None:
         self._loop.call_soon_threadsafe(self._deliver, out)

@@ -7,32 +7,32 @@ line matches is not signed::
     # the arm in the cell
     tcp:127.0.0.1:*   6f1b…
 
-Several programs of one machine may use one file: the time beside it only ever grows.
+Several programs of one machine may use one file: the time beside it only ever grows. When a key in it is
+replaced, by one of them or by an editor, all find the new one at the next link that they open.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import secrets
-import stat
 from fnmatch import fnmatchcase
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from robotree.protocol.errors import ProtocolError
-from robotree.protocol.signing import KEY_BYTES, Key
+from robotree.protocol.links.keyfile import KeyFileError, alone, key_lines, read, replace, state_of, write
+from robotree.protocol.signing import KEY_BYTES
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from robotree.protocol.signing import Key
+
+__all__ = ["PERSIST_PERIOD", "KeyFileError", "Keyring", "create", "secret_of"]
 
 PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
-
-
-class KeyFileError(ProtocolError):
-    """A key file cannot be used. Its content is never part of the message."""
-
-    def __init__(self, path: Path, problem: str) -> None:
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
+LOCK_PATIENCE = 0.25
+"""[s] in which other programs must let go of the file before a key can be replaced; they hold it for ms."""
 
 
 class Keyring:
@@ -48,12 +48,65 @@ class Keyring:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._time_path = path.with_name(f"{path.name}.time")
-        self.keys = [_read_line(path, number, line) for number, line in _lines(path)]
+        content = read(path)
+        self._state = content.state
+        self.keys = [(line.pattern, line.key) for line in key_lines(path, content.text)]
         """Patterns and keys, in the order of the file."""
 
     def key_for(self, address: str) -> Key | None:
         """The key of a link; None: it is not signed."""
         return next((key for pattern, key in self.keys if fnmatchcase(address, pattern)), None)
+
+    def pattern_for(self, address: str) -> str:
+        """The pattern that gives a link its key; empty: it is not signed."""
+        return next((pattern for pattern, _ in self.keys if fnmatchcase(address, pattern)), "")
+
+    def refresh(self) -> None:
+        """Read the file again, if it was changed.
+
+        A pattern that is no longer there keeps its key, behind all others: an editor that has written half of
+        the file must not switch signing off. Who means it starts the program again.
+
+        Raises:
+            KeyFileError: the file cannot be used as it is now; the keys stay as they were.
+        """
+        if state_of(self._path) == self._state:
+            return
+        content = read(self._path)
+        keys = [(line.pattern, line.key) for line in key_lines(self._path, content.text)]
+        present = {pattern for pattern, _ in keys}
+        self.keys = keys + [each for each in self.keys if each[0] not in present]
+        self._state = content.state
+
+    def replace(self, address: str, old: Key, secret: bytes, last: int) -> str:
+        """Give the pattern that matches a link another key, here and in the file; all other lines stay.
+
+        Args:
+            address: of the link.
+            old: the key that its line must still have.
+            secret: of the new key, 32 bytes.
+            last: the signing time, which is kept, too.
+
+        Returns:
+            The pattern.
+
+        Raises:
+            KeyFileError: the file cannot be written, or was changed meanwhile; the key stays as it was.
+        """
+        real = self._path.resolve()  # a symbolic link stays one
+        try:
+            with alone(self._path, LOCK_PATIENCE):
+                content = read(self._path)
+                listed = key_lines(self._path, content.text)
+                line = next((each for each in listed if fnmatchcase(address, each.pattern)), None)
+                if line is None or line.key.fingerprint != old.fingerprint:
+                    raise KeyFileError(self._path, "another key was put in meanwhile; open the link anew")
+                self._keep(last)
+                replace(real, line.with_secret(content.text, secret))
+        except OSError as error:
+            raise KeyFileError(self._path, f"cannot be written: {error.strerror}") from error
+        self.refresh()
+        return line.pattern
 
     def persisted(self) -> int:
         """The latest signing time that any program of ours has persisted; 0: none has.
@@ -64,7 +117,7 @@ class Keyring:
         if not self._time_path.exists():
             return 0
         try:
-            return int(_read(self._time_path))
+            return int(read(self._time_path).text)
         except ValueError as error:
             raise KeyFileError(self._time_path, "holds no time; remove it") from error
 
@@ -77,14 +130,16 @@ class Keyring:
             KeyFileError: it cannot be kept.
         """
         try:
-            with self._path.open("rb") as ours:
-                fcntl.flock(ours, fcntl.LOCK_EX)  # let go when the file is closed, or we are killed
-                if last > self.persisted():
-                    draft = self._time_path.with_name(f"{self._time_path.name}.new")
-                    _write(draft, f"{last}\n", os.O_TRUNC)
-                    draft.replace(self._time_path)
+            with alone(self._path):
+                self._keep(last)
         except OSError as error:
             raise KeyFileError(self._time_path, f"cannot keep the signing time: {error.strerror}") from error
+
+    def _keep(self, last: int) -> None:
+        if last > self.persisted():
+            draft = self._time_path.with_name(f"{self._time_path.name}.new")
+            write(draft, f"{last}\n", os.O_TRUNC)
+            draft.replace(self._time_path)
 
     def __repr__(self) -> str:
         return f"<Keyring {self._path}: {', '.join(pattern for pattern, _ in self.keys)}>"
@@ -105,7 +160,7 @@ def create(path: Path, pattern: str = "*", passphrase: str | None = None) -> Non
         raise KeyFileError(path, f"{pattern!r} is no pattern of addresses; write for example tcp:127.0.0.1:*")
     secret = secrets.token_bytes(KEY_BYTES) if passphrase is None else secret_of(passphrase)
     try:
-        _write(path, f"{pattern} {secret.hex()}\n", os.O_EXCL)
+        write(path, f"{pattern} {secret.hex()}\n", os.O_EXCL)
     except FileExistsError as error:
         raise KeyFileError(path, "exists already; a key is never overwritten") from error
     except OSError as error:
@@ -115,37 +170,3 @@ def create(path: Path, pattern: str = "*", passphrase: str | None = None) -> Non
 def secret_of(passphrase: str) -> bytes:
     """The secret that MAVProxy and QGroundControl make of a passphrase: its SHA-256."""
     return hashlib.sha256(passphrase.encode()).digest()
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    stripped = [line.strip() for line in _read(path).splitlines()]
-    return [(i, line) for i, line in enumerate(stripped, 1) if line and not line.startswith("#")]
-
-
-def _read_line(path: Path, number: int, line: str) -> tuple[str, Key]:
-    pattern, _, digits = line.partition(" ")
-    try:
-        return pattern, Key(bytes.fromhex(digits))
-    except ValueError:  # its text would show the key
-        raise KeyFileError(path, f"line {number} is no pattern and key of {2 * KEY_BYTES} digits") from None
-
-
-def _read(path: Path) -> str:
-    try:
-        with path.open(encoding="ascii", errors="replace") as file:
-            status = os.fstat(file.fileno())
-            if stat.S_IMODE(status.st_mode) & 0o077:
-                raise KeyFileError(path, "others can read it; run chmod 600 on it and change the keys")
-            if status.st_uid != os.geteuid():
-                raise KeyFileError(path, "it belongs to somebody else; make one of your own")
-            return file.read()
-    except OSError as error:
-        raise KeyFileError(path, f"cannot be read: {error.strerror}") from error
-
-
-def _write(path: Path, text: str, flag: int) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | flag, 0o600)
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())

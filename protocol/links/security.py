@@ -12,8 +12,10 @@ import logging
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Protocol, TypedDict
 
+from robotree.protocol.errors import KeyRefused
 from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError
-from robotree.protocol.signing import UNITS, Signer, SigningTime, StreamTable, Verifier
+from robotree.protocol.links.url import is_private
+from robotree.protocol.signing import UNITS, Key, Signer, SigningTime, StreamTable, Verifier
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
@@ -37,6 +39,31 @@ class Sealing(Protocol):
         """What the link at an address needs."""
         ...
 
+    def pattern(self, address: str) -> str:
+        """Names the links that have their key together with this one; empty: it has none."""
+        ...
+
+    def renewed(self, address: str, seals: Seals) -> bool:
+        """Whether a link that has these seals would get another key now."""
+        ...
+
+    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:
+        """Take a key that came over a link, in a frame that was signed with the link's present one.
+
+        Args:
+            address: of the link.
+            seals: what the link has.
+            secret: of the new key, 32 bytes.
+            moment: the sender's signing time; ours is not behind it afterwards, as far as that harms nobody.
+
+        Returns:
+            The pattern whose links need new seals; empty: it is the key that the link has.
+
+        Raises:
+            KeyRefused: it is not taken.
+        """
+        ...
+
 
 class Unsigned:
     """No link is signed, and everybody is heard."""
@@ -44,6 +71,22 @@ class Unsigned:
     def seals(self, address: str) -> Seals:  # noqa: ARG002  all are alike
         """Nothing."""
         return Seals(signer=None, verifier=None)
+
+    def pattern(self, address: str) -> str:  # noqa: ARG002  all are alike
+        """None."""
+        return ""
+
+    def renewed(self, address: str, seals: Seals) -> bool:  # noqa: ARG002  all are alike
+        """Never."""
+        return False
+
+    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:  # noqa: ARG002
+        """There is no file in which a key could be kept.
+
+        Raises:
+            KeyRefused: always.
+        """
+        raise KeyRefused("This controller has no key file; start with --key FILE.")
 
 
 UNSIGNED = Unsigned()
@@ -71,15 +114,68 @@ class Security:
             self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
         self._streams = StreamTable()
         self._links = first_link
+        self._trouble = ""
 
     def seals(self, address: str) -> Seals:
-        """What the link at an address needs. Every link of ours has an id of its own, modulo 256."""
+        """What the link at an address needs. Every link of ours has an id of its own, modulo 256.
+
+        The key is the one that the file has now; if the file cannot be used, the one that it had before.
+        """
+        self._refresh()
         if (key := self._keyring.key_for(address)) is None:
             return Seals(signer=None, verifier=None)
         link_id, self._links = self._links & 0xFF, self._links + 1
         return Seals(
             signer=Signer(key, self._time, link_id), verifier=Verifier(key, self._time, self._streams)
         )
+
+    def pattern(self, address: str) -> str:
+        """The pattern in the key file that matches a link; empty: none does."""
+        return self._keyring.pattern_for(address)
+
+    def renewed(self, address: str, seals: Seals) -> bool:
+        """Whether a link that has these seals would get another key now."""
+        self._refresh()
+        key, verifier = self._keyring.key_for(address), seals["verifier"]
+        return key is not None and (verifier is None or verifier.key.fingerprint != key.fingerprint)
+
+    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:
+        """Take a key that came over a link, in a frame that was signed with the link's present one.
+
+        The file is written before this returns, and nothing else happens meanwhile: the next frame of the one
+        who sent the key is signed with it.
+
+        Returns:
+            The pattern whose links need new seals; empty: it is the key that the link has.
+
+        Raises:
+            KeyRefused: it is not taken.
+        """
+        verifier = seals["verifier"]
+        if not is_private(address):
+            raise KeyRefused("A key is taken only over TCP or UDP from this machine; edit the key file.")
+        if verifier is None:
+            raise KeyRefused("This link has no key that could be replaced; edit the key file.")
+        if not any(secret):
+            raise KeyRefused("Signing is not switched off over the wire; edit the key file.")
+        if Key(secret).fingerprint == verifier.key.fingerprint:
+            return ""
+        self._time.advance(moment)
+        try:
+            return self._keyring.replace(address, verifier.key, secret, self.now)
+        except KeyFileError as error:
+            _log.warning("a key that came over %s was not taken: %s", address, error)
+            raise KeyRefused("The key file was changed, or cannot be written; the old key stays.") from error
+
+    def _refresh(self) -> None:
+        try:
+            self._keyring.refresh()
+        except KeyFileError as error:
+            if self._trouble != str(error):
+                _log.warning("%s; the keys stay as they were", error)
+            self._trouble = str(error)
+        else:
+            self._trouble = ""
 
     @property
     def now(self) -> int:

@@ -100,15 +100,34 @@ def require_loopback(address: str, host: str, *, exposed: bool) -> None:
     Raises:
         BadUrl: `host` is not loopback and `exposed` is not set.
     """
-    if exposed or host == "localhost":
-        return
-    try:
-        loopback = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback:
+    if not exposed and not _is_loopback(host):
         reached = f"{host or 'every address'} can be reached from outside"
         raise BadUrl(address, f"{reached}; listen on {LOOPBACK} or ask for exposure")
+
+
+def is_private(address: str) -> bool:
+    """Whether a link leads to a program of this machine, and no other program can read along.
+
+    TCP and UDP from loopback, and the link of tests. A serial line leads anywhere, and what is said on a bus,
+    also on one between processes, is heard by everybody on it.
+
+    Args:
+        address: of the open link, with the far end's host.
+    """
+    scheme, _, where = address.partition(":")
+    if scheme in ("tcp", "udp"):
+        try:
+            return _is_loopback(Url(address, scheme, where, {}).host_and_port()[0])
+        except BadUrl:
+            return False
+    return scheme == "loop"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def _module(url: Url) -> Scheme:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -150,3 +151,139 @@ def test_a_time_file_that_makes_no_sense_is_refused(path: Path) -> None:
 def test_a_keyring_shows_patterns_and_no_keys(path: Path) -> None:
     assert "can:*" in repr(Keyring(path))
     assert ONE not in repr(Keyring(path))
+
+
+TCP, CAN = "tcp:127.0.0.1:5760", "can:robotree/cell"
+NEW = bytes(range(32))
+
+
+def fingerprint(ring: Keyring, address: str) -> str:
+    key = ring.key_for(address)
+    assert key is not None
+    return key.fingerprint
+
+
+def key_of(ring: Keyring, address: str) -> Key:
+    key = ring.key_for(address)
+    assert key is not None
+    return key
+
+
+def test_a_key_is_replaced_in_its_line_and_every_other_byte_stays(path: Path) -> None:
+    text = f"# die Zelle \xfc\r\n\r\n  tcp:127.0.0.1:*   {ONE}  \r\n# {ONE}\ncan:* {ONE}".encode("latin-1")
+    path.write_bytes(text)
+    ring = Keyring(path)
+    assert ring.replace(TCP, key_of(ring, TCP), NEW, 5) == "tcp:127.0.0.1:*"
+    assert path.read_bytes() == text.replace(ONE.encode(), NEW.hex().encode(), 1)
+    assert path.stat().st_mode & 0o777 == 0o600
+    for each in (ring, Keyring(path)):
+        assert fingerprint(each, TCP) == Key(NEW).fingerprint
+        assert fingerprint(each, CAN) == Key(bytes.fromhex(ONE)).fingerprint
+        assert each.persisted() == 5
+    assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]
+
+
+def test_a_symbolic_link_to_the_file_stays_one(path: Path) -> None:
+    link = path.with_name("link.keys")
+    link.symlink_to(path)
+    ring = Keyring(link)
+    ring.replace(TCP, key_of(ring, TCP), NEW, 5)
+    assert link.is_symlink()
+    assert fingerprint(Keyring(path), TCP) == Key(NEW).fingerprint
+
+
+def test_a_key_that_somebody_else_has_changed_is_not_replaced(path: Path) -> None:
+    ring = Keyring(path)
+    old = key_of(ring, TCP)
+    path.write_text(f"tcp:* {TWO}\n")
+    for address in (TCP, CAN):
+        with pytest.raises(KeyFileError, match="another key was put in meanwhile"):
+            ring.replace(address, old, NEW, 5)
+    assert path.read_text() == f"tcp:* {TWO}\n"
+
+
+def test_a_file_that_cannot_be_replaced_keeps_its_key_and_so_do_we(path: Path) -> None:
+    path.with_name("wire.keys.new").mkdir()
+    ring, before = Keyring(path), path.read_bytes()
+    with pytest.raises(KeyFileError, match="cannot be written") as refused:
+        ring.replace(TCP, key_of(ring, TCP), NEW, 5)
+    assert NEW.hex()[:8] not in str(refused.value)
+    assert path.read_bytes() == before
+    assert fingerprint(ring, TCP) == Key(bytes.fromhex(ONE)).fingerprint
+
+
+def test_a_program_that_holds_the_file_delays_a_new_key_but_not_for_ever(path: Path) -> None:
+    ring = Keyring(path)
+    with path.open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(KeyFileError, match="cannot be written"):
+            ring.replace(TCP, key_of(ring, TCP), NEW, 5)
+    ring.replace(TCP, key_of(ring, TCP), NEW, 5)
+
+
+def test_what_another_program_puts_in_is_found(path: Path) -> None:
+    ours, theirs = Keyring(path), Keyring(path)
+    theirs.replace(TCP, key_of(theirs, TCP), NEW, 5)
+    assert fingerprint(ours, TCP) == Key(bytes.fromhex(ONE)).fingerprint
+    ours.refresh()
+    assert fingerprint(ours, TCP) == Key(NEW).fingerprint
+
+
+def test_a_file_of_which_half_is_written_switches_no_signing_off(path: Path) -> None:
+    """An editor may write it piece by piece; at every moment each link has its old key or its new one."""
+    ring, whole = Keyring(path), f"tcp:* {TWO}\ncan:* {ONE}\nudp:* {TWO}\n"
+    may = {
+        TCP: {Key(bytes.fromhex(key)).fingerprint for key in (ONE, TWO)},
+        CAN: {Key(bytes.fromhex(key)).fingerprint for key in (ONE, TWO)},
+    }
+    broken = 0
+    for end in range(len(whole)):
+        path.write_text(whole[:end])
+        try:
+            ring.refresh()
+        except KeyFileError:
+            broken += 1
+        for address, keys in may.items():
+            assert fingerprint(ring, address) in keys
+    assert broken > 100
+    path.write_text(whole)
+    ring.refresh()
+    assert fingerprint(ring, CAN) == Key(bytes.fromhex(ONE)).fingerprint
+    assert fingerprint(ring, "udp:127.0.0.1:1") == Key(bytes.fromhex(TWO)).fingerprint
+
+
+REPLACER = """
+import sys
+from pathlib import Path
+from robotree.protocol.links.keyring import KeyFileError, Keyring
+from robotree.protocol.signing import Key
+ring, own = Keyring(Path(sys.argv[1])), int(sys.argv[2])
+for number in range(40):
+    ring.persist(100 * number + own)
+    while True:
+        try:
+            ring.refresh()
+            ring.replace("tcp:127.0.0.1:1", ring.keys[0][1], bytes([own, number]) * 16, 100 * number)
+            break
+        except KeyFileError as error:
+            assert "meanwhile" in str(error) or "cannot be written" in str(error), error
+"""
+
+
+def test_programs_that_replace_keys_at_the_same_time_leave_a_whole_file(path: Path) -> None:
+    programs = [
+        subprocess.Popen([sys.executable, "-c", REPLACER, str(path), own], stderr=subprocess.PIPE)
+        for own in ("1", "2")
+    ]
+    times: list[int] = []
+    ring = Keyring(path)
+    while any(program.poll() is None for program in programs):
+        times.append(ring.persisted())
+        ring.refresh()  # raises, if it ever finds half a file
+        assert [pattern for pattern, _ in ring.keys] == ["tcp:127.0.0.1:*", "can:*"]
+    for program in programs:
+        _, told = program.communicate(timeout=60)
+        assert program.returncode == 0, told.decode()
+    assert times == sorted(times)
+    assert fingerprint(Keyring(path), CAN) == Key(bytes.fromhex(TWO)).fingerprint
+    assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.errors import KeyRefused
 from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError, Keyring
-from robotree.protocol.links.security import Security, persisting
+from robotree.protocol.links.security import UNSIGNED, Security, persisting
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
-from robotree.protocol.signing import UNITS
+from robotree.protocol.signing import EPOCH, LARGEST_LEAD, UNITS, Key, Signer, SigningTime
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -172,3 +173,113 @@ async def test_a_place_where_time_cannot_be_kept_is_told_at_once(keys: Path) -> 
     with pytest.raises(KeyFileError, match="cannot keep"):
         async with persisting(Security(Keyring(keys), lambda: NOW)):
             pytest.fail("nothing is opened")
+
+
+LINK = "tcp:127.0.0.1:40000"
+NEW = bytes(range(32))
+PRESENT = int((NOW - EPOCH) * UNITS)
+
+
+def test_a_new_key_counts_for_the_links_of_its_pattern_from_now_on(keys: Path) -> None:
+    controller, proxy = Security(Keyring(keys), lambda: NOW), Security(Keyring(keys), lambda: NOW)
+    ours, theirs = controller.seals(LINK), proxy.seals(LINK)
+    assert not proxy.renewed(LINK, theirs)
+    assert controller.rotate(LINK, ours, NEW, 0) == controller.pattern(LINK) == "tcp:127.0.0.1:*"
+    assert controller.renewed(LINK, ours)
+    assert proxy.renewed(LINK, theirs), "whoever shares the file finds it"
+    said = encode(Timesync(1, 2), sequence=0, system=255, component=1, signer=proxy.seals(LINK)["signer"])
+    old = encode(Timesync(1, 2), sequence=0, system=255, component=2, signer=theirs["signer"])
+    parser = Parser(controller.seals(LINK)["verifier"])
+    assert len(parser.feed(said)) == 1
+    assert parser.feed(old) == []
+    assert controller.rotate(LINK, controller.seals(LINK), NEW, 0) == "", "the same key again changes nothing"
+
+
+@pytest.mark.parametrize(
+    ("address", "secret", "sentence"),
+    [
+        ("tcp:192.0.2.1:40000", NEW, "only over TCP or UDP from this machine"),
+        ("tcp:[::ffff:192.0.2.1]:40000", NEW, "only over TCP or UDP from this machine"),
+        ("serial:/dev/ttyUSB0", NEW, "only over TCP or UDP from this machine"),
+        ("can:robotree/cell?node=1", NEW, "only over TCP or UDP from this machine"),
+        ("udp:127.0.0.1:40000", NEW, "has no key that could be replaced"),
+        (LINK, bytes(32), "not switched off over the wire"),
+    ],
+)
+def test_a_key_that_must_not_be_taken_is_refused_in_one_sentence(
+    keys: Path, address: str, secret: bytes, sentence: str
+) -> None:
+    if "udp" not in address:
+        keys.write_text(f"* {'11' * 32}\n")
+    security, before = Security(Keyring(keys), lambda: NOW), keys.read_bytes()
+    with pytest.raises(KeyRefused, match=sentence) as refused:
+        security.rotate(address, security.seals(address), secret, 0)
+    assert str(refused.value).count(".") == 1
+    assert keys.read_bytes() == before
+
+
+def test_without_a_key_file_no_key_is_taken() -> None:
+    with pytest.raises(KeyRefused, match="start with --key FILE"):
+        UNSIGNED.rotate(LINK, UNSIGNED.seals(LINK), NEW, 0)
+
+
+def test_a_link_of_loopback_may_carry_a_key_over_any_of_its_transports(keys: Path) -> None:
+    for i, address in enumerate((LINK, "tcp:[::1]:1", "udp:127.0.0.9:1", "loop:near"), 1):
+        keys.write_text(f"* {'11' * 32}\n")
+        security = Security(Keyring(keys), lambda: NOW)
+        assert security.rotate(address, security.seals(address), bytes([i]) * 32, 0) == "*"
+
+
+def test_an_older_key_does_not_undo_what_the_owner_has_put_in(keys: Path) -> None:
+    security = Security(Keyring(keys), lambda: NOW)
+    seals = security.seals(LINK)
+    keys.write_text(f"* {'33' * 32}\n")
+    security.seals("tcp:127.0.0.1:2")
+    with pytest.raises(KeyRefused, match="the old key stays"):
+        security.rotate(LINK, seals, NEW, 0)
+    assert keys.read_text() == f"* {'33' * 32}\n"
+
+
+@pytest.mark.parametrize(
+    ("named", "expected"),
+    [
+        (0, PRESENT),
+        (PRESENT - 1, PRESENT),
+        (PRESENT + 20 * UNITS, PRESENT + 20 * UNITS),
+        (2**64 - 1, PRESENT + LARGEST_LEAD),
+    ],
+)
+def test_time_goes_on_where_the_sender_of_a_key_is_but_no_further_than_harms_nobody(
+    keys: Path, named: int, expected: int
+) -> None:
+    security = Security(Keyring(keys), lambda: NOW)
+    for i in range(3):  # nor does it add up
+        security.rotate(LINK, security.seals(LINK), bytes([i + 1]) * 32, named)
+    assert security.now == expected
+    assert Keyring(keys).persisted() == expected
+    signer = security.seals(LINK)["signer"]
+    assert signer is not None
+    assert int.from_bytes(signer.sign(b"")[1:7], "little") > expected
+    punctual = Signer(Key(bytes([3]) * 32), SigningTime(lambda: NOW), 9)
+    assert Parser(security.seals(LINK)["verifier"]).feed(
+        encode(Timesync(1, 2), sequence=0, system=9, component=1, signer=punctual)
+    )
+
+
+def test_a_key_file_that_is_broken_is_told_once_and_the_keys_stay(
+    keys: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    security = Security(Keyring(keys), lambda: NOW)
+    for mode, text in ((0o600, "nonsense\n"), (0o644, f"* {'22' * 32}\n")):
+        keys.chmod(mode)
+        keys.write_text(text)
+        caplog.clear()
+        for _ in range(3):
+            verifier = security.seals(LINK)["verifier"]
+            assert verifier is not None
+            assert verifier.key.fingerprint == Key(b"\x11" * 32).fingerprint
+        assert caplog.text.count("the keys stay as they were") == 1
+    keys.chmod(0o600)
+    verifier = security.seals(LINK)["verifier"]
+    assert verifier is not None
+    assert verifier.key.fingerprint == Key(b"\x22" * 32).fingerprint

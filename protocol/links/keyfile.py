@@ -1,0 +1,193 @@
+"""Files that only their owner can read, and that several programs change: read, locked, replaced at once."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+import time
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, NamedTuple
+
+from robotree.protocol.errors import ProtocolError
+from robotree.protocol.signing import KEY_BYTES, Key
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+    from pathlib import Path
+
+_LOOK = 0.002
+"""[s] between two attempts to lock a file."""
+
+
+class KeyFileError(ProtocolError):
+    """A key file cannot be used. Its content is never part of the message."""
+
+    def __init__(self, path: Path, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
+class State(NamedTuple):
+    """Tells whether a file is still the one that was read."""
+
+    device: int
+    inode: int
+    size: int
+    changed: int
+    """[ns]"""
+
+
+class Content(NamedTuple):
+    """A file that was read."""
+
+    text: str
+    state: State
+
+
+class Line(NamedTuple):
+    """A line with a key."""
+
+    number: int
+    """From 0."""
+    pattern: str
+    key: Key
+
+    def with_secret(self, text: str, secret: bytes) -> str:
+        """The text of the whole file with another key in this line, and everything else as it was."""
+        lines = text.splitlines(keepends=True)
+        before, pattern, after = lines[self.number].partition(self.pattern)
+        lines[self.number] = before + pattern + after.replace(after.strip(), secret.hex())
+        return "".join(lines)
+
+
+def key_lines(path: Path, text: str) -> list[Line]:
+    """The lines with keys.
+
+    Raises:
+        KeyFileError: one makes no sense; it is named by its number.
+    """
+    stripped = [line.strip() for line in text.splitlines()]
+    return [_line(path, i, line) for i, line in enumerate(stripped) if line and not line.startswith("#")]
+
+
+def _line(path: Path, number: int, line: str) -> Line:
+    pattern, _, digits = line.partition(" ")
+    try:
+        return Line(number, pattern, Key(bytes.fromhex(digits)))
+    except ValueError:  # its text would show the key
+        problem = f"line {number + 1} is no pattern and key of {2 * KEY_BYTES} digits"
+        raise KeyFileError(path, problem) from None
+
+
+def read(path: Path) -> Content:
+    """Read a file that nobody else may.
+
+    Raises:
+        KeyFileError: others can, or nobody.
+    """
+    try:
+        # What is no UTF-8 in a comment, and how lines end, must come back when the file is written again.
+        with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
+            status = os.fstat(file.fileno())
+            if stat.S_IMODE(status.st_mode) & 0o077:
+                raise KeyFileError(path, "others can read it; run chmod 600 on it and change the keys")
+            if status.st_uid != os.geteuid():
+                raise KeyFileError(path, "it belongs to somebody else; make one of your own")
+            return Content(file.read(), _state(status))
+    except OSError as error:
+        raise KeyFileError(path, f"cannot be read: {error.strerror}") from error
+
+
+def _state(status: os.stat_result) -> State:
+    return State(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
+
+
+def state_of(path: Path) -> State:
+    """How a file is now.
+
+    Raises:
+        KeyFileError: there is none, or it cannot be reached.
+    """
+    try:
+        return _state(path.stat())
+    except OSError as error:
+        raise KeyFileError(path, f"cannot be read: {error.strerror}") from error
+
+
+@contextmanager
+def alone(path: Path, patience: float | None = None) -> Generator[None]:
+    """Let no other program change a file, or what lies beside it, inside the block.
+
+    Args:
+        path: of the file.
+        patience: [s] to wait for the others; None: as long as it takes.
+
+    Yields:
+        Nothing.
+
+    Raises:
+        OSError: it cannot be opened, or the others take longer.
+    """
+    while True:
+        with path.open("rb") as ours:
+            _lock(ours.fileno(), patience)  # let go when the file is closed, or we are killed
+            if os.path.samestat(os.fstat(ours.fileno()), path.stat()):
+                yield
+                return
+        # While we waited the file was replaced by another one, which others may have locked.
+
+
+def _lock(descriptor: int, patience: float | None) -> None:
+    if patience is None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        return
+    ends = time.monotonic() + patience
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > ends:
+                raise
+            time.sleep(_LOOK)
+        else:
+            return
+
+
+def replace(path: Path, text: str) -> None:
+    """Replace a file at once and for good: who reads it, also after a power cut, finds one or the other.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    draft = path.with_name(f"{path.name}.new")
+    draft.unlink(missing_ok=True)  # of a program that was killed
+    try:
+        write(draft, text, os.O_EXCL)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+    with suppress(OSError):  # some file systems cannot; the new file is in its place all the same
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def write(path: Path, text: str, flag: int) -> None:
+    """Write a file that nobody else can read, for good.
+
+    Args:
+        path: of the file.
+        text: its content.
+        flag: O_EXCL: it must be new; O_TRUNC: it may be there.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | flag, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8", errors="surrogateescape", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
