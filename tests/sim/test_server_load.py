@@ -30,7 +30,6 @@ from robotree.protocol.messages import (
     ModeKind,
     Ping,
     SetMode,
-    SetupSigning,
     Statustext,
 )
 from robotree.sim.realtime import LARGEST_DEBT
@@ -214,16 +213,3 @@ async def test_control_ends_with_the_link_of_its_owner() -> None:
         other.heard.clear()
         owner.link.close()
         await other.until(ControlStatus, gcs_main=0)
-
-
-async def test_a_key_over_the_wire_is_refused_once_and_nothing_of_it_is_told() -> None:
-    key = bytes(range(32))
-    async with serving("rover", ANY) as server:
-        client, other = await Client(9).dial(server.address), await Client(10).dial(server.address)
-        for _ in range(5):
-            client.say(SetupSigning(1, 1, key, 1))
-        await client.ping()
-        await other.ping()
-        text = "".join(message.text for message in client.heard if isinstance(message, Statustext))
-        assert text.count("key file") == 1
-        assert not [message for message in other.heard if isinstance(message, Statustext | SetupSigning)]

@@ -1,0 +1,260 @@
+"""Keys over real TCP: who has the key may change it, everybody is told so, and nobody is told the key."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame, encode
+from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED, Sealing, Seals, Security
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import AnyMessage, Ping, SetupSigning
+from robotree.protocol.services.statustext import Listener
+from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
+from robotree.sim.server import Server, serving
+
+ANY = "tcp:127.0.0.1:0"
+PATIENCE = 20.0
+OLD, NEW = b"o" * 32, b"n" * 32
+TEXT = f"# the cell\ntcp:127.0.0.1:*  {{key}}\ncan:* {'7f' * 32}\n"
+CHANGED = "The signing key was changed by system 7."
+
+
+class Client:
+    """Somebody with a key, or none, at the other end of the socket."""
+
+    def __init__(self, system: int, security: Sealing | Punctual = UNSIGNED) -> None:
+        self.system, self.security = system, security
+        self.pings: set[int] = set()
+        self.sentences: list[str] = []
+        self.heard: list[AnyMessage] = []
+        self._listener = Listener()
+        self._news = asyncio.Event()
+        self._numbers = count(1)
+
+    async def dial(self, address: str) -> Client:
+        self.link = await connect(address, self._accept)
+        return self
+
+    def say(self, message: AnyMessage) -> None:
+        self.endpoint.send(message)
+
+    def hand_out(self, key: bytes, moment: int = 0) -> None:
+        """Send a key and use it from now on, as MAVProxy does."""
+        self.say(SetupSigning(1, 1, key, moment))
+        self.endpoint.reseal(**Punctual(key).seals(""))
+
+    async def until(self, happened: Callable[[], object]) -> None:
+        async with asyncio.timeout(PATIENCE):
+            while not happened():
+                self._news.clear()
+                await self._news.wait()
+
+    async def ping(self) -> None:
+        """Ask, and wait for the answer: then all that was said before was heard, too."""
+        number = next(self._numbers)
+        self.say(Ping(0, number))
+        await self.until(lambda: number in self.pings)
+
+    @property
+    def refused(self) -> int:
+        return self.endpoint.statistics.refused
+
+    def _accept(self, link: Link) -> Endpoint:
+        seals = self.security.seals(link.address)
+        self.endpoint = Endpoint(link, system=self.system, component=190, on_frame=self._hear, **seals)
+        return self.endpoint
+
+    def _hear(self, frame: Frame) -> None:
+        message = frame.message
+        self.heard.append(message)
+        self.sentences += [one.text for one in self._listener.receive(frame, None, 0.0)]
+        if isinstance(message, Ping) and message.target_system == self.system:
+            self.pings.add(message.seq)
+        self._news.set()
+
+
+class Punctual:
+    """Has a key, and a clock that is right."""
+
+    def __init__(self, key: bytes) -> None:
+        self.key, self.time = Key(key), SigningTime(time.time)
+
+    def seals(self, _: str) -> Seals:
+        verifier = Verifier(self.key, self.time, StreamTable())
+        return Seals(signer=Signer(self.key, self.time, 200), verifier=verifier)
+
+
+async def until(happened: Callable[[], object]) -> None:
+    """Wait for what a client with an old key does not hear."""
+    async with asyncio.timeout(PATIENCE):
+        while not happened():  # noqa: ASYNC110  a count has no event
+            await asyncio.sleep(0.005)
+
+
+def garbled(server: Server) -> int:
+    """What all clients have said in vain."""
+    return sum(each.garbled for each in server._connections.values())
+
+
+def content(path: Path) -> str:
+    return path.read_text()
+
+
+def file_with(path: Path, text: str) -> Path:
+    path.touch(mode=0o600)
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    return file_with(tmp_path / "cell.keys", TEXT.format(key=OLD.hex()))
+
+
+def holding(keys: Path, first_link: int = 0) -> Security:
+    return Security(Keyring(keys), time.time, first_link=first_link)
+
+
+async def test_without_a_key_file_a_key_is_refused_in_a_sentence_that_is_said_once() -> None:
+    async with serving("rover", ANY) as server:
+        client, other = await Client(7).dial(server.address), await Client(8).dial(server.address)
+        for _ in range(5):
+            client.say(SetupSigning(1, 1, NEW, 1))
+        await client.ping()
+        await other.ping()
+        assert [text for text in client.sentences if "key" in text] == [
+            "This controller has no key file; start with --key FILE."
+        ]
+        assert not any("key" in text for text in other.sentences)
+        assert not [message for message in other.heard if isinstance(message, SetupSigning)]
+        assert garbled(server) == 5
+
+
+async def test_who_has_the_key_changes_it_for_everybody_and_all_are_told(
+    keys: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    former = file_with(tmp_path / "former.keys", content(keys))
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        changer = await Client(7, holding(keys)).dial(server.address)
+        other = await Client(8, holding(former, 50)).dial(server.address)
+        await changer.ping()
+        await other.ping()
+        changer.hand_out(NEW)
+        await other.until(lambda: CHANGED in other.sentences)  # it has the old key only, and hears it
+        before = other.refused
+        await changer.ping()
+        await changer.until(lambda: CHANGED in changer.sentences)  # with the new key: so it is obeyed
+        asked = next(other._numbers)
+        other.say(Ping(0, asked))
+        await changer.ping()
+        assert asked not in other.pings, "the old key is obeyed no more"
+        await until(lambda: other.refused > before)  # nor is anything said with it
+        late = await Client(9, holding(former, 60)).dial(server.address)
+        late.say(Ping(0, 1))
+        again = await Client(10, holding(keys, 70)).dial(server.address)
+        await again.ping()
+        assert late.heard == []
+        assert server.rotations == 1
+    assert content(keys) == TEXT.format(key=NEW.hex())
+    assert "the signing key was changed by system 7" in caplog.text
+    for shown in (NEW.hex(), repr(NEW)[2:-1], OLD.hex(), repr(OLD)[2:-1]):
+        assert shown not in caplog.text
+    for client in (changer, other, again):
+        assert not [message for message in client.heard if isinstance(message, SetupSigning)]
+
+
+async def test_who_has_not_the_key_changes_nothing(keys: Path, tmp_path: Path) -> None:
+    """Neither unsigned, nor signed with the new key itself, which proves nothing."""
+    before = content(keys)
+    news = file_with(tmp_path / "new.keys", f"* {NEW.hex()}\n")
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        strangers = [
+            await Client(7).dial(server.address),
+            await Client(8, holding(news)).dial(server.address),
+        ]
+        for stranger in strangers:
+            stranger.say(SetupSigning(1, 1, NEW, 0))
+        friend = await Client(9, holding(keys)).dial(server.address)
+        for _ in strangers:
+            await friend.ping()
+        refused = [each.endpoint.statistics.refused for each in server._connections.values()]
+        assert sorted(refused) == [0, 1, 1]
+        assert server.rotations == 0
+    assert content(keys) == before
+
+
+@pytest.mark.parametrize("seconds", [0, 10, 1_000_000_000])
+async def test_the_time_of_who_changes_the_key_is_taken_over_but_locks_nobody_out(
+    keys: Path, seconds: int
+) -> None:
+    security = holding(keys, 100)
+    async with serving("rover", ANY, security=security) as server:
+        changer = await Client(7, holding(keys)).dial(server.address)
+        before = security.now
+        changer.hand_out(NEW, before + seconds * 100_000)
+        await until(lambda: server.rotations)
+        assert min(seconds, 30) * 100_000 <= security.now - before < (min(seconds, 30) + PATIENCE) * 100_000
+        punctual = await Client(8, Punctual(NEW)).dial(server.address)
+        await punctual.ping()
+
+
+async def test_signing_is_not_switched_off_over_the_wire(keys: Path) -> None:
+    before = content(keys)
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        client = await Client(7, holding(keys)).dial(server.address)
+        for _ in range(3):
+            client.say(SetupSigning(1, 1, bytes(32), 0))
+        await client.ping()
+        refusals = [text for text in client.sentences if "key" in text]
+        assert refusals == ["Signing is not switched off over the wire; edit the key file."]
+    assert content(keys) == before
+
+
+async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
+    """Some send it twice, since it is not answered; both may come in one piece."""
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        client = await Client(7, holding(keys)).dial(server.address)
+        await client.ping()
+        signer = client.security.seals(client.link.address)["signer"]
+        client.link.send(
+            b"".join(
+                encode(SetupSigning(1, 1, NEW, 0), sequence=i, system=7, component=190, signer=signer)
+                for i in range(2)
+            )
+        )
+        await until(lambda: server.rotations)
+        client.endpoint.reseal(**Punctual(NEW).seals(""))
+        await client.ping()
+        assert server.rotations == 1
+        assert garbled(server) == 0
+
+
+async def test_a_key_for_somebody_else_is_nobodys_business(keys: Path) -> None:
+    before = content(keys)
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        client = await Client(7, holding(keys)).dial(server.address)
+        client.say(SetupSigning(2, 1, NEW, 0))
+        client.say(SetupSigning(1, 99, NEW, 0))
+        await client.ping()
+        assert not any("key" in text for text in client.sentences)
+    assert content(keys) == before
+
+
+async def test_a_file_that_cannot_be_written_keeps_the_key_and_its_holder_is_told(keys: Path) -> None:
+    keys.with_name("cell.keys.new").mkdir()
+    async with serving("rover", ANY, security=holding(keys, 100)) as server:
+        client = await Client(7, holding(keys)).dial(server.address)
+        client.say(SetupSigning(1, 1, NEW, 0))
+        await client.ping()  # with the old key
+        assert "The key file was changed, or cannot be written; the old key stays." in client.sentences
+        assert server.rotations == 0
