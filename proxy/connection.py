@@ -28,6 +28,9 @@ _log = logging.getLogger(__name__)
 TICK = 0.1
 """[s] between two looks at the clock."""
 
+KEY_CHANGED = "its signing key was changed"
+"""Why a link is given up at once: the next one finds the new key in our file."""
+
 Dial = Callable[[str, Accept], Awaitable[Link]]
 """Opens a link, as `links.url.connect` does."""
 
@@ -163,20 +166,22 @@ class Connection:
     async def _tick(self) -> None:
         while True:
             if self._endpoint is not None:
-                refused = self._endpoint.statistics.refused
-                if refused and self._security.renewed(self._endpoint.link.address, self._seals):
-                    self.perform([Redial("its signing key was changed")])
-                disbelief = self._disbelief(refused)
+                disbelief = self._disbelief(self._endpoint)
                 if disbelief and not self.session.disbelief:
                     _log.warning("%s: %s", self.url, disbelief)
                 self.session.disbelief = disbelief
+                if disbelief == KEY_CHANGED:
+                    self._endpoint.link.close()
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
 
-    def _disbelief(self, refused: int) -> str:
+    def _disbelief(self, endpoint: Endpoint) -> str:
         """Why what comes over the present link is not heard."""
+        refused = endpoint.statistics.refused
         if self._signed:
             return f"its controller signs what it says and this link has no key ({self._signed} refused)"
+        if refused and self._security.renewed(endpoint.link.address, self._seals):
+            return KEY_CHANGED
         if refused and self._seals["verifier"] is not None:
             return f"frames arrive but none is signed with our key ({refused} refused)"
         return ""

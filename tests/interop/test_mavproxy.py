@@ -104,6 +104,50 @@ class TestSigning:
         proxy.type("param fetch")
         proxy.reads(r"Received \d+ parameters")
 
+    def test_it_changes_the_key_and_is_obeyed_with_the_new_one_while_another_is_heard_no_more(
+        self, mavproxy: Callable[..., Any], arm: str, tmp_path: Path
+    ) -> None:
+        changer, other = (mavproxy(arm, WITH_RADIO) for _ in range(2))
+        for proxy in (changer, other):
+            proxy.type("module load signing")
+            proxy.reads("Loaded module signing")
+            proxy.type("signing key sesame")
+            proxy.reads("Setup signing key")
+            proxy.type("param fetch")
+            proxy.reads(r"Received \d+ parameters")
+        changer.type("signing setup poppy")
+        changer.reads("Sent secret_key")
+        other.reads(r"The signing key was changed by system 255\.")
+        changer.reads(r"The signing key was changed by system 255\.")
+        assert (tmp_path / "keys").read_text() == f"* {sha256(b'poppy').hexdigest()}\n"
+        changer.type("long DO_GRIPPER 1 0")
+        changer.reads(r"Got COMMAND_ACK: DO_GRIPPER: ACCEPTED")
+        other.type("long DO_GRIPPER 1 0")
+        with pytest.raises(AssertionError, match="never printed"):
+            other.reads("COMMAND_ACK", within=5.0)
+        other.type("signing key poppy")
+        other.reads("Setup signing key")
+        other.type("long DO_GRIPPER 1 0")
+        other.reads(r"Got COMMAND_ACK: DO_GRIPPER: ACCEPTED")
+
+    def test_it_cannot_switch_signing_off(
+        self, mavproxy: Callable[..., Any], arm: str, tmp_path: Path
+    ) -> None:
+        before = (tmp_path / "keys").read_text()
+        proxy = mavproxy(arm, WITH_RADIO)
+        proxy.type("module load signing")
+        proxy.reads("Loaded module signing")
+        proxy.type("signing key sesame")
+        proxy.reads("Setup signing key")
+        proxy.type("param fetch")
+        proxy.reads(r"Received \d+ parameters")
+        proxy.type("signing remove")
+        proxy.reads(r"Signing is not switched off over the wire; edit the key file\.")
+        proxy.type("long DO_GRIPPER 1 0")
+        with pytest.raises(AssertionError, match="never printed"):
+            proxy.reads("COMMAND_ACK", within=5.0)
+        assert (tmp_path / "keys").read_text() == before
+
     def test_with_a_wrong_key_it_is_not_heard(self, mavproxy: Callable[..., Any], arm: str) -> None:
         proxy = mavproxy(arm, WITH_RADIO)
         proxy.type("module load signing")

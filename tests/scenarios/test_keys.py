@@ -6,15 +6,22 @@ import asyncio
 import json
 import os
 import re
+import secrets
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 import pytest_asyncio
 
+from robotree.protocol import Endpoint
 from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import Security
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import SetupSigning
 from robotree.tui import exit_codes
 from robotree.tui.processes import Crew
 from robotree.tui.realm import joined
@@ -33,6 +40,8 @@ class Guarded:
 
     def __init__(self, folder: Path, crew: Crew, fleet: Fleet, address: str) -> None:
         self.folder, self.crew, self.fleet, self.address = folder, crew, fleet, address
+        self.secrets = [secret_in(folder / file) for file in ("ours.key", "others.key")]
+        """All that nobody may be told."""
 
     async def refusal(self, robot: str, *, of: str) -> str:
         """What a robot says of why it cannot be commanded, once it is what it must become."""
@@ -48,11 +57,19 @@ class Guarded:
             pytest.fail(f"it never came to that, but said: {said}")
         return said
 
+    def said_by(self, member: str) -> str:
+        """All that one of the processes has logged."""
+        return "".join(log.read_text() for log in self.folder.glob(f"{member}*.log"))
+
     async def online(self, robot: str) -> None:
         """Return once the robot is online."""
         async with asyncio.timeout(20):
             while not (await self.fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
                 await asyncio.sleep(0.02)
+
+
+def secret_in(file: Path) -> str:
+    return file.read_text().split()[-1]
 
 
 def robotree(*words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -161,19 +178,57 @@ def test_a_recording_is_signed_anew_by_who_has_the_key(cell: Guarded) -> None:
     assert tape.read_bytes() != signed.read_bytes()
 
 
+@on_the_cells_loop
+async def test_a_changed_key_is_found_by_all_who_share_the_file_and_work_goes_on(cell: Guarded) -> None:
+    """A ground station changes it while the arm is supervised and looked at."""
+    await cell.online("right")
+    file, former = cell.folder / "ours.key", cell.folder / "former.key"
+    former.touch(mode=0o600)
+    former.write_text(file.read_text())
+    secret = secrets.token_bytes(32)
+    cell.secrets.append(secret.hex())
+    await change_key(cell.address, file, secret)
+    changed = time.monotonic()
+    for member in ("proxy-arm-right", "view-cell"):
+        await until(lambda member=member: "its signing key was changed" in cell.said_by(member), member)
+    await cell.online("right")
+    assert time.monotonic() - changed < 5.0
+    await cell.fleet.call("right", "grip", {"action": "width", "width": 0.03})
+    assert (await cell.fleet.call("right", "get_info", {}))["width"] == pytest.approx(0.03, abs=0.005)
+    picture = await cell.fleet.look("cell", width=64, height=36)
+    assert (picture.width, picture.height) == (64, 36)
+    await cell.refusal("wrong", of="our key")
+    assert "the signing key was changed by system 77" in cell.said_by("sim-arm")
+    assert "none is signed with our key" not in cell.said_by("proxy-arm-right")
+    ping = ("wire", "ping", "--connect", cell.address, "--by", "timesync", "--count", "1")
+    codes = [(await asyncio.to_thread(robotree, *ping, "--key", each)).returncode for each in (file, former)]
+    assert codes == [exit_codes.DONE, exit_codes.NOBODY]
+
+
+async def change_key(address: str, file: Path, secret: bytes) -> None:
+    """Have the controller take another key, as MAVProxy's `signing setup` does."""
+    security = Security(Keyring(file), time.time, first_link=200)
+
+    def accept(link: Link) -> Endpoint:
+        seals = security.seals(link.address)
+        endpoint = Endpoint(link, system=77, component=190, on_frame=lambda _: None, **seals)
+        endpoint.send(SetupSigning(1, 1, secret, security.now))
+        return endpoint
+
+    link = await connect(address, accept)
+    await until(lambda: secret_in(file) == secret.hex(), "the controller has it in its file")
+    link.close()
+
+
 def test_nobody_is_told_the_key(cell: Guarded) -> None:
     """Not in the list of processes, not in what they say, not in their environment."""
-    secrets = [
-        text.split()[1]
-        for file in ("ours.key", "others.key")
-        for text in (cell.folder / file).read_text().splitlines()
-    ]
+    secrets = cell.secrets
     shown = [log.read_text() for log in cell.folder.glob("*.log")]
     for member in cell.crew.members:
         shown += [Path(f"/proc/{member.pid}/{what}").read_text() for what in ("cmdline", "environ")]
     broken = cell.folder / "broken.key"
     broken.touch(mode=0o600)
-    broken.write_text(f"* {secrets[0]}0\n")
+    broken.write_text(f"* {secret_in(cell.folder / 'ours.key')}0\n")
     for file in ("ours.key", "broken.key"):
         for words in (
             ("wire", "ping", "--connect", "tcp:127.0.0.1:1"),
