@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from robotree.protocol.dialect.table import Definition, Field, definitions
 from robotree.protocol.errors import LinkClosed, LinkError, LinkRefused
 from robotree.protocol.frame import encode
+from robotree.protocol.links.link import Pausable
 from robotree.protocol.messages.base import codec_of, fields_of
 from robotree.protocol.parser import Parser
 
@@ -27,6 +28,21 @@ Dial = Callable[["Accept"], Awaitable[object]]
 """Opens a link, or listens, where that is impossible."""
 Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
 """Another encoder: definition, values by field, sequence, system, component."""
+
+
+async def until(condition: Callable[[], object], patience: float = 10.0) -> None:
+    """Let the event loop turn until something is the case that no event tells of.
+
+    Args:
+        condition: looked at again and again.
+        patience: [s]
+
+    Raises:
+        TimeoutError: it is not the case within `patience`.
+    """
+    async with asyncio.timeout(patience):
+        while not condition():  # noqa: ASYNC110  sockets and ports have no event for this
+            await asyncio.sleep(0.001)
 
 
 class Recorder:
@@ -52,7 +68,12 @@ class Recorder:
 
 
 async def check_link(
-    make_pair: MakePair, settle: Settle, *, congests: bool = True, tells_the_end: bool = True
+    make_pair: MakePair,
+    settle: Settle,
+    *,
+    congests: bool = True,
+    tells_the_end: bool = True,
+    pauses: bool = False,
 ) -> None:
     """Examine a link without accidents, both ends of which live on this event loop.
 
@@ -61,6 +82,7 @@ async def check_link(
         settle: waits until everything has arrived.
         congests: whether one end notices that the other does not read (a datagram link cannot).
         tells_the_end: whether one end hears that the other has closed (nor this).
+        pauses: whether it is `robotree.protocol.links.link.Pausable`, too.
 
     Raises:
         AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
@@ -82,6 +104,8 @@ async def check_link(
     if congests:
         await _check_congestion(near, at_far, settle)
         await _check_congestion(far, at_near, settle)
+    await _check_pause(near, at_far, settle, pauses=pauses)
+    await _check_pause(far, at_near, settle, pauses=pauses)
     await _check_end(near, at_near, settle)
     far_heard = [type(each) for each in at_far.reasons]
     assert far_heard == ([LinkClosed] if tells_the_end else []), "the far end hears of it"  # noqa: S101
@@ -179,6 +203,25 @@ def _numbered(kind: bytes, number: int) -> bytes:
     return kind + b"%0*d" % (_NUMBERED - 1, number)
 
 
+async def _check_pause(sender: Link, receiver: Recorder, settle: Settle, *, pauses: bool) -> None:
+    """Who does not read for a while finds everything when it reads on."""
+    link = receiver.link
+    assert isinstance(link, Pausable) == pauses, "what can wait says so"  # noqa: S101
+    if not isinstance(link, Pausable):
+        return
+    receiver.data = b""
+    link.pause_reading()
+    link.pause_reading()
+    frame = bytes(range(100))
+    sender.send(frame)
+    await settle()
+    assert not receiver.data, "nothing is told while reading is paused"  # noqa: S101
+    link.resume_reading()
+    link.resume_reading()
+    await settle()
+    assert receiver.data == frame, "what waited is told"  # noqa: S101
+
+
 async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:
     link.close()
     link.close()
@@ -187,6 +230,9 @@ async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:
     dropped = link.statistics.dropped
     link.send(b"too late")
     assert link.statistics.dropped == dropped + 1, "what is sent after the end is counted"  # noqa: S101
+    if isinstance(link, Pausable):
+        link.pause_reading()
+        link.resume_reading()
 
 
 def check_codec(reference: Reference, *, seed: int = 0, rounds: int = 4, signer: Signer | None = None) -> int:

@@ -7,10 +7,10 @@ beyond its allowance it waits: on a stream the client is not read until then, of
 
 import asyncio
 from collections.abc import Callable
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 from robotree.protocol.errors import LinkError
-from robotree.protocol.links.link import Handler, Link
+from robotree.protocol.links.link import Handler, Link, Pausable
 
 TOTAL: Final = 512 * 1024.0
 """[bytes/s] that all links together may bring for long."""
@@ -20,19 +20,6 @@ PIECE: Final = 4 * 1024
 """[bytes] that are parsed in one go: about 200 frames, half a millisecond."""
 LARGEST_BACKLOG: Final = 512 * 1024
 """[bytes] that wait to be parsed; streams are not read meanwhile, of datagrams the excess is lost."""
-
-
-@runtime_checkable
-class Stream(Protocol):
-    """A link whose far end can be made to wait."""
-
-    def pause_reading(self) -> None:
-        """Read no more."""
-        ...
-
-    def resume_reading(self) -> None:
-        """Read on."""
-        ...
 
 
 class Allowance:
@@ -91,7 +78,7 @@ class Throttled:
             if wait > 0.0:
                 self._backlog = data
                 self._later = self._loop.call_later(wait, self._go_on)
-                if isinstance(self._link, Stream):
+                if isinstance(self._link, Pausable):
                     self._link.pause_reading()
                 return
             piece, data = data[:PIECE], data[PIECE:]
@@ -102,5 +89,5 @@ class Throttled:
         self._later = None
         data, self._backlog = self._backlog, b""
         self._feed(data)
-        if self._later is None and isinstance(self._link, Stream):
+        if self._later is None and isinstance(self._link, Pausable):
             self._link.resume_reading()

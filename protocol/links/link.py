@@ -7,7 +7,7 @@ A link neither knows messages nor cuts the incoming stream at frames; a `Handler
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import msgspec
 
@@ -62,6 +62,19 @@ class Link(Protocol):
 
     def close(self) -> None:
         """End the link; the handler is told. What waits may be lost. Harmless when repeated."""
+        ...
+
+
+@runtime_checkable
+class Pausable(Protocol):
+    """A link whose far end can be made to wait. Datagrams and frames on a bus come when they come."""
+
+    def pause_reading(self) -> None:
+        """Read no more; what the far end sends waits with it. Harmless when repeated, and after the end."""
+        ...
+
+    def resume_reading(self) -> None:
+        """Read on. Harmless when repeated, and after the end."""
         ...
 
 

@@ -1,27 +1,39 @@
-"""What waits for a far end that does not read as fast as we speak. Pure.
+"""What waits for a far end that does not read as fast as we speak, and the gauges of what left. Pure.
 
 Telemetry is superseded: the newest frame of a topic takes the place of an older one. What has no topic
-waits in order and is never dropped; whoever owns the outbox must cut the link when it outgrows its bound.
+waits in order and is never dropped, so a far end that lets too much wait is given up: `overrun` says when.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from robotree.protocol.errors import LinkOverrun
+from robotree.protocol.links.link import LinkStatistics
+
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
+BOUND = 1024 * 1024
+"""[bytes] that may wait."""
+
 
 class Outbox:
-    """A queue in which telemetry is replaced instead of piling up."""
+    """A queue in which telemetry is replaced instead of piling up.
 
-    def __init__(self) -> None:
+    Args:
+        bound: [bytes] that may wait.
+    """
+
+    def __init__(self, bound: int = BOUND) -> None:
         self._frames: dict[Hashable, bytes] = {}
-        self._count = 0
+        self._bound, self._count = bound, 0
         self.waiting = 0
         """[bytes] in the queue."""
-        self.superseded = 0
-        """Frames that were replaced."""
+        self.sent = self.received = 0
+        """[bytes]"""
+        self.superseded = self.dropped = 0
+        """Frames that were replaced, and frames that nobody wants any longer."""
 
     def put(self, frame: bytes, topic: Hashable | None) -> None:
         """Queue a frame, or put it in the place of the waiting one of the same topic."""
@@ -34,9 +46,28 @@ class Outbox:
         self.waiting += len(frame)
 
     def pop(self) -> bytes | None:
-        """The frame that has waited longest; None: nothing waits."""
+        """The frame that has waited longest, which counts as sent; None: nothing waits."""
         for key in self._frames:
             frame = self._frames.pop(key)
             self.waiting -= len(frame)
+            self.sent += len(frame)
             return frame
         return None
+
+    def overrun(self, address: str) -> LinkOverrun | None:
+        """Why the link to an address must be cut now; None: what waits is within the bound."""
+        return LinkOverrun(address, self.waiting) if self.waiting > self._bound else None
+
+    def statistics(self, under_way: int = 0) -> LinkStatistics:
+        """The gauges of the link now.
+
+        Args:
+            under_way: [bytes] that have left the queue and wait elsewhere.
+        """
+        return LinkStatistics(
+            sent=self.sent,
+            received=self.received,
+            waiting=self.waiting + under_way,
+            superseded=self.superseded,
+            dropped=self.dropped,
+        )

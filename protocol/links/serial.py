@@ -12,18 +12,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 from typing import TYPE_CHECKING
 
-from robotree.protocol.errors import (
-    BadUrl,
-    LinkBroken,
-    LinkClosed,
-    LinkError,
-    LinkOverrun,
-    LinkRefused,
-)
-from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkError
 from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.serial_port import BAUD, BAUDS, Setting, ended, open_port
 
@@ -32,15 +25,15 @@ if TYPE_CHECKING:
 
     from serial import Serial
 
-    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener
     from robotree.protocol.links.url import Url
+
+_log = logging.getLogger(__name__)
 
 FRESH = 0.05
 """[s] of transmission that the driver may keep; telemetry grows so old at most before it leaves."""
 SMALLEST_RESERVE = 280
 """[bytes] that the driver may keep however slow the line is: one frame."""
-HARD_BOUND = 1024 * 1024
-"""[bytes] in the outbox; a line that takes nothing while so much waits is given up."""
 LOOK = 0.01
 """[s] between two looks whether the driver has sent what it keeps."""
 AGAIN = 1.0
@@ -77,7 +70,6 @@ class SerialLink:
         self._full = False
         self._timer: asyncio.TimerHandle | None = None
         self._over = False
-        self._sent = self._received = self._dropped = 0
         try:
             self._handler: Handler = accept(self)
         except BaseException:
@@ -93,23 +85,17 @@ class SerialLink:
     @property
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
-        return LinkStatistics(
-            sent=self._sent,
-            received=self._received,
-            waiting=self._outbox.waiting + len(self._rest),
-            superseded=self._outbox.superseded,
-            dropped=self._dropped,
-        )
+        return self._outbox.statistics(len(self._rest))
 
     def send(self, frame: bytes, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over:
-            self._dropped += 1
+            self._outbox.dropped += 1
             return
         self._outbox.put(frame, topic)
         self._pump()
-        if self._outbox.waiting > HARD_BOUND:
-            self._end(LinkOverrun(self.address, self._outbox.waiting))
+        if (overrun := self._outbox.overrun(self.address)) is not None:
+            self._end(overrun)
 
     def close(self) -> None:
         """End the link; the far end is not told."""
@@ -135,9 +121,7 @@ class SerialLink:
                 if not self._has_room():
                     self._look_again()
                     return
-                frame = self._outbox.pop() or b""
-                self._sent += len(frame)
-                self._rest = frame
+                self._rest = self._outbox.pop() or b""
             self._write()
 
     def _write(self) -> None:
@@ -177,7 +161,7 @@ class SerialLink:
             self._end(LinkBroken(self.address, ended(error)))
             return
         if data:
-            self._received += len(data)
+            self._outbox.received += len(data)
             self._handler.received(data)
         else:  # what a port says, again and again, whose adapter is gone
             self._end(LinkBroken(self.address, "it was unplugged"))
@@ -201,10 +185,10 @@ class SerialLink:
 class SerialListener:
     """Has a link while its port is there. Made by `listen`."""
 
-    def __init__(self, setting: Setting, accept: Accept) -> None:
+    def __init__(self, setting: Setting, accept: Accept, again: float) -> None:
         self.address = str(setting)
         """Of our end of the cable; who connects names the other end."""
-        self._setting, self._accept = setting, accept
+        self._setting, self._accept, self._pause = setting, accept, again
         self._link: SerialLink | None = None
         self._again: asyncio.Task[None] | None = None
         self._closing = False
@@ -242,10 +226,15 @@ class SerialListener:
             self._again = asyncio.get_running_loop().create_task(self._open_again())
 
     async def _open_again(self) -> None:
+        told = ""
         while True:
-            await asyncio.sleep(AGAIN)
-            with contextlib.suppress(LinkRefused):
+            await asyncio.sleep(self._pause)
+            try:
                 return await self.open()
+            except LinkError as error:  # also BadUrl: the adapter that was plugged in may not have the speed
+                if told != str(error):
+                    _log.warning("%s; tried again every %g s", error, self._pause)
+                told = str(error)
 
 
 async def connect(setting: Setting, accept: Accept) -> Link:
@@ -258,14 +247,19 @@ async def connect(setting: Setting, accept: Accept) -> Link:
     return SerialLink(await open_port(setting), setting, accept)
 
 
-async def listen(setting: Setting, accept: Accept) -> Listener:
+async def listen(setting: Setting, accept: Accept, again: float = AGAIN) -> Listener:
     """Have a link whenever the port is there, beginning now.
+
+    Args:
+        setting: the port.
+        accept: hears of every link.
+        again: [s] between two attempts to open the port when it is gone.
 
     Raises:
         LinkRefused: it cannot be had now.
         BadUrl: it has no such speed.
     """
-    listener = SerialListener(setting, accept)
+    listener = SerialListener(setting, accept, again)
     await listener.open()
     return listener
 

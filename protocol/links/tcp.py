@@ -10,16 +10,15 @@ import asyncio
 import socket
 from typing import TYPE_CHECKING
 
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
-from robotree.protocol.links.link import LinkStatistics
-from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
+from robotree.protocol.links.outbox import BOUND, Outbox
 from robotree.protocol.links.sockets import cause, name
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener
     from robotree.protocol.links.url import Url
 
 CONNECT_TIMEOUT = 5.0
@@ -28,8 +27,6 @@ SYSTEM_BUFFER = 64 * 1024
 """[bytes] that the system keeps for us; a few hundred frames."""
 HIGH_WATER = 16 * 1024
 """[bytes] that asyncio keeps before our own outbox does."""
-HARD_BOUND = 1024 * 1024
-"""[bytes] in the outbox; a far end that lets more wait never reads and is cut."""
 LARGEST_CROWD = 128
 """Links of one listener; more are closed at once."""
 
@@ -37,16 +34,15 @@ LARGEST_CROWD = 128
 class TcpLink(asyncio.Protocol):
     """One end of a TCP connection. Made by `connect` and `listen`."""
 
-    def __init__(self, accept: Accept, crowd: set[Link] | None = None, bound: int = HARD_BOUND) -> None:
-        self._accept, self._crowd, self._bound = accept, crowd, bound
+    def __init__(self, accept: Accept, crowd: set[Link] | None = None, bound: int = BOUND) -> None:
+        self._accept, self._crowd = accept, crowd
         self._transport: asyncio.Transport | None = None
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the handler was told of the end."""
         self._handler: Handler | None = None
-        self._outbox = Outbox()
+        self._outbox = Outbox(bound)
         self._paused = False
         self._reason: LinkError | None = None
-        self._sent = self._received = self._dropped = 0
         self.address = "tcp:?"
 
     @property
@@ -58,25 +54,19 @@ class TcpLink(asyncio.Protocol):
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
         inside = self._transport.get_write_buffer_size() if self._transport is not None else 0
-        return LinkStatistics(
-            sent=self._sent,
-            received=self._received,
-            waiting=self._outbox.waiting + inside,
-            superseded=self._outbox.superseded,
-            dropped=self._dropped,
-        )
+        return self._outbox.statistics(inside)
 
     def send(self, frame: bytes, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._transport is None or self._reason is not None:
-            self._dropped += 1
+            self._outbox.dropped += 1
         elif not self._paused:
-            self._sent += len(frame)
+            self._outbox.sent += len(frame)
             self._transport.write(frame)
         else:
             self._outbox.put(frame, topic)
-            if self._outbox.waiting > self._bound:
-                self._end(LinkOverrun(self.address, self._outbox.waiting), self._transport)
+            if (overrun := self._outbox.overrun(self.address)) is not None:
+                self._end(overrun, self._transport)
 
     def close(self) -> None:
         """End the connection."""
@@ -113,7 +103,7 @@ class TcpLink(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """Asyncio tells: bytes came."""
         if self._handler is not None and self._reason is None:
-            self._received += len(data)
+            self._outbox.received += len(data)
             self._handler.received(data)
 
     def pause_reading(self) -> None:
@@ -137,7 +127,6 @@ class TcpLink(asyncio.Protocol):
             frame = self._outbox.pop()
             if frame is None:
                 return
-            self._sent += len(frame)
             self._transport.write(frame)
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -9,8 +9,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, cast
 
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
-from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
 from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.sockets import cause, name
 from robotree.protocol.links.url import require_loopback
@@ -18,15 +17,13 @@ from robotree.protocol.links.url import require_loopback
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Link, Listener
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener
     from robotree.protocol.links.url import Url
 
 SILENCE = 60.0
 """[s] after which a listener takes a silent address for gone."""
 SWEEP = 5.0
 """[s] between two looks for silent addresses."""
-HARD_BOUND = 1024 * 1024
-"""[bytes] that may wait for the system to take them."""
 LARGEST_CROWD = 128
 """Links of one listener; datagrams from further addresses are passed over."""
 
@@ -43,7 +40,6 @@ class UdpLink:
         self._carrier, self._remote = carrier, remote
         self._outbox = Outbox()
         self._over = False
-        self._sent = self._received = self._dropped = 0
         self.heard = asyncio.get_running_loop().time()
         """When the last datagram came, [s] on the loop's clock."""
         self._handler: Handler = accept(self)
@@ -56,36 +52,29 @@ class UdpLink:
     @property
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
-        return LinkStatistics(
-            sent=self._sent,
-            received=self._received,
-            waiting=self._outbox.waiting,
-            superseded=self._outbox.superseded,
-            dropped=self._dropped,
-        )
+        return self._outbox.statistics()
 
     def send(self, frame: bytes, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over:
-            self._dropped += 1
+            self._outbox.dropped += 1
         elif self._carrier.paused:
             self._outbox.put(frame, topic)
-            if self._outbox.waiting > HARD_BOUND:
-                self.end(LinkOverrun(self.address, self._outbox.waiting))
+            if (overrun := self._outbox.overrun(self.address)) is not None:
+                self.end(overrun)
         else:
-            self._sent += len(frame)
+            self._outbox.sent += len(frame)
             self._carrier.send(frame, self._remote)
 
     def flush(self) -> None:
         """The system takes datagrams again."""
         while not self._carrier.paused and (frame := self._outbox.pop()) is not None:
-            self._sent += len(frame)
             self._carrier.send(frame, self._remote)
 
     def receive(self, data: bytes, now: float) -> None:
         """A datagram came from our address."""
         self.heard = now
-        self._received += len(data)
+        self._outbox.received += len(data)
         self._handler.received(data)
 
     def close(self) -> None:

@@ -13,20 +13,12 @@ import pytest
 
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.url import SCHEMES, connect, listen
-from robotree.protocol.testing import check_link, check_refused
+from robotree.protocol.testing import check_link, check_refused, until
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Link, Listener
 
 _CHANNELS = count()
-PATIENCE = 10.0
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Let the loop turn until something is the case."""
-    async with asyncio.timeout(PATIENCE):
-        while not condition():  # noqa: ASYNC110  sockets and ports have no event for this
-            await asyncio.sleep(0.001)
 
 
 @asynccontextmanager
@@ -57,7 +49,7 @@ def bus(kind: str) -> str:
 
 async def test_tcp_keeps_the_laws() -> None:
     async with sockets("tcp:0") as make_pair:
-        await check_link(make_pair, lambda: asyncio.sleep(0.005))
+        await check_link(make_pair, lambda: asyncio.sleep(0.005), pauses=True)
 
 
 async def test_udp_keeps_the_laws_that_datagrams_can_keep() -> None:
@@ -69,7 +61,6 @@ async def test_udp_keeps_the_laws_that_datagrams_can_keep() -> None:
 async def test_can_keeps_the_laws_classic_and_fd_watched_and_in_threads(kind: str) -> None:
     async with sockets(bus(kind)) as make_pair:
         await check_link(make_pair, lambda: asyncio.sleep(0.06))
-    await asyncio.sleep(0.05)  # the bus is left in a thread
 
 
 async def test_a_serial_line_keeps_the_laws_that_a_line_can_keep(make_cable: Callable[[], Any]) -> None:

@@ -17,20 +17,13 @@ from serial import Serial
 from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkRefused
 from robotree.protocol.links import serial, serial_port
-from robotree.protocol.links.link import Link
+from robotree.protocol.links.link import Link, Listener
 from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
-from robotree.protocol.testing import Recorder, check_refused
+from robotree.protocol.testing import Recorder, check_refused, until
 
 MakeCable = Callable[[], Any]
 BEAT = Heartbeat(6, 8, 0, 0, 4)
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Let the loop turn until something is the case."""
-    async with asyncio.timeout(10):
-        while not condition():  # noqa: ASYNC110  ports have no event for this
-            await asyncio.sleep(0.001)
 
 
 class Ends:
@@ -85,14 +78,18 @@ async def test_a_frame_for_an_adapter_that_is_gone_breaks_the_link(make_cable: M
     assert link.statistics.dropped == 1
 
 
-async def test_a_listener_has_a_link_again_when_the_adapter_is_back(
-    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(serial, "AGAIN", 0.01)
-    cable, ends = make_cable(), Ends()
-    listener = await listen(cable.url(1), ends)
+async def unplugged(make_cable: MakeCable, ends: Ends) -> Listener:
+    """A listener whose adapter is away, and which looks for it again and again."""
+    cable = make_cable()
+    listener = await serial.listen(serial.read(parse(cable.url(1))), ends, again=0.01)
     cable.pull()
     await until(lambda: not listener.links)
+    return listener
+
+
+async def test_a_listener_has_a_link_again_when_the_adapter_is_back(make_cable: MakeCable) -> None:
+    ends = Ends()
+    listener = await unplugged(make_cable, ends)
     cable = make_cable()
     await until(lambda: listener.links)
     link = await connect(cable.url(0), Ends())
@@ -104,14 +101,33 @@ async def test_a_listener_has_a_link_again_when_the_adapter_is_back(
     assert not listener.links
 
 
-async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
-    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
+async def test_an_adapter_without_the_speed_that_is_plugged_in_meanwhile_is_told_once_and_tried_again(
+    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(serial, "AGAIN", 0.01)
-    cable, ends = make_cable(), Ends()
-    listener = await listen(cable.url(1), ends)
-    cable.pull()
-    await until(lambda: not listener.links)
+    ends, tried, real = Ends(), list[str](), serial_port.serial.Serial
+
+    def slow(device: str, *rest: Any, **options: Any) -> Serial:  # a pseudo-terminal has every speed
+        tried.append(device)
+        if len(tried) < 4:
+            raise ValueError("Failed to set custom baud rate (4000000)")
+        return real(device, *rest, **options)
+
+    listener = await unplugged(make_cable, ends)
+    make_cable()
+    caplog.clear()
+    monkeypatch.setattr(serial_port.serial, "Serial", slow)
+    await until(lambda: listener.links)
+    assert len(tried) == 4
+    speeds = [each.message for each in caplog.records if "the port has no speed of" in each.message]
+    assert len(speeds) == 1
+    assert speeds[0].endswith("choose another baud=; tried again every 0.01 s")
+    await listener.close()
+
+
+async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
+    make_cable: MakeCable,
+) -> None:
+    listener = await unplugged(make_cable, Ends())
     await listener.close()
     cable = make_cable()
     assert asyncio.all_tasks() == {asyncio.current_task()}

@@ -11,22 +11,14 @@ import pytest
 from robotree.protocol import Endpoint, Parser
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
 from robotree.protocol.links import tcp
+from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import GoalStatus, Gripper, Joints
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import Recorder, until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from robotree.protocol.frame import Frame
     from robotree.protocol.links.link import Link
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Let the loop turn until something is the case."""
-    async with asyncio.timeout(10):
-        while not condition():  # noqa: ASYNC110  sockets have no event for this
-            await asyncio.sleep(0.001)
 
 
 async def settle() -> None:
@@ -116,14 +108,14 @@ async def test_a_client_that_never_reads_is_cut() -> None:
     await until(lambda: server.endpoints)
     status = GoalStatus(1, 1, 0.0, 0, 0, 1, 1, 2, "x" * 80)
     sent = 0
-    while not server.reasons and sent < 40 * tcp.HARD_BOUND:
+    while not server.reasons and sent < 40 * BOUND:
         for _ in range(1000):
             server.endpoints[0].send(status)
         sent += 1000 * 115
         await asyncio.sleep(0)
     (reason,) = server.reasons
     assert isinstance(reason, LinkOverrun)
-    assert reason.waiting > tcp.HARD_BOUND
+    assert reason.waiting > BOUND
     assert "does not read" in str(reason)
     assert listener.links == frozenset()
     mute.socket.close()

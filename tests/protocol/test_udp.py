@@ -11,21 +11,13 @@ import pytest
 from robotree.protocol import Endpoint, Frame
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkError, LinkOverrun, LinkRefused
 from robotree.protocol.links import udp
+from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import Recorder, until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from robotree.protocol.links.link import Link
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Let the loop turn until something is the case."""
-    async with asyncio.timeout(10):
-        while not condition():  # noqa: ASYNC110  sockets have no event for this
-            await asyncio.sleep(0.001)
 
 
 async def test_a_controller_answers_several_clients_each_on_its_own_link() -> None:
@@ -128,7 +120,7 @@ async def test_what_the_system_does_not_take_waits_newest_first_and_is_cut_at_th
     link._carrier.resume_writing()
     assert (link.statistics.waiting, link.statistics.sent) == (0, 3)
     link._carrier.pause_writing()
-    for _ in range(udp.HARD_BOUND // 1000 + 1):
+    for _ in range(BOUND // 1000 + 1):
         link.send(bytes(1000))
     assert isinstance(reasons[0], LinkOverrun)
     await listener.close()

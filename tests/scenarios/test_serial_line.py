@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.links import serial
 from robotree.protocol.messages import Tool
 from robotree.proxy.connection import Connection
 from robotree.proxy.session import Session
@@ -19,9 +18,8 @@ pytestmark = pytest.mark.e2e
 
 
 async def test_a_robot_behind_a_serial_line_is_found_again_when_its_adapter_is_back(
-    make_cable: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    make_cable: Callable[[], Any],
 ) -> None:
-    monkeypatch.setattr(serial, "AGAIN", 0.05)
     cable = make_cable()
     url = cable.url(0, "?baud=115200")
     async with serving("arm", cable.url(1, "?baud=115200")) as server:

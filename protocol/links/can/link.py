@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
 from robotree.protocol.isotp import LARGEST, Channel, ChannelStatistics
 from robotree.protocol.isotp.frames import is_flow_control
 from robotree.protocol.links.can.control import Code, Control, Presence
 from robotree.protocol.links.can.identifiers import Kind, Priority, identifier
-from robotree.protocol.links.link import LinkStatistics
-from robotree.protocol.links.outbox import Outbox
+from robotree.protocol.links.outbox import BOUND, Outbox
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
@@ -27,14 +26,12 @@ if TYPE_CHECKING:
     from can import Message
 
     from robotree.protocol.links.can.port import Port
-    from robotree.protocol.links.link import Accept, Handler
+    from robotree.protocol.links.link import Accept, Handler, LinkStatistics
 
 TRANSFER_TIMEOUT = 0.3
 """[s] that the far end may be silent in the middle of a transfer; well below `control.SILENCE`, so that a
 transfer is tried again before the far end counts as gone."""
 ATTEMPTS = 3
-HARD_BOUND = 1024 * 1024
-"""[bytes] in the outbox; a far end that lets more wait is cut."""
 
 
 class Ends(msgspec.Struct, frozen=True):
@@ -70,22 +67,21 @@ class CanLink:
         *,
         broadcast: Callable[[CanLink, bytes, Hashable], bool] | None = None,
         on_end: Callable[[CanLink], None],
-        bound: int = HARD_BOUND,
+        bound: int = BOUND,
     ) -> None:
         self._port, self.address, self.ends, self.presence, self.width = port, address, ends, presence, width
-        self._broadcast, self._on_end, self._bound = broadcast, on_end, bound
+        self._broadcast, self._on_end = broadcast, on_end
         to_partner = {"target": ends.partner, "source": ends.own}
         self._data_id = identifier(ends.toward, Kind.ADDRESSED, **to_partner)
         self._flow_id = identifier(Priority.FLOW, Kind.ADDRESSED, **to_partner)
         self._control_id = identifier(Priority.FLOW, Kind.CONTROL, **to_partner)
         self._fd = width > 8
         self._channel = Channel(width, timeout=TRANSFER_TIMEOUT)
-        self._outbox = Outbox()
+        self._outbox = Outbox(bound)
         self._under_way: tuple[bytes, Hashable | None] | None = None
         self._attempts = 0
         self._handler: Handler | None = None
         self._over = False
-        self._sent = self._received = self._dropped = 0
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._timer_due = inf
@@ -103,13 +99,7 @@ class CanLink:
     @property
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
-        return LinkStatistics(
-            sent=self._sent,
-            received=self._received,
-            waiting=self._outbox.waiting,
-            superseded=self._outbox.superseded,
-            dropped=self._dropped,
-        )
+        return self._outbox.statistics()
 
     @property
     def transfers(self) -> ChannelStatistics:
@@ -119,12 +109,13 @@ class CanLink:
     def send(self, frame: bytes, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over or not 0 < len(frame) <= LARGEST:
-            self._dropped += 1
+            self._outbox.dropped += 1
         elif self._channel.busy or self._outbox.waiting or self._port.congested:
             self._outbox.put(frame, topic)
-            if self._outbox.waiting > self._bound:
-                self.end(LinkOverrun(self.address, self._outbox.waiting), say=True)
+            if (overrun := self._outbox.overrun(self.address)) is not None:
+                self.end(overrun, say=True)
         else:
+            self._outbox.sent += len(frame)
             self._transmit(frame, topic)
 
     def close(self) -> None:
@@ -166,7 +157,7 @@ class CanLink:
     def deliver(self, payload: bytes) -> None:
         """A whole frame came."""
         if not self._over and self._handler is not None:
-            self._received += len(payload)
+            self._outbox.received += len(payload)
             self._handler.received(payload)
 
     def alive(self) -> None:
@@ -182,7 +173,6 @@ class CanLink:
             self._transmit(frame, None)
 
     def _transmit(self, frame: bytes, topic: Hashable | None) -> None:
-        self._sent += len(frame)
         if topic is not None and self._broadcast is not None and self._broadcast(self, frame, topic):
             return
         self._say(self._channel.send(frame, self._loop.time()))
@@ -204,7 +194,7 @@ class CanLink:
             self._attempts += 1
             self._say(self._channel.send(frame, now))
             return
-        self._dropped += failure is not None
+        self._outbox.dropped += failure is not None
         self._under_way = None
         self.pump()
 

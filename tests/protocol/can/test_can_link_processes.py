@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable
 from subprocess import Popen
@@ -14,7 +13,7 @@ from robotree.protocol.errors import LinkBroken, LinkClosed
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Statustext
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import Recorder, until
 
 Spawn = Callable[..., "Popen[str]"]
 SOON = 10.0
@@ -43,13 +42,6 @@ def controller(spawn: Spawn, url: str) -> Popen[str]:
     assert process.stdout
     assert process.stdout.readline() == "here\n"
     return process
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.005)
 
 
 class Ear(Recorder):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import can
@@ -23,17 +22,10 @@ from robotree.protocol.links.link import Accept, Link
 from robotree.protocol.links.url import connect as connect_url
 from robotree.protocol.links.url import listen as listen_url
 from robotree.protocol.messages import Statustext, Timesync
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import Recorder, until
 
 SOON = 5.0
 PING = Timesync(tc1=0, ts1=1)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.005)
 
 
 class Gathering:
@@ -63,7 +55,6 @@ async def connected(address: CanAddress, accept: Accept) -> AsyncIterator[CanLin
         yield link
     finally:
         link.close()
-        await asyncio.sleep(0.05)  # the bus is left in a thread
 
 
 @pytest.fixture(params=["robotree, fd", "robotree, classic", "virtual, fd", "virtual, classic"])
