@@ -94,8 +94,8 @@ class SigningTime:
     def advance(self, moment: int) -> None:
         """Go on at a timestamp that a holder of the key names, if it is later than ours.
 
-        But no further than `LARGEST_LEAD` ahead of the wall clock: nobody whose clock is right is locked out by
-        one whose clock is wrong.
+        But no further than `LARGEST_LEAD` ahead of the wall clock: nobody whose clock is right is locked out
+        by one whose clock is wrong.
         """
         self.last = max(self.last, min(moment, self._wall() + LARGEST_LEAD))
 
