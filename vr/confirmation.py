@@ -13,8 +13,6 @@ _ADVICE: dict[Order, str] = {
     "the protective stop": "press the emergency stop of whatever they drive",
     "the release of the stop": "look at them, then release it again",
 }
-_BETWEEN = "; "
-_NOBODY = "nobody"
 
 
 class Confirmations:
@@ -24,8 +22,8 @@ class Confirmations:
         """Begin: nobody has confirmed."""
         self._order: Order = order
         self._told: set[str] = set()
-        self._untold: dict[str, None] = {}
-        self._remedies: dict[str, None] = {}
+        self._untold: dict[tuple[str, str], None] = {}
+        self._advice: dict[str, None] = {_ADVICE[order]: None}
 
     def take(self, name: str, answer: BaseException | None) -> None:
         """Take the answer of one robot, for itself and for all below it.
@@ -42,11 +40,12 @@ class Confirmations:
         if answer is None or isinstance(answer, NotConfirmed):
             self._told.add(name)
         if isinstance(answer, NotConfirmed):  # the robot itself has; some below it have not
-            told = str(answer.data["told"])
-            self._told.update(told.split(", ") if told != _NOBODY else ())
-            self._untold.update(dict.fromkeys(str(answer.data["untold"]).split(_BETWEEN)))
+            self._told.update(answer.data["told"])
+            for below, reason in answer.data["untold"]:
+                self._untold[below, reason] = None
+            self._advice.update(dict.fromkeys(answer.data["advice"]))
         elif answer is not None:
-            self._untold[f"{name} ({_reason(answer)})"] = None
+            self._untold[name, _reason(answer)] = None
 
     def miss(self, name: str, where: str, remedy: str) -> None:
         """Note one that lives and could not even be asked.
@@ -56,8 +55,8 @@ class Confirmations:
             where: it lives, for people.
             remedy: what a person can do about it.
         """
-        self._untold[f"{name} (in {where}, which hangs)"] = None
-        self._remedies[remedy] = None
+        self._untold[name, f"in {where}, which hangs"] = None
+        self._advice[remedy] = None
 
     def settle(self) -> Sequence[str]:
         """Return the names of those that have confirmed, if all have.
@@ -68,9 +67,9 @@ class Confirmations:
         if self._untold:
             raise NotConfirmed(
                 order=self._order,
-                told=", ".join(sorted(self._told)) or _NOBODY,
-                untold=_BETWEEN.join(self._untold),
-                advice=", then: ".join((_ADVICE[self._order], *self._remedies)),
+                told=sorted(self._told),
+                untold=[list(pair) for pair in self._untold],
+                advice=list(self._advice),
             )
         return sorted(self._told)
 
@@ -82,4 +81,4 @@ def _reason(error: VrError) -> str:
         case Unreachable():
             return "it ended or cannot be reached"
         case _:
-            return str(error).replace(_BETWEEN, ", ")
+            return str(error)

@@ -4,12 +4,13 @@ Every error is one sentence that says whose fault it is and what to do next, and
 that a caller on the far side of the network catches the same class with the same fields.
 
     VrError
-      AddressError    BadName · DuplicateName · NameInSilence · NoSuchRobot · NoSuchHost · NoHost · NoSuchView
+      AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
+                      NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
                       Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
-      TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled
+      TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
       SpaceError      BrokenSpace
 """
@@ -37,7 +38,7 @@ class VrError(Exception):
         """Take exactly the data that the sentence names.
 
         Args:
-            **data: one plain value (str, number, bool, None) for each placeholder.
+            **data: one plain value (str, number, bool, None, list of these) for each placeholder.
 
         Raises:
             TypeError: a placeholder has no value, or a value has no placeholder.
@@ -47,7 +48,12 @@ class VrError(Exception):
             msg = f"{type(self).__name__} takes {sorted(names)}, not {sorted(data)}"
             raise TypeError(msg)
         self.data = data
-        super().__init__(self.sentence.format(**data))
+        super().__init__(self.sentence.format(**self.words(data)))
+
+    @classmethod
+    def words(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """Return what stands in the sentence for each of the data: lists are joined here, and only here."""
+        return data
 
     @classmethod
     def revive(cls, name: str, data: dict[str, Any]) -> VrError:
@@ -62,7 +68,7 @@ class VrError(Exception):
         """
         try:
             return cls.registry[name](**data)
-        except (KeyError, TypeError):
+        except (KeyError, TypeError, ValueError):  # ValueError: data that does not fit into the sentence
             return VrError(detail=f"{name}: {data.get('detail', data)}")
 
 
@@ -91,6 +97,12 @@ class NameInSilence(AddressError):
     """An agent that lives and cannot be reached has this name; when it wakes there would be two."""
 
     sentence = "a {role} named {name!r} is in {where}, which hangs; choose another name, or: {remedy}"
+
+
+class Hanging(AddressError):
+    """An agent of this name lives in a process that does not answer."""
+
+    sentence = "the {role} {name!r} is in {where}, which hangs and does not answer; {remedy}"
 
 
 class NoSuchRobot(AddressError):
@@ -293,9 +305,22 @@ class NoAnswer(TransportError):
 
 
 class NotConfirmed(TransportError):
-    """Not all who were told to do something at once have confirmed it."""
+    """Not all who were told to do something at once have confirmed it.
+
+    Its data: `order`, the names `told`, pairs (name, reason) `untold`, and the steps of the `advice`.
+    """
 
     sentence = "{order} is confirmed by {told} but NOT by {untold}; {advice}"
+
+    @classmethod
+    def words(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """See `VrError.words`."""
+        return {
+            "order": data["order"],
+            "told": ", ".join(data["told"]) or "nobody",
+            "untold": "; ".join(f"{name} ({reason})" for name, reason in data["untold"]),
+            "advice": ", then: ".join(data["advice"]),
+        }
 
 
 class TransportClosed(TransportError):
@@ -308,6 +333,12 @@ class Garbled(TransportError):
     """What came cannot be read."""
 
     sentence = "{key} sent what cannot be read: {detail}; are both sides of one version?"
+
+
+class RealmUnusable(TransportError):
+    """The meeting place of the realm's processes cannot be made, trusted or entered."""
+
+    sentence = "realm {realm!r} cannot be entered: {reason}"
 
 
 # -- bundles ---------------------------------------------------------------------------------------

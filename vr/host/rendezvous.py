@@ -24,7 +24,7 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from robotree.vr.address import check_name
-from robotree.vr.host.errors import RealmUnusable
+from robotree.vr.errors import RealmUnusable
 
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"

@@ -16,8 +16,7 @@ from typing import TypeVar
 
 import zenoh
 
-from robotree.vr.errors import TransportClosed
-from robotree.vr.host.errors import RealmUnusable
+from robotree.vr.errors import RealmUnusable, TransportClosed
 from robotree.vr.host.inbox import Inbox
 from robotree.vr.host.pattern import matches
 from robotree.vr.host.presence import Presence
@@ -176,7 +175,7 @@ class ZenohTransport:
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         """See `Transport.subscribe`."""
         session = self._open(pattern)
-        inbox = Inbox[tuple[str, bytes]](lambda item: handler(*item), WAITING_SAMPLES)
+        inbox = Inbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
 
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.payload.to_bytes()))
@@ -194,7 +193,7 @@ class ZenohTransport:
         """See `Transport.watch`."""
         session = self._open(pattern)
         presence = Presence(handler)
-        inbox = Inbox[tuple[str, bool]](lambda item: presence.change(*item))
+        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: presence.change(*item))
 
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
@@ -205,9 +204,7 @@ class ZenohTransport:
 
         subscriber = await self.in_thread(declare)
         # history comes bit by bit, and nothing says where it ends; a query of the same does end
-        there = await self.present(pattern)
-        inbox.drain()
-        await presence.hear_of(there, HISTORY)
+        await presence.hear_of(await self.present(pattern), HISTORY)
 
         def undo() -> None:
             inbox.close()
@@ -230,7 +227,8 @@ class ZenohTransport:
                 complete.set_result(None)
 
         def ask() -> None:
-            session.liveliness().get(pattern, _direct(take, lambda: self._call(finish)), timeout=LEASE)
+            done = partial(self._turns.put, finish, urgent=True)
+            session.liveliness().get(pattern, _direct(take, done), timeout=LEASE)
 
         await self.in_thread(ask)
         await complete
@@ -281,11 +279,6 @@ class ZenohTransport:
             await self.in_thread(send)
         except zenoh.ZError:  # the session has closed meanwhile
             self._asked(replies)
-
-    def _call(self, action: Callable[..., None], *arguments: object) -> None:
-        """From a thread of the network to the loop."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
-            self._loop.call_soon_threadsafe(action, *arguments)
 
     def _asked(self, replies: Replies) -> None:
         replies.end()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from robotree.vr.host.errors import RealmUnusable
+from robotree.vr.errors import RealmUnusable
 from robotree.vr.host.rendezvous import Rendezvous
 
 LEASE = 2.0

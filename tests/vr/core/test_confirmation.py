@@ -1,9 +1,18 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from robotree.vr.confirmation import Confirmations
-from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable
+from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
+from robotree.vr.requests import Failed, decode_reply, encode
+
+
+def decode(failed: Failed) -> Failed:
+    came = decode_reply(encode(failed), key="robot/lever/1")
+    assert isinstance(came, Failed)
+    return came
 
 
 def test_all_who_confirmed_are_named_once_and_in_order() -> None:
@@ -41,9 +50,36 @@ def test_what_a_parent_tells_of_its_children_is_told_once_and_with_their_names()
     above.take("other", inner.value)
     with pytest.raises(NotConfirmed) as outer:
         above.settle()
-    assert outer.value.data["told"] == "lever, other, rover"
-    assert outer.value.data["untold"].count("arm (arm is stopped (a hand, a foot)") == 1
+    assert outer.value.data["told"] == ["lever", "other", "rover"]
+    assert str(outer.value).count("arm (arm is stopped (a hand; a foot)") == 1
     assert "look at them, then release it again" in str(outer.value)
+
+
+def test_words_of_people_never_make_two_robots_of_one_and_advice_comes_all_the_way_up() -> None:
+    below = Confirmations("the protective stop")
+    below.miss("arm", "process 7 (a; b), left", "`kill -CONT 7` wakes it; if not, `kill -9 7`")
+    with pytest.raises(NotConfirmed) as inner:
+        below.settle()
+    over_the_network = Failed.of(inner.value)
+    above = Confirmations("the protective stop")
+    above.take("lever", decode(over_the_network).revive())
+    with pytest.raises(NotConfirmed) as outer:
+        above.settle()
+    assert outer.value.data == {
+        "order": "the protective stop",
+        "told": ["lever"],
+        "untold": [["arm", "in process 7 (a; b), left, which hangs"]],
+        "advice": [*inner.value.data["advice"]],
+    }
+    assert str(outer.value).endswith("they drive, then: `kill -CONT 7` wakes it; if not, `kill -9 7`")
+
+
+@pytest.mark.parametrize("untold", ["arm (it did not answer)", [["arm"]], [7], None])
+def test_data_of_another_version_is_an_error_that_tells_it(untold: object) -> None:
+    data: dict[str, Any] = {"order": "the protective stop", "told": [], "untold": untold, "advice": []}
+    error = VrError.revive("NotConfirmed", data)
+    assert type(error) is VrError
+    assert str(untold) in str(error)
 
 
 def test_what_is_no_answer_of_a_robot_is_not_taken_for_one() -> None:

@@ -15,6 +15,7 @@ from robotree.vr.host.pattern import matches
 from robotree.vr.host.presence import Presence
 from robotree.vr.host.promises import replies_of
 from robotree.vr.host.replies import Replies
+from robotree.vr.host.turns import Turns
 from robotree.vr.testing import in_virtual_time
 
 
@@ -133,7 +134,7 @@ async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
         if item == 7:
             raise RuntimeError("on purpose")
 
-    inbox = Inbox(take, limit=4)
+    inbox = Inbox(Turns(), take, limit=4)
     thread = threading.Thread(target=lambda: [inbox.put(number) for number in range(10)])
     thread.start()
     thread.join()
@@ -148,7 +149,7 @@ async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
 
 def test_an_inbox_may_outlive_its_loop() -> None:
     async def make() -> Inbox[int]:
-        return Inbox(lambda _: None)
+        return Inbox(Turns(), lambda _: None)
 
     inbox = asyncio.run(make())
     inbox.put(1)

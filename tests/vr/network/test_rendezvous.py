@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.errors import BadName
-from robotree.vr.host.errors import RealmUnusable
+from robotree.vr.errors import BadName, RealmUnusable
 from robotree.vr.host.rendezvous import LONGEST_SOCKET, Rendezvous, realm_name, runtime_directory
 from robotree.vr.host.zenoh import join
 

@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 
+from robotree.vr.host.inbox import Inbox
 from robotree.vr.host.turns import SHARE, Turns
 
 
@@ -41,6 +42,24 @@ async def test_a_flood_leaves_the_loop_its_turns_and_urgent_things_overtake_it()
         await asyncio.sleep(0)
     done.remove(-1)
     assert done == list(range(10 * SHARE))
+
+
+async def test_a_flood_of_samples_leaves_the_loop_its_turns_and_others_come_between() -> None:
+    done: list[str] = []
+    turns = Turns()
+    flooded, calm = Inbox[int](turns, lambda n: done.append(f"flood {n}")), Inbox[str](turns, done.append)
+    for number in range(10 * SHARE):
+        flooded.put(number)
+    calm.put("sample")
+    turns.put(partial(done.append, "request"))
+    turns.put(partial(done.append, "renewal"), urgent=True)
+    await asyncio.sleep(0)
+    assert len(done) <= SHARE + 1
+    assert done[0] == "renewal"
+    assert max(done.index("sample"), done.index("request")) <= 4
+    for _ in range(11):
+        await asyncio.sleep(0)
+    assert [one for one in done if "flood" in one] == [f"flood {number}" for number in range(10 * SHARE)]
 
 
 async def test_one_that_raises_does_not_hold_up_the_others(caplog: pytest.LogCaptureFixture) -> None:
