@@ -6,16 +6,14 @@ the source of a virtual robot is, so that whatever is wrong with it is one sente
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import Any
 
 from robotree.proxy.errors import NoKind, SeveralKinds
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.loader import LIMIT, load_module, within
-from robotree.vr.command import commands_of
-from robotree.vr.errors import BrokenSource
+from robotree.vr.bundle.choice import NotOne, only_class
+from robotree.vr.bundle.loader import load_module
+from robotree.vr.bundle.loader import make as make_robot
 
 SUFFIX = ".py"
 
@@ -39,12 +37,13 @@ def load(kind: str) -> type[RobotProxy]:
     """
     path, wanted = _split(kind)
     bundle = Bundle.read(path)
-    chosen = _choose(load_module(bundle.source, path, bundle.hash), path, wanted)
+    module = load_module(bundle.source, path, bundle.hash)
     try:
-        commands_of(chosen)
-    except TypeError as error:
-        raise BrokenSource(path=path, reason=str(error)) from None
-    return chosen
+        return only_class(module, RobotProxy, path, wanted)
+    except NotOne as error:
+        if error.known:
+            raise SeveralKinds(path=path, known=", ".join(error.known)) from None
+        raise NoKind(path=path, wanted=error.named) from None
 
 
 def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
@@ -62,30 +61,9 @@ def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
         ProxyError: see `load`.
     """
     cls, path = load(kind), _split(kind)[0]
-    file = str(sys.modules[cls.__module__].__file__)
-    robot = within(lambda: cls(name, url, **options), path, file, LIMIT)
-    if getattr(robot, "name", None) != name:
-        reason = f"{cls.__name__}.__init__ must call super().__init__(name, url, **options)"
-        raise BrokenSource(path=path, reason=reason)
-    return robot
+    return make_robot(cls, lambda: cls(name, url, **options), name, path, takes="name, url, **options")
 
 
 def _split(kind: str) -> tuple[str, str]:
     path, colon, wanted = kind.rpartition(":")
     return (path, wanted) if colon else (kind, "")
-
-
-def _choose(module: ModuleType, path: str, wanted: str) -> type[RobotProxy]:
-    found = {
-        name: value
-        for name, value in vars(module).items()
-        if isinstance(value, type) and issubclass(value, RobotProxy) and value.__module__ == module.__name__
-    }
-    if wanted:
-        found = {name: value for name, value in found.items() if name == wanted}
-    if not found:
-        raise NoKind(path=path, wanted=f" named {wanted!r}" if wanted else "")
-    if len(found) > 1:
-        raise SeveralKinds(path=path, known=", ".join(found))
-    (chosen,) = found.values()
-    return chosen

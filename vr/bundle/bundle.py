@@ -92,7 +92,7 @@ class Bundle(msgspec.Struct, frozen=True):
         """
         cls = self.load(limit=limit)
         try:
-            robot = make(cls, name, self.path, limit=limit)
+            robot = make(cls, lambda: cls(name), name, self.path, limit=limit)
         except BaseException:
             forget(cls.__module__, str(sys.modules[cls.__module__].__file__))
             raise

@@ -21,6 +21,7 @@ from typing import Any, TypeVar, cast
 from robotree.vr.bundle.naming import file_in_tracebacks
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.host.interruptible import Interrupted, InterruptibleThread
+from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0
@@ -29,6 +30,7 @@ _FAREWELL = 1.0
 """[s] for what was interrupted to say where."""
 
 _T = TypeVar("_T")
+_Robot = TypeVar("_Robot", bound=Robot)
 _numbers = itertools.count(1)
 _texts: Counter[str] = Counter()
 """How many living modules were made of each text, by the name that it has in tracebacks."""
@@ -83,22 +85,34 @@ def forget(name: str, file: str) -> None:
             linecache.cache.pop(file, None)
 
 
-def make(cls: type[VirtualRobot], name: str, path: str, *, limit: float = LIMIT) -> VirtualRobot:
+def make(
+    cls: type[_Robot],
+    build: Callable[[], _Robot],
+    name: str,
+    path: str,
+    *,
+    takes: str = "name",
+    limit: float = LIMIT,
+) -> _Robot:
     """Return a new robot of a loaded class.
 
     Args:
         cls: the class.
+        build: calls it.
         name: of the robot.
         path: of the source.
+        takes: what a constructor of this kind must hand on to its base, for messages.
         limit: [s] for the constructor.
 
     Raises:
         BadName: that cannot be a name.
-        BrokenSource: the constructor raises or does not end.
+        BrokenSource: the constructor raises or does not end, or does not call its base's.
     """
-    robot = within(lambda: cls(name), path, str(sys.modules[cls.__module__].__file__), limit)
-    if getattr(robot, "name", None) != name or not hasattr(robot, "child_slots"):
-        raise BrokenSource(path=path, reason=f"{cls.__name__}.__init__ must call super().__init__(name)")
+    robot = within(build, path, str(sys.modules[cls.__module__].__file__), limit)
+    unmade = isinstance(robot, VirtualRobot) and not hasattr(robot, "child_slots")
+    if getattr(robot, "name", None) != name or unmade:
+        reason = f"{cls.__name__}.__init__ must call super().__init__({takes})"
+        raise BrokenSource(path=path, reason=reason)
     return robot
 
 
