@@ -1,4 +1,4 @@
-"""One speaker on one link: gives each message its sequence number and our ids, and hears frames.
+"""One speaker on one link: gives each message our ids and the number of its turn, and hears frames.
 
 Pure: the link is handed in. An endpoint is the `Handler` of its link.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.protocol.frame import encode
+from robotree.protocol.draft import Draft
 from robotree.protocol.parser import Parser, ParserStatistics, Verifier
 
 if TYPE_CHECKING:
@@ -75,15 +75,14 @@ class Endpoint:
             InvalidMessage: a field cannot hold its value.
         """
         speaker = self.component if component is None else component
-        sequence = self._sequences.get(speaker, 0)
-        frame = encode(message, sequence=sequence, system=self.system, component=speaker, signer=self._signer)
-        self._sequences[speaker] = sequence + 1 & 0xFF
-        self.link.send(frame, (speaker, message.codec.definition.id, instance) if telemetry else None)
+        draft = Draft(message, self.system, speaker, self._sequences, self._signer)
+        self.link.send(draft, (speaker, message.codec.definition.id, instance) if telemetry else None)
 
     def reseal(self, signer: Signer | None, verifier: Verifier | None) -> None:
         """From now on sign, and decide which frames pass, in another way.
 
-        Frames that came with the same bytes as the one that is being told were already decided on.
+        Frames that came with the same bytes as the one that is being told were already decided on; what waits
+        to be sent is signed as it would have been.
         """
         self._signer, self._parser.verifier = signer, verifier
 

@@ -164,6 +164,16 @@ def encode(
         InvalidMessage: a field cannot hold its value.
         UnknownMessage: the dialect has no such message.
     """
+    return close(pack(message, sequence, system, component, signed=signer is not None), message.codec, signer)
+
+
+def pack(message: AnyMessage, sequence: int, system: int, component: int, *, signed: bool) -> bytes:
+    """The beginning of a frame, up to the end of its payload.
+
+    Raises:
+        InvalidMessage: a field cannot hold its value.
+        UnknownMessage: the dialect has no such message.
+    """
     codec = message.codec
     try:
         if type(message) is Untyped:
@@ -175,7 +185,7 @@ def encode(
         raise InvalidMessage(
             codec.definition.name, "*", f"has a value of the wrong kind ({error})"
         ) from error
-    start = codec.start if signer is None else codec.start_signed
+    start = codec.start_signed if signed else codec.start
     try:
         # To add tuples is quicker than a call with single and starred arguments.
         head = (start, sequence & 0xFF, system, component, codec.id)
@@ -187,5 +197,10 @@ def encode(
     if not frame[-1]:
         end = max(len(frame.rstrip(b"\0")), HEADER_BYTES + 1)
         frame = bytes((MAGIC, end - HEADER_BYTES)) + frame[2:end]
+    return frame
+
+
+def close(frame: bytes, codec: Codec, signer: Signer | None) -> bytes:
+    """A whole frame from its beginning: with its checksum, and its signature."""
     frame += mcrf4xx(frame + codec.crc_extra, CRC_START).to_bytes(2, "little")
     return frame if signer is None else signer.sign(frame)

@@ -32,6 +32,23 @@ class LinkStatistics(msgspec.Struct, frozen=True):
     """Frames that were sent after the end of the link."""
 
 
+class Unsealed(Protocol):
+    """A frame that is finished when it leaves, such as a `robotree.protocol.draft.Draft`."""
+
+    def __len__(self) -> int:
+        """[bytes] that it will have."""
+        ...
+
+    def seal(self) -> bytes:
+        """The whole frame. Called once, in the order in which frames leave; never for one that does not."""
+        ...
+
+
+def sealed(frame: bytes | Unsealed) -> bytes:
+    """The bytes of a frame that leaves now."""
+    return frame if isinstance(frame, bytes) else frame.seal()
+
+
 class Link(Protocol):
     """One end of an open link."""
 
@@ -50,11 +67,11 @@ class Link(Protocol):
         """The gauges now."""
         ...
 
-    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it. Never blocks, never raises; after the end it only counts.
 
         Args:
-            frame: one whole frame.
+            frame: one whole frame, or one that is sealed when it leaves.
             topic: None: must arrive or the link ends. Else telemetry: while it waits, a newer frame of the
                 same topic takes its place.
         """

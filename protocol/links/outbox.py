@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import LinkOverrun
-from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.links.link import LinkStatistics, sealed
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
+
+    from robotree.protocol.links.link import Unsealed
 
 BOUND = 1024 * 1024
 """[bytes] that may wait."""
@@ -26,7 +28,7 @@ class Outbox:
     """
 
     def __init__(self, bound: int = BOUND) -> None:
-        self._frames: dict[Hashable, bytes] = {}
+        self._frames: dict[Hashable, bytes | Unsealed] = {}
         self._bound, self._count = bound, 0
         self.waiting = 0
         """[bytes] in the queue."""
@@ -35,7 +37,7 @@ class Outbox:
         self.superseded = self.dropped = 0
         """Frames that were replaced, and frames that nobody wants any longer."""
 
-    def put(self, frame: bytes, topic: Hashable | None) -> None:
+    def put(self, frame: bytes | Unsealed, topic: Hashable | None) -> None:
         """Queue a frame, or put it in the place of the waiting one of the same topic."""
         self._count += 1
         key = (self._count,) if topic is None else (topic, None)
@@ -46,13 +48,18 @@ class Outbox:
         self.waiting += len(frame)
 
     def pop(self) -> bytes | None:
-        """The frame that has waited longest, which counts as sent; None: nothing waits."""
+        """The frame that has waited longest, sealed, which counts as sent; None: nothing waits."""
         for key in self._frames:
             frame = self._frames.pop(key)
             self.waiting -= len(frame)
-            self.sent += len(frame)
-            return frame
+            return self.leave(frame)
         return None
+
+    def leave(self, frame: bytes | Unsealed) -> bytes:
+        """Seal and count a frame that leaves now; what waits must not be overtaken."""
+        data = sealed(frame)
+        self.sent += len(data)
+        return data
 
     def overrun(self, address: str) -> LinkOverrun | None:
         """Why the link to an address must be cut now; None: what waits is within the bound."""

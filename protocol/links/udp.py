@@ -17,7 +17,7 @@ from robotree.protocol.links.url import require_loopback
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsealed
     from robotree.protocol.links.url import Url
 
 SILENCE = 60.0
@@ -54,7 +54,7 @@ class UdpLink:
         """The gauges now."""
         return self._outbox.statistics()
 
-    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over:
             self._outbox.dropped += 1
@@ -63,8 +63,7 @@ class UdpLink:
             if (overrun := self._outbox.overrun(self.address)) is not None:
                 self.end(overrun)
         else:
-            self._outbox.sent += len(frame)
-            self._carrier.send(frame, self._remote)
+            self._carrier.send(self._outbox.leave(frame), self._remote)
 
     def flush(self) -> None:
         """The system takes datagrams again."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import LinkBroken, LinkError
+from robotree.protocol.links.link import Unsealed, sealed
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Gripper, NamedValueFloat, Timesync
 from robotree.protocol.testing import Recorder
@@ -18,8 +19,8 @@ class Paper:
     def __init__(self) -> None:
         self.written: list[tuple[bytes, object]] = []
 
-    def send(self, frame: bytes, topic: object = None) -> None:
-        self.written.append((frame, topic))
+    def send(self, frame: bytes | Unsealed, topic: object = None) -> None:
+        self.written.append((sealed(frame), topic))
 
 
 def _endpoint() -> tuple[Paper, Endpoint]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from can import Message
 
     from robotree.protocol.links.can.port import Port
-    from robotree.protocol.links.link import Accept, Handler, LinkStatistics
+    from robotree.protocol.links.link import Accept, Handler, LinkStatistics, Unsealed
 
 TRANSFER_TIMEOUT = 0.3
 """[s] that the far end may be silent in the middle of a transfer; well below `control.SILENCE`, so that a
@@ -106,7 +106,7 @@ class CanLink:
         """The gauges of ISO-TP: what was malformed, out of sequence, given up."""
         return self._channel.statistics
 
-    def send(self, frame: bytes, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over or not 0 < len(frame) <= LARGEST:
             self._outbox.dropped += 1
@@ -115,8 +115,7 @@ class CanLink:
             if (overrun := self._outbox.overrun(self.address)) is not None:
                 self.end(overrun, say=True)
         else:
-            self._outbox.sent += len(frame)
-            self._transmit(frame, topic)
+            self._transmit(self._outbox.leave(frame), topic)
 
     def close(self) -> None:
         """End the link."""
