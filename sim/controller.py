@@ -23,7 +23,7 @@ class Controller:
 
     def __init__(self, cell: Cell, firmware: Firmware, cameras: Mapping[int, str]) -> None:
         self.cell, self.firmware, self.cameras = cell, firmware, cameras
-        self._intake = Intake()
+        self._intake = Intake(firmware.system)
 
     def post(self, frame: Frame, via: Hashable) -> None:
         """Leave a frame that came over the link `via`, to be heard before the next batch. From any thread.
@@ -46,7 +46,7 @@ class Controller:
         now = self.cell.time_ms
         for event in self._intake.take():
             if isinstance(event, Heard):
-                out += self.firmware.hear(event.frame, event.via, now)
+                out += self.firmware.hear(event.frame, event.via, now, overtaken=event.overtaken)
             elif isinstance(event, Opened):
                 out += self.firmware.greet(event.via, now)
             else:

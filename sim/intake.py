@@ -3,7 +3,11 @@
 Each link has a queue of its own, and credit that grows with every batch: a frame costs 1, one for which a
 way has to be planned `PLANNED`, a set-point `FOLLOWED`, as their processor time does. Of what a link brings
 beyond `LARGEST_QUEUE` the newest is dropped and counted, so a client that floods costs itself. A stop goes
-before everything; when several of a link wait already, one more says nothing new and is not queued.
+before everything. When several of a link wait already, one more says nothing new: it is not queued, but
+counts as dropped, since nobody answers it.
+
+What a stop has overtaken must not undo it. So every arrival is stamped with the number of stops that arrived
+before it, on whatever link: what is heard with an older stamp than the newest stop is marked as overtaken.
 """
 
 import threading
@@ -12,17 +16,10 @@ from collections.abc import Hashable, Iterator
 from typing import Final, NamedTuple
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import (
-    CommandInt,
-    CommandLong,
-    Goal,
-    MavCmd,
-    ModeKind,
-    SetMode,
-    Setpoint,
-    Verb,
-)
+from robotree.protocol.messages import CommandInt, CommandLong, Goal, Setpoint, Verb
 from robotree.sim.firmware.commands import MOVING
+from robotree.sim.firmware.outgoing import COMPONENT
+from robotree.sim.firmware.stops import stop_asked_by
 
 LARGEST_QUEUE: Final = 256
 """Frames of one link that wait."""
@@ -45,10 +42,19 @@ class Opened(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """A frame came over a link."""
+    """A frame came over a link.
+
+    Attributes:
+        frame: as it came.
+        via: that link.
+        stops: that had arrived before it, on all links; its stamp.
+        overtaken: whether a stop that arrived later, on any link, is heard before it.
+    """
 
     frame: Frame
     via: Hashable
+    stops: int = 0
+    overtaken: bool = False
 
 
 class Closed(NamedTuple):
@@ -61,30 +67,49 @@ Event = Opened | Heard | Closed
 
 
 class Intake:
-    """The queues of one controller. Filled from any thread, emptied by the thread of the physics."""
+    """The queues of one controller. Filled from any thread, emptied by the thread of the physics.
 
-    def __init__(self) -> None:
+    Args:
+        system: the controller's MAVLink system id; a stop for another one is none.
+    """
+
+    def __init__(self, system: int) -> None:
+        self._system = system
         self._lock = threading.Lock()
+        self._arrived = 0
         self._stops: dict[Hashable, deque[Heard]] = {}
         self._queues: dict[Hashable, deque[Event]] = {}
         self._debts: dict[Hashable, int] = {}
         self.dropped = 0
         """Frames that found their link's queue full."""
 
+    @property
+    def stops(self) -> int:
+        """How many stops have arrived so far: the stamp of what arrives now."""
+        return self._arrived
+
     def open(self, via: Hashable) -> None:
         """A link was opened."""
         with self._lock:
             self._queues.setdefault(via, deque()).append(Opened(via))
 
-    def put(self, frame: Frame, via: Hashable) -> None:
-        """A frame came."""
-        stop = is_stop(frame)
+    def put(self, frame: Frame, via: Hashable, stops: int | None = None) -> None:
+        """A frame came.
+
+        Args:
+            frame: intact.
+            via: the link.
+            stops: the stamp of the moment when its bytes came, if they waited since; None: they came now.
+        """
+        stop = stop_asked_by(frame.message) and frame.is_for(self._system, COMPONENT)
         with self._lock:
+            stamp = self._arrived if stops is None else stops
+            self._arrived += stop
             queue = (self._stops if stop else self._queues).setdefault(via, deque())
             if len(queue) < (LARGEST_STOPS if stop else LARGEST_QUEUE):
-                queue.append(Heard(frame, via))
+                queue.append(Heard(frame, via, stamp))
             else:
-                self.dropped += not stop
+                self.dropped += 1
 
     def close(self, via: Hashable) -> None:
         """A link has ended; it comes after what was still heard on it."""
@@ -100,9 +125,14 @@ class Intake:
             self._stops.clear()
             credit = min(CREDIT, max(ALL_CREDIT // max(len(self._queues), 1), 1))
             for via, queue in self._queues.items():
-                events += self._pop(via, queue, credit)
+                events += map(self._judge, self._pop(via, queue, credit))
             self._queues = {via: queue for via, queue in self._queues.items() if queue or via in self._debts}
         return events
+
+    def _judge(self, event: Event) -> Event:
+        if isinstance(event, Heard) and event.stops < self._arrived:
+            return event._replace(overtaken=True)
+        return event
 
     def _pop(self, via: Hashable, queue: deque[Event], credit: int) -> Iterator[Event]:
         """What a link has credit for; the last frame may cost more, which it pays back before the next."""
@@ -124,21 +154,3 @@ def _cost(event: Event) -> int:
     if isinstance(message, Goal):
         return PLANNED if message.verb != Verb.STATUS else 1
     return PLANNED if isinstance(message, CommandLong | CommandInt) and message.command in MOVING else 1
-
-
-def is_stop(frame: Frame) -> bool:
-    """Whether a frame asks for the protective stop, in any of the ways that there are."""
-    message = frame.message
-    if isinstance(message, SetMode):
-        return message.mode == ModeKind.SAFE_STOP
-    if not isinstance(message, CommandLong | CommandInt):
-        return False
-    match message.command:
-        case MavCmd.COMPONENT_ARM_DISARM:
-            return message.param1 == 0.0
-        case MavCmd.DO_FLIGHTTERMINATION:
-            return message.param1 > 0.0
-        case MavCmd.DO_SET_MODE:
-            return message.param2 == ModeKind.SAFE_STOP
-        case _:
-            return False

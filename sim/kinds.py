@@ -66,7 +66,7 @@ def _arm(system: int, silence: float) -> "Controller":
     streams = telemetry.arm_streams(world)
     identity = _identity("arm", system, MavProtocolCapability.GRIPPER)
     firmware = Firmware(
-        world.arm, streams, system=system, kind=MavType.GENERIC, silence=silence, identity=identity
+        world.arm, streams, system=system, mav_type=MavType.GENERIC, silence=silence, identity=identity
     )
     cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"}
     return Controller(world.cell, firmware, cameras)
@@ -81,7 +81,7 @@ def _rover(system: int, silence: float) -> "Controller":
     streams = telemetry.rover_streams(world)
     identity = _identity("rover", system)
     firmware = Firmware(
-        world.rover, streams, system=system, kind=MavType.GROUND_ROVER, silence=silence, identity=identity
+        world.rover, streams, system=system, mav_type=MavType.GROUND_ROVER, silence=silence, identity=identity
     )
     cameras: dict[int, str] = {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"}
     return Controller(world.cell, firmware, cameras)

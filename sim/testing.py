@@ -190,8 +190,13 @@ class Operator:
             TimeoutError: there was none.
         """
         self.order(command, *params)
-        self.until(lambda: bool(self._acks) and self._acks[-1].result != MavResult.IN_PROGRESS, within)
-        return self._acks[-1]
+
+        def answers() -> list[CommandAck]:
+            ours = (ack for ack in self._acks if ack.command == command)
+            return [ack for ack in ours if ack.result != MavResult.IN_PROGRESS]
+
+        self.until(lambda: bool(answers()), within)
+        return answers()[-1]
 
     def order(self, command: int, *params: float) -> None:
         """Send a command and do not wait for its answer."""
@@ -242,7 +247,7 @@ class ArmBench:
     def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
         self.world = arm_world()
         streams = arm_streams(self.world)
-        firmware = Firmware(self.world.arm, streams, system=1, kind=MavType.GENERIC, silence=silence)
+        firmware = Firmware(self.world.arm, streams, system=1, mav_type=MavType.GENERIC, silence=silence)
         self.controller = Controller(self.world.cell, firmware, {})
         self.operator = Operator(self.controller, delay)
 
@@ -258,6 +263,8 @@ class RoverBench:
     def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
         self.world = rover_world()
         streams = rover_streams(self.world)
-        firmware = Firmware(self.world.rover, streams, system=1, kind=MavType.GROUND_ROVER, silence=silence)
+        firmware = Firmware(
+            self.world.rover, streams, system=1, mav_type=MavType.GROUND_ROVER, silence=silence
+        )
         self.controller = Controller(self.world.cell, firmware, {})
         self.operator = Operator(self.controller, delay)

@@ -68,8 +68,6 @@ class Answer(msgspec.Struct, frozen=True):
 
 Handler = Callable[[Request, float], Answer]
 """Carries out a command at a moment. Answers IN_PROGRESS when it takes longer; see `CommandServer.finish`."""
-Guard = Callable[[Request], MavResult | None]
-"""Why a peer may not have a command carried out; None: it may."""
 
 
 class CommandAbandoned(msgspec.Struct, frozen=True):
@@ -96,13 +94,10 @@ class CommandServer:
     Args:
         handlers: what is carried out once, by command.
         always: what is carried out at every repetition and for anyone: questions and stops.
-        guard: who may have one of `handlers` carried out.
     """
 
-    def __init__(
-        self, handlers: Mapping[int, Handler], always: Mapping[int, Handler], guard: Guard | None = None
-    ) -> None:
-        self._handlers, self._always, self._guard = dict(handlers), dict(always), guard
+    def __init__(self, handlers: Mapping[int, Handler], always: Mapping[int, Handler]) -> None:
+        self._handlers, self._always = dict(handlers), dict(always)
         self._records: dict[tuple[Peer, int], _Record] = {}
 
     @property
@@ -159,8 +154,7 @@ class CommandServer:
         handler = self._handlers.get(request.command)
         if handler is None:
             return [_ack(request.peer, request.command, MavResult.UNSUPPORTED)]
-        refusal = self._guard(request) if self._guard is not None else None
-        answer = Answer(refusal) if refusal is not None else handler(request, now)
+        answer = handler(request, now)
         effects = _sends(request, answer)
         if answer.result in _DONE:
             ack = _answer_ack(request, answer)

@@ -67,10 +67,9 @@ class OperatorControl:
             flags |= GcsControlStatusFlags.TAKEOVER_ALLOWED
         return ControlStatus(flags, self.owner.system if self.owner is not None else 0)
 
-    def guard(self, request: Request) -> MavResult | None:
-        """Why a peer may not command now; None: it may. For `CommandServer(guard=…)`."""
-        may = self.owner is None or request.peer == self.owner or request.peer.system == self._system
-        return None if may else MavResult.NOT_IN_CONTROL
+    def may(self, peer: Peer) -> bool:
+        """Whether a peer may command now."""
+        return self.owner is None or peer == self.owner or peer.system == self._system
 
     def handle(self, request: Request, now: float) -> Answer:
         """Carry out REQUEST_OPERATOR_CONTROL. For `CommandServer(always=…)`; then call `tick`."""

@@ -31,11 +31,9 @@ from robotree.sim.errors import GoalRefused
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
 from robotree.sim.firmware.rights import Rights
+from robotree.sim.firmware.stops import PX4_HOLD, stop_commanded
 from robotree.sim.gripper import WIDEST
 
-_PX4_AUTO: Final = 4
-_PX4_LOITER: Final = 3
-"""MAVSDK's "hold": DO_SET_MODE with PX4's numbers for main mode and sub-mode, whatever the autopilot."""
 _RESULTS: Final = {
     GoalState.SUCCEEDED: MavResult.ACCEPTED,
     GoalState.CANCELLED: MavResult.CANCELLED,
@@ -108,9 +106,9 @@ class Commands:
         if Verb.GRIP in device.verbs:
             moving[MavCmd.DO_GRIPPER] = self._gripper
         always: dict[int, Handler] = {
-            MavCmd.COMPONENT_ARM_DISARM: self._arm,
-            MavCmd.DO_FLIGHTTERMINATION: self._terminate,
-            MavCmd.DO_SET_MODE: self._set_mode,
+            MavCmd.COMPONENT_ARM_DISARM: self._stop_or(self._arm),
+            MavCmd.DO_FLIGHTTERMINATION: self._stop_or(self._terminate),
+            MavCmd.DO_SET_MODE: self._stop_or(self._set_mode),
             MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             MavCmd.REQUEST_OPERATOR_CONTROL: rights.control.handle,
         }
@@ -137,9 +135,8 @@ class Commands:
     def _move(self, request: Request, verb: Verb, args: tuple[float, ...], now: float) -> Answer:
         if (why := self._rights.why_not(request.peer)) is not None:
             return self._refuse(MavResult.NOT_IN_CONTROL, why, Reason.NOT_IN_CONTROL)
-        if self._movement.stopped:
-            text = "A safe stop is in force; arm to release it first."
-            return self._refuse(MavResult.TEMPORARILY_REJECTED, text, Reason.STOPPED)
+        if bar := self._movement.bar:
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, bar, Reason.STOPPED)
         try:
             start = self._device.prepare(verb, args)
         except GoalRefused as refusal:
@@ -171,25 +168,30 @@ class Commands:
 
     # -- stops and modes
 
-    def _arm(self, request: Request, now: float) -> Answer:
-        """Arm: release the stop. Disarm, forced (kill) or not: stop."""
-        if request.param(1, default=-1.0) == 0.0:
-            return self._stopped(now)
+    def _stop_or(self, otherwise: Handler) -> Handler:
+        """The handler of a command that can ask for a stop."""
+
+        def handle(request: Request, now: float) -> Answer:
+            if not stop_commanded(request.command, request.params):
+                return otherwise(request, now)
+            self._news += self._stop(round(1000 * now))
+            return Answer(MavResult.ACCEPTED)
+
+        return handle
+
+    def _arm(self, request: Request, _: float) -> Answer:
+        """Arm: release the stop."""
         if request.param(1, default=-1.0) != 1.0:
             return self._refuse(MavResult.DENIED, "Arm with 1, disarm with 0.")
         return self._allowed(request, self._released)
 
-    def _terminate(self, request: Request, now: float) -> Answer:
-        if request.param(1) > 0.5:
-            return self._stopped(now)
+    def _terminate(self, _: Request, __: float) -> Answer:
         return self._refuse(MavResult.DENIED, "A termination is not taken back; arm to release the stop.")
 
     def _set_mode(self, request: Request, now: float) -> Answer:
         main, sub = request.param(2), request.param(3)
-        if (main, sub) == (_PX4_AUTO, _PX4_LOITER) or main == ModeKind.HOLD:
+        if (main, sub) == PX4_HOLD or main == ModeKind.HOLD:
             return self._allowed(request, lambda: self._held(now))
-        if main == ModeKind.SAFE_STOP:
-            return self._stopped(now)
         if main == ModeKind.READY:
             return self._allowed(request, self._released)
         return self._refuse(MavResult.DENIED, "Modes that can be set: 1 ready, 3 hold, 4 safe stop.")
@@ -199,11 +201,10 @@ class Commands:
             MavResult.DENIED, "It reboots for nobody on the wire; end its process and start it again."
         )
 
-    def _stopped(self, now: float) -> Answer:
-        self._news += self._stop(round(1000 * now))
-        return Answer(MavResult.ACCEPTED)
-
     def _released(self) -> Answer:
+        if self._movement.overtaken:
+            text = "A safe stop came after it; look at the robot, then arm again."
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, text, Reason.STOPPED)
         self._news += self._release()
         return Answer(MavResult.ACCEPTED)
 

@@ -21,13 +21,12 @@ class Goals:
     Args:
         device: plans them.
         movement: carries them out.
-        system: the controller's MAVLink system id.
+        rights: who may have one begun.
     """
 
-    def __init__(self, device: Device, movement: Movement, system: int) -> None:
+    def __init__(self, device: Device, movement: Movement, rights: Rights) -> None:
         self._device, self._movement = device, movement
-        self.rights = Rights(system, lambda: self._server.epoch)
-        self._server = GoalServer(device.verbs, self._check, self.rights.guard)
+        self._server = GoalServer(device.verbs, self._check, rights.guard)
         self._prepared: Start | None = None
 
     @property
@@ -51,8 +50,8 @@ class Goals:
 
     def _check(self, goal: Goal) -> Refusal | None:
         """Why a goal cannot be begun now; what was planned meanwhile is kept for its beginning."""
-        if self._movement.stopped:
-            return Reason.STOPPED, "A safe stop is in force; release it first."
+        if bar := self._movement.bar:
+            return Reason.STOPPED, bar
         try:
             self._prepared = self._device.prepare(goal.verb, goal.args)
         except GoalRefused as refusal:

@@ -48,6 +48,8 @@ class Movement:
         self.watchdog = Watchdog(silence)
         self.stopped = False
         """Whether a safe stop is in force."""
+        self.overtaken = False
+        """Whether what is being heard arrived before the newest stop; it neither moves nor releases."""
         self._silent = False
 
     @property
@@ -65,6 +67,13 @@ class Movement:
         if self.stopped:
             return Reason.OPERATOR
         return Reason.LINK_SILENT if self.mode == ModeKind.HOLD else Reason.NONE
+
+    @property
+    def bar(self) -> str:
+        """Why nothing may begin now, as one sentence; empty: it may."""
+        if self.stopped:
+            return "A safe stop is in force; release it first."
+        return "A safe stop came after it; look at the robot, then ask again." if self.overtaken else ""
 
     @property
     def job(self) -> Job | None:

@@ -10,13 +10,10 @@ Pure. `now` is controller time in whole milliseconds.
 from collections.abc import Callable, Hashable
 
 from robotree.protocol.messages import ControlStatus, Reason
-from robotree.protocol.services.command import Request
 from robotree.protocol.services.control import ControlChanged, OperatorControl
 from robotree.protocol.services.goal_server import Refusal
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.outgoing import Outgoing, sends
-
-NO_PARAMS = (0.0,) * 7
 
 
 class Rights:
@@ -34,7 +31,7 @@ class Rights:
     def guard(self, peer: Peer) -> Refusal | None:
         """Why a peer may not have a goal or a set-point carried out; None: it may."""
         owner = self.control.owner
-        if owner is None or self.control.guard(Request(peer, 0, NO_PARAMS)) is None:
+        if owner is None or self.control.may(peer):
             return None
         return Reason.NOT_IN_CONTROL, f"System {owner.system} is in control; ask it, or wait."
 

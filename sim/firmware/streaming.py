@@ -47,7 +47,7 @@ class Streaming:
         """Take a set-point; never answered."""
         job, seconds = self._movement.job, now / 1000
         speaker = (peer.system, peer.component)
-        over = self._movement.stopped or (job is not None and job.key != KEY)
+        over = bool(self._movement.bar) or (job is not None and job.key != KEY)
         if over or setpoint.kind not in self._device.kinds or self._rights.guard(peer) is not None:
             self._receiver.refuse(setpoint, seconds, speaker, over=over)
             return []

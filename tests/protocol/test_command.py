@@ -44,13 +44,7 @@ class Robot:
 
     def __init__(self) -> None:
         self.done: list[Request] = []
-        self.server = CommandServer(
-            {GRIP: self.grip, MOVE: self.move}, {ASK: self.answer, STOP: self.grip}, self.guard
-        )
-        self.owner: Peer | None = None
-
-    def guard(self, request: Request) -> MavResult | None:
-        return MavResult.NOT_IN_CONTROL if self.owner not in (None, request.peer) else None
+        self.server = CommandServer({GRIP: self.grip, MOVE: self.move}, {ASK: self.answer, STOP: self.grip})
 
     def grip(self, request: Request, _: float) -> Answer:
         self.done.append(request)
@@ -106,20 +100,11 @@ def test_other_content_another_peer_or_another_link_is_a_new_command(robot: Robo
 
 
 def test_questions_and_stops_are_carried_out_every_time_for_anyone(robot: Robot) -> None:
-    robot.owner = OTHER
     for _ in range(3):
         effects = robot.server.receive(_long(ASK, 1.0), PEER, 0.0)
         assert effects[1] == Send(Timesync(1, 2), "link 1")
         robot.server.receive(_long(STOP, 1.0), PEER, 0.0)
     assert len(robot.done) == 6
-
-
-def test_who_is_not_in_control_is_told_so(robot: Robot) -> None:
-    robot.owner = OTHER
-    assert _acks([*robot.server.receive(_long(GRIP, 1.0), PEER, 0.0)]) == [
-        ("link 1", MavResult.NOT_IN_CONTROL, 0)
-    ]
-    assert robot.done == []
 
 
 def test_an_unknown_command_is_unsupported(robot: Robot) -> None:

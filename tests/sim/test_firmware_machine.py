@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from enum import Enum, auto
+
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
@@ -20,7 +23,19 @@ from robotree.protocol.messages import (
     SetpointKind,
     Verb,
 )
-from robotree.sim.testing import NAN, RoverBench
+from robotree.sim.testing import NAN, Operator, RoverBench
+
+
+class Word(Enum):
+    """What somebody says in a burst."""
+
+    STOP = auto()
+    KILL = auto()
+    READY = auto()
+    ARM = auto()
+    HOLD = auto()
+    GOAL = auto()
+
 
 EPOCHS = st.integers(0, 4)
 KEYS = st.integers(1, 6)
@@ -33,11 +48,13 @@ class FirmwareMachine(RuleBasedStateMachine):
         super().__init__()
         self.bench = RoverBench(silence=1.5)
         self.operator = self.bench.operator
+        self.operators = (self.operator, self.operator.another())
         self.stopped = False
         self.read = 0
         self.highest = 0
         self.number = 0
         self.states: dict[int, GoalState] = {}
+        self.keys = itertools.count(100)
         self.operator.wait(0.02)
 
     @rule(key=KEYS, dx=st.sampled_from((-0.1, 0.05, 9.0)), epoch=EPOCHS, ttl=st.sampled_from((0.0, 0.2)))
@@ -95,20 +112,51 @@ class FirmwareMachine(RuleBasedStateMachine):
         self.operator.wait(0.02)
         self.stopped = self.stopped and epoch < obeyed
 
+    @rule(words=st.lists(st.tuples(st.integers(0, 1), st.sampled_from(Word)), min_size=2, max_size=12))
+    def burst(self, words: list[tuple[int, Word]]) -> None:
+        """Both say many things at once; what came after the last stop of both is what counts."""
+        epoch = self.operator.latest(Mode).epoch
+        for who, word in words:
+            self.say(self.operators[who], word, epoch)
+            self.operators[who].carry()  # so that it arrives before what is said next
+            if word is Word.STOP or word is Word.KILL:
+                self.stopped = True
+            elif word is Word.READY or (word is Word.ARM and not epoch):
+                self.stopped = False
+        self.operator.wait(0.05 + 0.02 * len(words))
+
+    def say(self, operator: Operator, word: Word, epoch: int) -> None:
+        match word:
+            case Word.STOP:
+                operator.set_mode(ModeKind.SAFE_STOP, epoch=0)
+            case Word.KILL:
+                operator.order(MavCmd.COMPONENT_ARM_DISARM, 0.0, 21196.0)
+            case Word.READY:
+                operator.set_mode(ModeKind.READY, epoch)
+            case Word.ARM:
+                operator.order(MavCmd.COMPONENT_ARM_DISARM, 1.0)
+            case Word.HOLD:
+                operator.order(MavCmd.DO_SET_MODE, 1.0, 4.0, 3.0)
+            case Word.GOAL:
+                operator.ask(Verb.MOVE, 0.05, 0.0, key=next(self.keys), epoch=epoch)
+
     @rule(seconds=st.sampled_from((0.1, 1.0, 4.0)))
     def wait(self, seconds: float) -> None:
         self.operator.wait(seconds)
 
     @rule()
     def fall_silent(self) -> None:
-        self.operator.silent = True
+        for each in self.operators:
+            each.silent = True
         self.operator.wait(2.0)
-        self.operator.silent = False
+        for each in self.operators:
+            each.silent = False
         assert not self.unfinished(), "silence ends every goal"
 
     @invariant()
     def a_stop_stays_until_it_is_released_and_nothing_moves_meanwhile(self) -> None:
-        assert (self.operator.mode()[0] == ModeKind.SAFE_STOP) == self.stopped
+        for each in self.operators:
+            assert (each.mode()[0] == ModeKind.SAFE_STOP) == self.stopped, "on each link the last word counts"
         if self.stopped:
             assert not self.unfinished()
 
@@ -145,8 +193,8 @@ class FirmwareMachine(RuleBasedStateMachine):
 
     def unfinished(self) -> set[int]:
         latest: dict[int, GoalState] = {}
-        for _, message in self.operator.heard:
-            if isinstance(message, GoalStatus) and message.sequence:
+        for message in (message for each in self.operators for message in each.all(GoalStatus)):
+            if message.sequence:
                 latest[message.key] = GoalState(message.state)
         return {key for key, state in latest.items() if not state.final}
 

@@ -1,0 +1,130 @@
+"""What the controller does as a whole, and how it tells: stop, release, silence, who is in control.
+
+It stops for anyone and starts again only for a lease that is not stale or for who is in control. A release
+that arrived before the newest stop is void, however late it is heard: a stop is undone only by somebody who
+could know of it.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from typing import Final
+
+from robotree.protocol.messages import (
+    Heartbeat,
+    MavAutopilot,
+    MavModeFlag,
+    MavSeverity,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+)
+from robotree.protocol.services.heartbeat import HeartbeatSender
+from robotree.protocol.services.peer import Peer
+from robotree.sim.firmware.goals import Goals
+from robotree.sim.firmware.movement import Movement
+from robotree.sim.firmware.outgoing import Herald, Outgoing
+from robotree.sim.firmware.rights import Rights
+from robotree.sim.firmware.stops import stop_asked_by
+
+_STATES: Final = {ModeKind.ACTIVE: MavState.ACTIVE, ModeKind.SAFE_STOP: MavState.CRITICAL}
+
+
+class Modes:
+    """The mode of one controller.
+
+    Args:
+        movement: what runs and what is in its way.
+        goals: whose epoch is told, and fences releases.
+        rights: who may release.
+        herald: tells people.
+        mav_type: what the heartbeats say that the robot is.
+    """
+
+    def __init__(
+        self, movement: Movement, goals: Goals, rights: Rights, herald: Herald, mav_type: MavType
+    ) -> None:
+        self._movement, self._goals, self._rights, self._herald = movement, goals, rights, herald
+        self._mav_type = mav_type
+        self._heartbeats = HeartbeatSender()
+        self._told: tuple[ModeKind, int, int] | None = None
+
+    def hear(self, wish: SetMode, peer: Peer, now: int) -> list[Outgoing]:
+        """Take a wish for a mode; answered by the mode, and by the reason where it is not the wished one."""
+        out: list[Outgoing] = []
+        answer: Reason | None = None
+        if stop_asked_by(wish):
+            out = self.stop(now)
+        elif wish.mode != ModeKind.READY:
+            answer = Reason.BAD_ARGUMENT
+        elif self._rights.guard(peer) is not None:
+            answer = Reason.NOT_IN_CONTROL
+        elif self._movement.overtaken:
+            answer = Reason.STOPPED
+        elif not self._goals.fence(wish.epoch):
+            answer = Reason.STALE_EPOCH
+        else:
+            out = self.release()
+        return [*out, *self.news(now), Outgoing(self.mode(now, answer), peer.via)]
+
+    def stop(self, now: int) -> list[Outgoing]:
+        """Stop."""
+        if self._movement.stopped:
+            return []
+        text = "Safe stop: holding, compliant; goals are refused until release."
+        return self._movement.stop(now) + self._herald.tell(MavSeverity.WARNING, text)
+
+    def release(self) -> list[Outgoing]:
+        """End the stop, if one is in force."""
+        was_stopped = self._movement.stopped
+        self._movement.release()
+        return self._herald.tell(MavSeverity.NOTICE, "Safe stop released.") if was_stopped else []
+
+    def tick(self, now: int) -> list[Outgoing]:
+        """End what may not go on: its speaker is silent, or somebody else took control."""
+        return self._watch(now) + self._control(now) + self.news(now)
+
+    def news(self, now: int) -> list[Outgoing]:
+        """Tell all when mode, epoch or patience has changed."""
+        state = (self._movement.mode, self._goals.epoch, self._movement.watchdog.patience)
+        if state == self._told:
+            return []
+        self._told = state
+        self._heartbeats.hurry()
+        return [Outgoing(self.mode(now), telemetry=True)]
+
+    def mode(self, now: int, reason: Reason | None = None) -> Mode:
+        """The mode as it is told; `reason`: why it is not another one."""
+        movement = self._movement
+        why = movement.reason if reason is None else reason
+        return Mode(now, self._goals.epoch, movement.watchdog.patience, movement.mode, why)
+
+    def heartbeat(self) -> Heartbeat:
+        """The mode as every ground station understands it."""
+        movement = self._movement
+        flags = MavModeFlag.CUSTOM_MODE_ENABLED | (0 if movement.stopped else MavModeFlag.SAFETY_ARMED)
+        state = _STATES.get(movement.mode, MavState.STANDBY)
+        return Heartbeat(self._mav_type, MavAutopilot.GENERIC, int(flags), movement.mode, state)
+
+    def beats(self, now: int) -> list[Outgoing]:
+        """The heartbeat, when it is due."""
+        return [
+            Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self.heartbeat(), now / 1000)
+        ]
+
+    def _watch(self, now: int) -> list[Outgoing]:
+        if not (text := self._movement.fall_silent(now)):
+            return []
+        out = self._movement.interrupt(Reason.LINK_SILENT, text, now)
+        return out + self._herald.tell(MavSeverity.WARNING, f"{text} Holding, compliant.")
+
+    def _control(self, now: int) -> list[Outgoing]:
+        """Tell who is in control; what others move ends when somebody takes it."""
+        out, owner = self._rights.tick(now)
+        job = self._movement.job
+        if owner is None or job is None or job.speaker == (owner.system, owner.component):
+            return out
+        text = f"System {owner.system} took operator control."
+        return out + self._movement.interrupt(Reason.NOT_IN_CONTROL, text, now)

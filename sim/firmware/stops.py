@@ -1,0 +1,37 @@
+"""What asks for the protective stop, in every form that the wire knows. The only place that says so. Pure."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from robotree.protocol.messages import AnyMessage, CommandInt, CommandLong, MavCmd, ModeKind, SetMode
+
+PX4_HOLD: Final = (4, 3)
+"""MAVSDK's "hold": main mode and sub-mode (auto, loiter) of PX4 in DO_SET_MODE, whatever the autopilot. It is
+no stop, although its main mode has the number of ours: who holds may be asked to go on by the next goal."""
+
+
+def stop_asked_by(message: AnyMessage) -> bool:
+    """Whether a message asks for the stop."""
+    if isinstance(message, SetMode):
+        return message.mode == ModeKind.SAFE_STOP
+    if isinstance(message, CommandLong | CommandInt):
+        return stop_commanded(message.command, (message.param1, message.param2, message.param3))
+    return False
+
+
+def stop_commanded(command: int, params: Sequence[float]) -> bool:
+    """Whether a command asks for the stop.
+
+    Args:
+        command: number of a MAV_CMD.
+        params: at least the first three of its parameters; NaN: not given.
+    """
+    match command:
+        case MavCmd.COMPONENT_ARM_DISARM:
+            return params[0] == 0.0
+        case MavCmd.DO_FLIGHTTERMINATION:
+            return params[0] > 0.5  # as MAVLink defines it
+        case MavCmd.DO_SET_MODE:
+            return params[1] == ModeKind.SAFE_STOP and (params[1], params[2]) != PX4_HOLD
+        case _:
+            return False
