@@ -1,6 +1,7 @@
 """All agents of one realm by name: what a supervisor needs, in one place.
 
 Every method takes names as people type them, finds the agents, asks them, and raises nothing but `VrError`.
+Of those that do not answer it says which process holds them, if that lives (`Hanging`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.bundle import Bundle
 from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.description import Listing, RobotDescription, Template
-from robotree.vr.errors import NoHost, NoSuchRobot, NotInControl, VrError
+from robotree.vr.errors import Hanging, NoAnswer, NoHost, NotInControl, Unreachable, VrError
 from robotree.vr.host.client import DEFAULT_DEADLINE, RobotClient
 from robotree.vr.host.host_client import HostClient
 from robotree.vr.host.view_agent import ViewClient
@@ -114,11 +115,11 @@ class Fleet:
 
     async def describe(self, name: str) -> RobotDescription:
         """Ask a robot who it is, enslaved or not."""
-        return await (await self._robot(name)).describe()
+        return await self._ask(name, lambda robot: robot.describe())
 
     async def describe_view(self, name: str) -> ViewDescribed:
         """Ask a view for its cameras and readings."""
-        return await (await self._view(name)).describe()
+        return await self._ask_view(name, lambda view: view.describe())
 
     async def tree(self) -> Sequence[RobotDescription]:
         """Describe all robots: the free ones by name, then their children, and so on down.
@@ -132,8 +133,9 @@ class Fleet:
         self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
     ) -> Picture:
         """Fetch one picture."""
-        client = await self._view(view)
-        return await client.look(camera, width=width, height=height, quality=quality)
+        return await self._ask_view(
+            view, lambda client: client.look(camera, width=width, height=height, quality=quality)
+        )
 
     # -- what they do -----------------------------------------------------------------------------
 
@@ -155,12 +157,16 @@ class Fleet:
             deadline: [s] within which it must be done.
             on_progress: told how far it is.
         """
-        robot = await self._robot(name)
-        return await robot.call(command, arguments, deadline=deadline, caller=CALLER, on_progress=on_progress)
+        return await self._ask(
+            name,
+            lambda robot: robot.call(
+                command, arguments, deadline=deadline, caller=CALLER, on_progress=on_progress
+            ),
+        )
 
     async def cancel(self, name: str) -> None:
         """End all commands of a robot."""
-        await (await self._robot(name)).cancel(reason="the operator ended it")
+        await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
 
     async def stop(self, name: str | None) -> Sequence[str]:
         """Protective stop of one robot or of all, at once, down to the hardware.
@@ -208,16 +214,17 @@ class Fleet:
         """
         check_name(name)
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
-        return await HostClient(self._transport, await self._choose_host(host)).create(bundle, name)
+        client = HostClient(self._transport, await self._choose_host(host))
+        return await self._awake(client.create(bundle, name))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
-        client = await self._robot(parent)
-        return await client.enslave(slot, await self.directory.resolve(child))
+        address = await self.directory.resolve(child)
+        return await self._ask(parent, lambda robot: robot.enslave(slot, address))
 
     async def release(self, parent: str, slot: str) -> RobotDescription:
         """Release the child in a slot; returns the parent's description."""
-        return await (await self._robot(parent)).free(slot)
+        return await self._ask(parent, lambda robot: robot.free(slot))
 
     async def delete(self, name: str) -> str:
         """End a virtual robot; its children are released.
@@ -225,15 +232,25 @@ class Fleet:
         Returns:
             What is left of it, as a sentence: code that cannot be ended. Empty: nothing.
         """
-        return await (await self._robot(name)).delete()
+        return await self._ask(name, lambda robot: robot.delete())
 
     # -- inside -----------------------------------------------------------------------------------
 
-    async def _robot(self, name: str) -> RobotClient:
-        return RobotClient(self._transport, await self.directory.resolve(name))
+    async def _ask(self, name: str, question: Callable[[RobotClient], Awaitable[_R]]) -> _R:
+        robot = RobotClient(self._transport, await self.directory.resolve(name))
+        return await self._awake(question(robot))
 
-    async def _view(self, name: str) -> ViewClient:
-        return ViewClient(self._transport, await self.directory.resolve(name, "view"))
+    async def _ask_view(self, name: str, question: Callable[[ViewClient], Awaitable[_R]]) -> _R:
+        view = ViewClient(self._transport, await self.directory.resolve(name, "view"))
+        return await self._awake(question(view))
+
+    async def _awake(self, answer: Awaitable[_R]) -> _R:
+        """Wait for an answer; if there is none because a process hangs, say which."""
+        try:
+            return await answer
+        except (NoAnswer, Unreachable) as error:  # of the one that was asked, or of one that it asked
+            await self.directory.expect_awake(str(error.data["key"]))
+            raise
 
     def _client(self, address: Address, patience: float) -> RobotClient:
         return RobotClient(self._transport, address, patience=patience)
@@ -271,10 +288,10 @@ class Fleet:
     ) -> list[Silent]:
         try:
             address = await self.directory.resolve(name)
-        except NoSuchRobot:
+        except Hanging:
             if silent := await self._transport.silent(everyone("robot", name)):
                 return silent
-            raise
+            address = await self.directory.resolve(name)  # it woke up just now
         asked[address] = asyncio.ensure_future(tell(self._client(address, CONFIRM)))
         return []
 

@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.description import Listing, Template
-from robotree.vr.errors import AddressError, NoSuchHost, NoSuchRobot, NoSuchView, VrError
+from robotree.vr.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
 from robotree.vr.host.asking import ask
+from robotree.vr.host.claim import SETTLE
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
@@ -128,17 +129,36 @@ class Directory:
         Raises:
             BadName: nobody can have this name.
             NoSuchRobot: or NoSuchHost, NoSuchView: no living agent of this role has the name.
+            Hanging: one has it whose process does not answer.
         """
         check_name(name)  # it becomes part of a pattern
         found = [address for address in self.present(role) if address.name == name]
         if not found:  # it may have come just now
-            keys = await self._transport.present(everyone(role, name))
-            found = [address for address in map(Address.parse, keys) if address is not None]
+            found = await self._look_again(everyone(role, name))
+        if not found and await self._transport.silent(everyone(role, name)):
+            await asyncio.sleep(SETTLE)  # it may be on its way
+            found = await self._look_again(everyone(role, name))
+            if not found:
+                await self.expect_awake(everyone(role, name))
         if not found:
             raise _MISSING.get(role, NoSuchRobot)(name=name)
         return next((address for address in found if address in self._union.listings), found[0])
 
+    async def expect_awake(self, pattern: str) -> None:
+        """See that nobody under a pattern lives in a process that hangs.
+
+        Raises:
+            Hanging: somebody does.
+        """
+        for one in await self._transport.silent(pattern):
+            if address := Address.parse(one.key):
+                raise Hanging(role=address.role, name=address.name, where=one.where, remedy=one.remedy)
+
     # -- inside -----------------------------------------------------------------------------------
+
+    async def _look_again(self, pattern: str) -> list[Address]:
+        keys = await self._transport.present(pattern)
+        return [address for address in map(Address.parse, keys) if address is not None]
 
     def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         address = Address.parse(key)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import NoSuchRobot, NotConfirmed, Stopped
+from robotree.vr.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.fleet import Fleet
 from robotree.vr.host.zenoh import ZenohTransport
 from robotree.vr.testing import until
@@ -93,3 +93,37 @@ async def test_a_frozen_process_that_holds_no_robot_spoils_no_stop(start: Start,
     fleet = await look()
     assert list(await fleet.stop(None)) == ["awake"]
     lookup.signal(signal.SIGCONT)
+
+
+async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: Start, look: Look) -> None:
+    _, frozen = await robots(start, "awake", "frozen")
+    watcher = await look()
+    await until(lambda: len(watcher.directory.present("robot")) == 2, "both are seen")
+    pid = frozen.process.pid
+    who = (
+        rf"^the robot 'frozen' is in process {pid}, which hangs and does not answer; "
+        rf"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it$"
+    )
+    frozen.signal(signal.SIGSTOP)
+    with pytest.raises(Hanging, match=who):  # its presence stands, until it is asked
+        await watcher.describe("frozen")
+    newcomer = await look()
+    for fleet in (watcher, newcomer):
+        questions: list[Awaitable[object]] = [
+            fleet.describe("frozen"),
+            fleet.call("frozen", "move", {"x": 1.0}),
+            fleet.cancel("frozen"),
+            fleet.release("frozen", "slot"),
+            fleet.delete("frozen"),
+            fleet.enslave("awake", "slot", "frozen"),
+        ]
+        for question in questions:
+            with pytest.raises(Hanging, match=who):
+                await question
+    frozen.signal(signal.SIGCONT)
+    assert (await newcomer.describe("frozen")).name == "frozen"
+    frozen.signal(signal.SIGKILL)
+    await frozen.process.wait()
+    await until(lambda: len(newcomer.directory.present("robot")) == 1, "it is missed")
+    with pytest.raises(NoSuchRobot):
+        await newcomer.describe("frozen")
