@@ -10,22 +10,15 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Awaitable, Callable
-from typing import Any
+from collections.abc import Callable
 
-from robotree.vr.description import CommandSpec, RobotDescription
-from robotree.vr.errors import (
-    CycleOfBonds,
-    Garbled,
-    NotVirtual,
-    StillBonded,
-    Unreachable,
-    VrError,
-    WrongKind,
-)
+from robotree.vr.description import RobotDescription
+from robotree.vr.errors import VrError
 from robotree.vr.host.agent_bonds import BondKeeper
 from robotree.vr.host.agent_commands import CommandDesk
 from robotree.vr.host.agent_lease import LeaseKeeper
+from robotree.vr.host.agent_requests import AgentRequests
+from robotree.vr.host.answering import conversing
 from robotree.vr.host.call_counter import CallCounter
 from robotree.vr.host.claim import claim, new_address
 from robotree.vr.host.execution import LONGEST_END
@@ -34,34 +27,12 @@ from robotree.vr.host.listed import Listed, Listings
 from robotree.vr.host.portrait import Portrait
 from robotree.vr.host.state_news import StateNews
 from robotree.vr.lease import DEFAULT_TERM, Lessor, Tenure
-from robotree.vr.requests import (
-    Call,
-    Cancel,
-    Delete,
-    Describe,
-    Described,
-    Done,
-    Enslave,
-    Failed,
-    Free,
-    Granted,
-    Petition,
-    Release,
-    Renew,
-    Reply,
-    Request,
-    Resume,
-    Retract,
-    SafeStop,
-    decode_request,
-    encode,
-)
 from robotree.vr.robot import Robot
 from robotree.vr.space.contract import Space
-from robotree.vr.transport import Registration, Respond, Transport
+from robotree.vr.transport import Registration, Transport
 from robotree.vr.virtual_robot import VirtualRobot
 
-GRACE = 0.5
+PARTING = 0.5
 """[s] in which commands may end by themselves when their robot's process ends; the others end with it."""
 
 _log = logging.getLogger(__name__)
@@ -99,13 +70,15 @@ class RobotAgent:
         self.address = new_address("robot", robot.name)
         self.closed = asyncio.Event()
         """Set when it has ended, whoever ended it."""
+        self.open = False
+        """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
         lessor = Lessor(robot.name, term=term, unix=unix())
         self._lease = LeaseKeeper(lessor, transport, unix=unix, on_end=self._freed)
         self._calls = CallCounter(space, robot.name)
         self._home = f"host {host}" if host else f"the process of {robot.name}"
         self._desk = CommandDesk(
-            robot, self._lease, on_change=self._changed, on_call=self._calls.count, home=self._home
+            robot, self._lease, on_change=self.changed, on_call=self._calls.count, home=self._home
         )
         self._bonds: BondKeeper | None = None
         if isinstance(robot, VirtualRobot):
@@ -113,23 +86,29 @@ class RobotAgent:
                 self.address,
                 robot.child_slots,
                 transport,
-                lineage=self._lineage,
-                on_change=self._changed,
+                lineage=self.lineage,
+                on_change=self.changed,
                 term=term,
             )
         self._hooks = Hooks(robot)
         self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
         self._listed = Listed(registrar, self.address)
         self._news = StateNews(transport, self.address.key, self._portrait.state)
-        self._told: tuple[CommandSpec, ...] = ()
         self._serving: Registration | None = None
         self._presence: Registration | None = None
         self._publishing: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
         self._last_words: list[Callable[[str], None]] = []
-        self._open = False
-        self._handlers = self._questions()
+        self._requests = AgentRequests(
+            robot,
+            self,
+            lease=self._lease,
+            desk=self._desk,
+            bonds=self._bonds,
+            hooks=self._hooks,
+            portrait=self._portrait,
+        )
 
     # -- life -------------------------------------------------------------------------------------
 
@@ -141,16 +120,17 @@ class RobotAgent:
             TransportError: the transport does not work.
         """
         await self._calls.recall()
-        self._open = True
+        self.open = True
         try:
-            self._serving = await self.transport.serve(self.address.key, self._answer)
+            handler = conversing(self._requests.answer, self.robot.name)
+            self._serving = await self.transport.serve(self.address.key, handler)
             self._presence = await claim(self.transport, self.address)
         except BaseException:
-            self._open = False
+            self.open = False
             await self._withdraw()
             raise
         self._publishing = self._loop.create_task(self._news.run())
-        self._changed()
+        self.changed()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -158,7 +138,7 @@ class RobotAgent:
 
     async def close(self) -> None:
         """End politely: release the children, leave the lookup, be gone. Twice is once."""
-        await asyncio.shield(self._begin_to_end(GRACE))
+        await asyncio.shield(self._begin_to_end(PARTING))
 
     @property
     def gone(self) -> bool:
@@ -193,7 +173,7 @@ class RobotAgent:
 
     async def _let_go(self, grace: float) -> None:
         """Tell the children, the lookup services and everybody else; take nothing more."""
-        self._open = False
+        self.open = False
         self._desk.jobs.cancel_all(f"{self.robot.name} is being ended")
         await self._desk.jobs.settled(grace)
         if self._bonds is not None:
@@ -222,147 +202,36 @@ class RobotAgent:
     def _robot_changed(self) -> None:
         if self.robot.halted:
             self._desk.jobs.cancel_all(self.robot.halted, but_readers=True)
-        self._changed()
+        self.changed()
 
-    def _changed(self) -> None:
-        if self._open and self._publishing is not None:
+    def changed(self) -> None:
+        """See `Life.changed`."""
+        if self.open and self._publishing is not None:
             self._news.changed()
             self._listed.want(self._portrait.listing())
 
-    def _lineage(self) -> tuple[str, ...]:
+    def lineage(self) -> tuple[str, ...]:
+        """See `Life.lineage`."""
         tenure = self._lease.tenure
         return (*(() if tenure is None else tenure.lineage), self.robot.name)
 
-    def _lineage_changed(self) -> None:
+    def lineage_changed(self) -> None:
+        """See `Life.lineage_changed`."""
         if self._bonds is not None:
             self._bonds.hurry()
-        self._changed()
+        self.changed()
 
     def _freed(self, tenure: Tenure, reason: str) -> None:
         _log.info("%s is free again: %s", self.robot.name, reason)
         self._desk.jobs.cancel_all(f"the bond with {tenure.parent.name}.{tenure.slot} is over: {reason}")
-        self._lineage_changed()
+        self.lineage_changed()
 
-    # -- requests ---------------------------------------------------------------------------------
-
-    async def _answer(self, body: bytes, respond: Respond) -> None:
-        try:
-            await self._handle(decode_request(body), respond)
-        except VrError as error:
-            respond(encode(Failed.of(error)))
-        except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
-            _log.exception("%s: an answer failed", self.robot.name)
-            respond(encode(Failed.of(VrError(detail=f"{self.robot.name}: internal error: {error!r}"))))
-
-    async def _handle(self, request: Request, respond: Respond) -> None:
-        if not self._open and not isinstance(request, Describe | Release | SafeStop | Delete):
-            raise Unreachable(key=self.address.key)
-        if isinstance(request, Call):
-            await self._desk.answer(request, respond)
-        elif isinstance(request, Delete):
-            await self._delete(respond)
-        elif handler := self._handlers.get(type(request)):
-            respond(encode(await handler(request)))
-        else:
-            raise Garbled(key=self.address.key, detail=f"{type(request).__name__} is no question to a robot")
-
-    def _questions(self) -> dict[type, Callable[[Any], Awaitable[Reply]]]:
-        return {
-            Describe: self._describe,
-            Cancel: self._cancel,
-            Petition: self._petition,
-            Retract: self._retract,
-            Renew: self._renew,
-            Release: self._release,
-            SafeStop: self._safe_stop,
-            Resume: self._resume,
-            Enslave: self._enslave,
-            Free: self._free,
-        }
-
-    async def _describe(self, _: Describe) -> Reply:
-        return Described(robot=self.description())
-
-    async def _cancel(self, request: Cancel) -> Reply:
-        self._lease.check(request.epoch)
-        reason = request.reason or "on request"
-        if request.key:
-            self._desk.jobs.cancel(request.key, reason)
-        else:
-            self._desk.jobs.cancel_all(reason)
-        return Done()
-
-    async def _petition(self, request: Petition) -> Reply:
-        name, parent, kinds = self.robot.name, request.parent.name, self.robot.kinds()
-        if self._bonds is not None and parent in self._bonds.names():
-            raise CycleOfBonds(parent=parent, child=name, lineage=f"{name} > {parent}")
-        if request.kind not in kinds:
-            raise WrongKind(robot=parent, slot=request.slot, wanted=request.kind, child=name, kind=kinds[0])
-        tenure = self._lease.petition(request)
-        self._desk.jobs.cancel_all(f"{parent} has enslaved {name}", but_readers=True)
-        self._lineage_changed()
-        description = self.description()
-        self._told = description.commands
-        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=description)
-
-    async def _renew(self, request: Renew) -> Reply:
-        before = self._lineage()
-        tenure = self._lease.renew(request)
-        if self._lineage() != before:
-            self._lineage_changed()
-        description = self.description()
-        news = None if description.commands == self._told else description
-        self._told = description.commands
-        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=news)
-
-    async def _retract(self, request: Retract) -> Reply:
-        self._lease.retract(request.parent, request.key)
-        return Done()
-
-    async def _release(self, request: Release) -> Reply:
-        self._lease.release(request.parent, request.epoch)
-        return Done()
-
-    async def _safe_stop(self, request: SafeStop) -> Reply:
-        reason = self._desk.ordered = request.reason or "protective stop"
-        self._desk.jobs.cancel_all(reason)
-        self._hooks.safe_stop(reason)
-        self._changed()
-        if self._bonds is not None:
-            await self._bonds.safe_stop(reason, within=request.within)
-        return Done()
-
-    async def _resume(self, request: Resume) -> Reply:
-        self._lease.check(request.epoch)
-        if self._bonds is not None:
-            await self._bonds.resume(within=request.within)
-        self._desk.ordered = ""
-        self._hooks.resume()
-        self._changed()
-        return Done()
-
-    async def _enslave(self, request: Enslave) -> Reply:
-        await self._children("enslave others").enslave(request.slot, request.child)
-        return Described(robot=self.description())
-
-    async def _free(self, request: Free) -> Reply:
-        await self._children("release children").free(request.slot)
-        return Described(robot=self.description())
-
-    async def _delete(self, respond: Respond) -> None:
-        self._children("be deleted; end the process of its proxy instead")
-        tenure = self._lease.tenure
-        if tenure is not None:
-            raise StillBonded(robot=self.robot.name, holder=tenure.parent.name, slot=tenure.slot)
-        self._last_words.append(lambda left: respond(encode(Done(note=left))))
-        self._begin_to_end(LONGEST_END + GRACE)
+    async def delete(self, last_words: Callable[[str], None]) -> None:
+        """See `Life.delete`."""
+        self._last_words.append(last_words)
+        self._begin_to_end(LONGEST_END + PARTING)
         await asyncio.shield(self._gone)
 
     def _left_behind(self) -> str:
         running = ", ".join(self._desk.jobs.abandoned)
         return running and f"its {running} heeds no cancel and still runs; restart {self._home}"
-
-    def _children(self, what: str) -> BondKeeper:
-        if self._bonds is None:
-            raise NotVirtual(robot=self.robot.name, what=what)
-        return self._bonds

@@ -1,8 +1,4 @@
-"""The parent's side of its bonds, at work: children asked, leases renewed, losses noticed, calls passed on.
-
-Renewals are tasks of their own, ahead of everything on the wire, and may overlap: a slow way or a busy robot
-never makes them queue behind one another or behind commands.
-"""
+"""The parent's side of its bonds, at work: children asked, bound and released, calls and orders passed on."""
 
 from __future__ import annotations
 
@@ -22,15 +18,14 @@ from robotree.vr.errors import (
     CycleOfBonds,
     DeadlineExceeded,
     Garbled,
-    LeaseError,
     SlotEmpty,
     TransportError,
-    Unreachable,
     VrError,
 )
+from robotree.vr.host.bond_link import Link
 from robotree.vr.host.client import OnProgress, RobotClient, fresh_key
 from robotree.vr.lease import DEFAULT_TERM, Lessee
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.transport import Transport
 
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
@@ -45,30 +40,7 @@ LONGEST = 60.0
 RETRY = 0.2
 """[s] before a child that cannot be reached is told again that a petition is taken back."""
 
-TICK = 0.001
-"""[s] Shorter waits are none."""
-
 _log = logging.getLogger(__name__)
-
-
-class Link:
-    """One bond in force, with what keeps it so."""
-
-    def __init__(self, slot: str, bond: Bond, client: RobotClient) -> None:
-        """Begin."""
-        self.slot, self.bond, self.client = slot, bond, client
-        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        """Done when the bond has ended, however."""
-        self.hurry = asyncio.Event()
-        """Set to renew now."""
-        self.tasks: set[asyncio.Task[None]] = set()
-        self.watching: Registration | None = None
-
-    def spawn(self, work: Awaitable[None]) -> None:
-        """Run something until it is done or the bond is over."""
-        task = asyncio.ensure_future(work)
-        self.tasks.add(task)
-        task.add_done_callback(self.tasks.discard)
 
 
 class BondKeeper:
@@ -122,9 +94,17 @@ class BondKeeper:
                 self._retract(client, key)  # it may have been granted, and only the answer was lost
             raise
         self._slots.bind(slot, bond)
-        link = self._links[slot] = Link(slot, bond, client)
-        link.spawn(self._keep(link))
-        link.spawn(self._watch(link))
+        link = self._links[slot] = Link(
+            slot,
+            bond,
+            client,
+            parent=self._parent,
+            transport=self._transport,
+            lineage=self._lineage,
+            on_change=self._on_change,
+            on_loss=self._lose,
+        )
+        link.start()
         self._on_change()
         if self._closed:  # it was deleted meanwhile
             await self._free_if_bound(slot)
@@ -288,67 +268,17 @@ class BondKeeper:
             confirmations.take(link.bond.child.name, answer)
         confirmations.settle()
 
-    # -- keeping ----------------------------------------------------------------------------------
-
-    async def _keep(self, link: Link) -> None:
-        lease = link.bond.lease
-        while (left := lease.expires - _now()) > TICK:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(link.hurry.wait(), min(max(lease.due - _now(), TICK), left))
-            if link.hurry.is_set() or lease.due - _now() < TICK:
-                link.hurry.clear()
-                lease.asked(_now())
-                link.spawn(self._renew(link))
-        self._lose(link, f"{link.bond.child.name} did not answer for {lease.term:.3g} s")
-
-    async def _renew(self, link: Link) -> None:
-        lease, child = link.bond.lease, link.bond.child
-        sent = _now()
-        try:
-            granted = await link.client.renew(
-                self._parent, lease.epoch, lineage=self._lineage(), timeout=lease.term
-            )
-        except LeaseError as error:
-            self._lose(link, str(error))
-        except Unreachable:
-            with contextlib.suppress(VrError):
-                if not await self._transport.present(child.key):
-                    self._lose(link, f"{child.name} has ended")
-        except TransportError:
-            pass  # the next one may get through
-        except VrError as error:
-            _log.warning("%s: renewal for %s: %s", self._parent.name, link.slot, error)
-        else:
-            lease.granted(sent=sent, now=_now(), term=granted.term)
-            if granted.robot is not None:
-                link.bond.description = granted.robot
-                self._on_change()
-
-    async def _watch(self, link: Link) -> None:
-        child = link.bond.child
-
-        def look(_: str, there: bool) -> None:  # noqa: FBT001 # a presence handler
-            if not there:
-                self._lose(link, f"{child.name} has ended or cannot be reached")
-
-        with contextlib.suppress(VrError):
-            link.watching = await self._transport.watch(child.key, look)
+    def _end(self, link: Link) -> None:
+        del self._links[link.slot]
+        if task := link.end():
+            self._endings.add(task)
+            task.add_done_callback(self._endings.discard)
+        self._on_change()
 
     def _lose(self, link: Link, reason: str) -> None:
         if self._slots.lose(link.slot, link.bond, reason):
             _log.warning("%s.%s lost its child: %s", self._parent.name, link.slot, reason)
             self._end(link)
-
-    def _end(self, link: Link) -> None:
-        del self._links[link.slot]
-        link.over.set_result(None)
-        for task in link.tasks - {asyncio.current_task()}:
-            task.cancel()
-        if link.watching is not None:
-            task = asyncio.ensure_future(link.watching.close())
-            self._endings.add(task)
-            task.add_done_callback(self._endings.discard)
-        self._on_change()
 
 
 def _less(within: float) -> float:

@@ -19,12 +19,12 @@ from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.errors import DeadlineExceeded, NoSuchCommand, Stopped
 from robotree.vr.host.agent_bonds import BondKeeper
 from robotree.vr.host.agent_lease import LeaseKeeper
+from robotree.vr.host.answering import Say
 from robotree.vr.host.execution import CommandThread, Forward, Run
 from robotree.vr.host.jobs import Job, Jobs
 from robotree.vr.host.outcome import check_result
-from robotree.vr.requests import Accepted, Call, encode
+from robotree.vr.requests import Accepted, Call
 from robotree.vr.robot import Robot
-from robotree.vr.transport import Respond
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
@@ -74,17 +74,17 @@ class CommandDesk:
         own = tuple(command.spec for command in self._own.values())
         return own + tuple(self._exposed_spec(name, exposed) for name, exposed in self._exposed.items())
 
-    async def answer(self, call: Call, respond: Respond) -> None:
+    async def answer(self, call: Call, say: Say) -> None:
         """Take a call in and answer it to its end.
 
         Raises:
             VrError: it was refused.
         """
         job = await self._admit(call)
-        respond(encode(Accepted(key=call.key)))
+        say(Accepted(key=call.key))
         if not call.oneway:
-            job.listeners.append(lambda progress: respond(encode(progress)))
-            respond(encode(await asyncio.shield(job.outcome)))
+            job.listeners.append(say)
+            say(await asyncio.shield(job.outcome))
 
     # -- inside -----------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""The serving side of agents that answer each request with one reply."""
+"""The serving side of agents: requests read, replies packed, errors sent to whoever asked."""
 
 from __future__ import annotations
 
@@ -11,24 +11,41 @@ from robotree.vr.transport import RequestHandler, Respond
 
 _log = logging.getLogger(__name__)
 
+Say = Callable[[Reply], None]
+"""Sends one reply; may be called any number of times until the request is answered."""
+
+Converse = Callable[[Request, Say], Awaitable[None]]
+"""Answers one request with any number of replies; a `VrError` that it raises is the last of them."""
+
 Answer = Callable[[Request], Awaitable[Reply]]
 """Answers one request; a `VrError` that it raises travels to the asker."""
 
 
-def answering(answer: Answer) -> RequestHandler:
-    """Make a request handler of it."""
+def conversing(converse: Converse, who: str) -> RequestHandler:
+    """Make a request handler of what answers with any number of replies; `who` answers, for people."""
 
     async def handle(body: bytes, respond: Respond) -> None:
+        def say(reply: Reply) -> None:
+            respond(encode(reply))
+
         try:
-            reply = await answer(decode_request(body))
+            await converse(decode_request(body), say)
         except VrError as error:
-            reply = Failed.of(error)
+            say(Failed.of(error))
         except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
-            _log.exception("an answer failed")
-            reply = Failed.of(VrError(detail=f"internal error of the agent asked: {error!r}"))
-        respond(encode(reply))
+            _log.exception("%s: an answer failed", who)
+            say(Failed.of(VrError(detail=f"{who}: internal error: {error!r}")))
 
     return handle
+
+
+def answering(answer: Answer, who: str) -> RequestHandler:
+    """Make a request handler of what answers with one reply; `who` answers, for people."""
+
+    async def converse(request: Request, say: Say) -> None:
+        say(await answer(request))
+
+    return conversing(converse, who)
 
 
 def not_for(role: str, request: Request) -> Garbled:

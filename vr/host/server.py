@@ -74,7 +74,8 @@ class Host:
         """
         self._open = True
         try:
-            self._declared.append(await self._transport.serve(self.address.key, answering(self._answer)))
+            handler = answering(self._answer, self.address.name)
+            self._declared.append(await self._transport.serve(self.address.key, handler))
             self._declared.append(await claim(self._transport, self.address))
         except BaseException:
             await self.close()

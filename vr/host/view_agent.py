@@ -92,7 +92,8 @@ class ViewAgent:
             TransportError: the transport does not work.
         """
         try:
-            self._declared.append(await self._transport.serve(self.address.key, answering(self._answer)))
+            handler = answering(self._answer, self.address.name)
+            self._declared.append(await self._transport.serve(self.address.key, handler))
             self._declared.append(await claim(self._transport, self.address))
             if self._registrar is not None:
                 cameras = {"cameras": ", ".join(self._view.cameras)}

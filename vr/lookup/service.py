@@ -66,7 +66,8 @@ class LookupService:
         try:
             for role in LISTED_ROLES:
                 self._declared.append(await transport.watch(everyone(role), self._seen))
-            self._declared.append(await transport.serve(self.address.key, answering(self._answer)))
+            handler = answering(self._answer, self.address.name)
+            self._declared.append(await transport.serve(self.address.key, handler))
             await self._fill()
             self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
             self._declared.append(await claim(transport, self.address))

@@ -364,7 +364,7 @@ async def test_a_delete_whose_asker_goes_away_is_carried_out_all_the_same(realm:
     await realm.until(lambda: pair.description().busy == "spin")
     asker = realm.network.join("asker")
     deleting = asyncio.create_task(RobotClient(asker, pair.address).delete())
-    await realm.until(lambda: pair.description().busy == "" or not pair._open, within=1.0)
+    await realm.until(lambda: pair.description().busy == "" or not pair.open, within=1.0)
     deleting.cancel()
     for task in pair.transport._tasks:  # as when its own transport is closed
         task.cancel()

@@ -97,7 +97,7 @@ async def test_what_a_view_refuses_travels_and_what_breaks_it_does_not_end_it(ne
     client = ViewClient(network.join(), agent.address)
     with pytest.raises(BadArgument, match="there is no 'roof'"):
         await client.look("roof")
-    with pytest.raises(VrError, match=r"internal error of the agent asked: .*a fault of the view"):
+    with pytest.raises(VrError, match=r"cell: internal error: .*a fault of the view"):
         await client.look(quality=101)
     with pytest.raises(VrError, match="a view does not answer DescribeHost"):
         await ask(network.join(), agent.address.key, DescribeHost(), HostDescribed, timeout=5)
