@@ -57,11 +57,6 @@ class Key:
         self.fingerprint = hashlib.sha256(b"robotree fingerprint" + secret).hexdigest()[:16]
         """Tells keys apart without telling them."""
 
-    @classmethod
-    def of_passphrase(cls, passphrase: str) -> Key:
-        """The key that MAVProxy and QGroundControl make of a passphrase."""
-        return cls(hashlib.sha256(passphrase.encode()).digest())
-
     def __repr__(self) -> str:
         return f"<Key {self.fingerprint}>"
 

@@ -15,21 +15,28 @@ former proxy did, or somebody on another link) is the controller's own: the sess
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     AnyMessage,
+    CommandAck,
     GoalStatus,
     Heartbeat,
     MavAutopilot,
+    MavCmd,
     MavComponent,
     MavState,
     MavType,
+    Message,
     Mode,
     ModeKind,
     SetMode,
 )
+from robotree.protocol.services.command_client import CommandClient
+from robotree.protocol.services.command_client import Effect as CommandEffect
 from robotree.protocol.services.goal_client import GoalClient, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
@@ -90,6 +97,7 @@ class Session:
         component: which part of the supervisor's system speaks; the controller knows goals by it.
         controller: whom to speak to.
         readers: how the telemetry reads.
+        rates: [Hz] at which telemetry is enough, by its kind; the rest comes as the controller sends it.
     """
 
     def __init__(
@@ -98,6 +106,7 @@ class Session:
         component: int = MavComponent.MISSIONPLANNER,
         controller: Target = CONTROLLER,
         readers: Readers = READERS,
+        rates: Mapping[type[Message], float] = MappingProxyType({}),
     ) -> None:
         self.component = component
         self.controller = controller
@@ -111,6 +120,8 @@ class Session:
         """Why frames that arrive are not believed, as one clause; empty: no such frame came."""
         self._open = False
         self._opened_at = -math.inf
+        self._rates = rates
+        self._commands = CommandClient(*controller)
         self._goals = GoalClient(*controller)
         self._heartbeats = HeartbeatSender()
         self._pictures = PictureReceiver()
@@ -180,7 +191,10 @@ class Session:
         before = self.twin.latest(Mode)
         self.twin.hear(message, now)
         if isinstance(message, Heartbeat) and self._open:
-            effects += self._turn(online=True, trouble="")
+            if turned := self._turn(online=True, trouble=""):
+                effects += turned + self._ask_for_rates(now)
+        elif isinstance(message, CommandAck) and frame.is_for(SUPERVISOR_SYSTEM, self.component):
+            effects += _said(self._commands.receive(message, now))
         elif isinstance(message, GoalStatus) and self._for_us(message):
             effects += self._goals.receive(message, now)
         elif isinstance(message, Mode):
@@ -198,6 +212,7 @@ class Session:
         if not self._open:
             return [effect for effect in effects if not isinstance(effect, Send)]
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
+        effects += _said(self._commands.tick(now))
         if now - max(self._opened_at, self.heard_at) >= DEAD:
             effects.append(Redial(self.disbelief or f"nothing came over the link for {DEAD:g} s"))
         return effects + self._insist(now) + self._held_news()
@@ -247,6 +262,15 @@ class Session:
         self.online = online
         return [OnlineChanged(online)]
 
+    def _ask_for_rates(self, now: float) -> list[Effect]:
+        """Rates belong to one connection of one life of the controller, so they are asked for each time."""
+        self._commands = CommandClient(*self.controller)
+        effects: list[Effect] = []
+        for kind, rate in self._rates.items():
+            wish = (kind.codec.definition.id, 1e6 / rate)
+            effects += _said(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
+        return effects
+
     def _compare(self, before: Mode | None, mode: Mode, now: float) -> list[Effect]:
         """The controller has told its mode: is it the one that is wished for?"""
         if self._wish == ModeKind.READY and mode.mode not in HOLDING:
@@ -275,6 +299,11 @@ class Session:
             return []
         self._wished_at = now
         return [Send(SetMode(self._wish_epoch, *self.controller, self._wish))]
+
+
+def _said(effects: Sequence[CommandEffect]) -> list[Effect]:
+    """What a command's way asks to be sent. How it ends changes nothing: who knows no rates sends all."""
+    return [effect for effect in effects if isinstance(effect, Send)]
 
 
 def _heartbeat() -> Heartbeat:

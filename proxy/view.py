@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import MavComponent, PictureRequest
+from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, Message, PictureRequest, Tool
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import Event, Session
@@ -23,6 +23,9 @@ from robotree.vr.errors import BadArgument, CommandFailed
 
 CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
 """Which component of the controller is which camera. The first one is looked through when none is named."""
+RATES: Mapping[type[Message], float] = {Joints: 10.0, Tool: 10.0, LocalPositionNed: 10.0}
+"""[Hz] at which the poses are enough to be read by people; a controller sends them five times as often, and
+on a bus they would take the place of the pictures."""
 ANSWER_WITHIN = 1.5
 """[s] in which a picture begins to come, and goes on to come; else it is asked for again. A busy renderer
 needs 0.2; on a machine that is busy with other things ten times that, and then the first request is answered
@@ -80,7 +83,7 @@ class WorkspaceView:
         """
         self.name = name
         self._answer_within = answer_within
-        self._session = Session(component=MavComponent.ONBOARD_COMPUTER)
+        self._session = Session(component=MavComponent.ONBOARD_COMPUTER, rates=RATES)
         self._connection = Connection(
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )

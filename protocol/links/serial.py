@@ -17,6 +17,7 @@ import os
 from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkError
+from robotree.protocol.frame import LARGEST_FRAME
 from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.serial_port import BAUD, BAUDS, Setting, ended, open_port
 
@@ -32,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 FRESH = 0.05
 """[s] of transmission that the driver may keep; telemetry grows so old at most before it leaves."""
-SMALLEST_RESERVE = 280
+SMALLEST_RESERVE = LARGEST_FRAME
 """[bytes] that the driver may keep however slow the line is: one frame."""
 LOOK = 0.01
 """[s] between two looks whether the driver has sent what it keeps."""

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.links.link import sealed
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
 from robotree.protocol.signing import (
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from robotree.protocol.messages import AnyMessage
 
 SECRET = bytes(range(32))
-KEY, FALSE_KEY = Key(SECRET), Key.of_passphrase("a guess")
+KEY, FALSE_KEY = Key(SECRET), Key(bytes(32))
 NOW = 1_800_000_000.0
 BEAT = Heartbeat(0, 0, 0, 0, 4)
 
@@ -235,7 +236,7 @@ def test_two_ends_with_the_same_key_talk_and_a_third_hears_nothing() -> None:
     one, two, stranger = end(KEY), end(KEY), end(FALSE_KEY)
     sent: list[bytes] = []
     for speaker in (one, stranger):
-        speaker.link.send = lambda frame, _=None: sent.append(frame)  # type: ignore[method-assign,misc]  # tap the wire
+        speaker.link.send = lambda frame, _=None: sent.append(sealed(frame))  # type: ignore[method-assign,misc]  # tap the wire
         speaker.send(Gripper(1, 0.0, 0.0, 0.0, 0))
     two.received(b"".join(sent))
     assert len(sent) == 2
@@ -246,7 +247,7 @@ def test_a_key_shows_itself_to_nobody() -> None:
     shown = repr(KEY) + repr(SetupSigning(1, 1, SECRET, 0)) + repr(Frame.of(SetupSigning(1, 1, SECRET, 0)))
     assert SECRET.hex() not in shown
     assert repr(SECRET)[2:-1] not in shown
-    assert KEY.fingerprint != Key.of_passphrase("x").fingerprint
+    assert KEY.fingerprint != FALSE_KEY.fingerprint
     with pytest.raises(TypeError, match="never stored"):
         copy.copy(KEY)
     with pytest.raises(ValueError, match="has 32 bytes, not 5; make a new one"):

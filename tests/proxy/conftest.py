@@ -168,8 +168,8 @@ class Controller:
 class Talk:
     """A session and a controller on a loopback link, in time that passes by hand."""
 
-    def __init__(self, accidents: Accidents | None = None) -> None:
-        self.session = Session()
+    def __init__(self, accidents: Accidents | None = None, session: Session | None = None) -> None:
+        self.session = session or Session()
         self.controller = Controller()
         self.events: list[SessionEffect] = []
         self.redials: list[Redial] = []

@@ -7,11 +7,26 @@ from typing import Any
 import pytest
 
 from robotree.protocol.links.loopback import Accidents
-from robotree.protocol.messages import Goal, GoalState, Heartbeat, ModeKind, Reason, SetMode, Verb
+from robotree.protocol.messages import (
+    CommandAck,
+    CommandLong,
+    Goal,
+    GoalState,
+    Heartbeat,
+    Joints,
+    MavCmd,
+    MavResult,
+    ModeKind,
+    Reason,
+    SetMode,
+    Tool,
+    Verb,
+)
+from robotree.protocol.services.command_client import RESEND
 from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.motion import Request
-from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged
+from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged, Session
 
 Talk = Any
 GRIP = Request(Verb.GRIP, (0.02,))
@@ -294,3 +309,37 @@ def test_what_is_heard_is_remembered_beyond_the_end_of_the_link(talk: Talk) -> N
     readings = talk.session.twin.readings(talk.now)
     assert readings["x"] == pytest.approx(0.1)
     assert readings["age"] == pytest.approx(5.0, abs=0.1)
+
+
+def asked(talk: Talk) -> list[CommandLong]:
+    return [message for message in talk.controller.heard if isinstance(message, CommandLong)]
+
+
+def test_telemetry_that_is_wanted_less_often_is_asked_for_at_that_rate_on_every_link(
+    make_talk: type[Talk],
+) -> None:
+    talk = make_talk(session=Session(rates={Tool: 10.0, Joints: 4.0}))
+    tool, joints = (kind.codec.definition.id for kind in (Tool, Joints))
+    talk.wait(0.2)
+    (first,) = asked(talk)
+    assert (first.command, first.param1, first.param2) == (MavCmd.SET_MESSAGE_INTERVAL, tool, 100_000.0)
+    talk.wait(RESEND)
+    assert [each.param1 for each in asked(talk)] == [tool, tool], "what nobody answers is said again"
+    talk.controller.say(CommandAck(MavCmd.SET_MESSAGE_INTERVAL, MavResult.DENIED, 0, 0, 255, 42))
+    talk.wait(0.1)
+    assert len(asked(talk)) == 2, "that was the answer to somebody else"
+    for _ in range(2):
+        talk.controller.say(CommandAck(MavCmd.SET_MESSAGE_INTERVAL, MavResult.DENIED, 0, 0, 255, 190))
+        talk.wait(0.1)
+    assert [each.param1 for each in asked(talk)] == [tool, tool, joints]
+    talk.wait(10.0)
+    assert len(asked(talk)) == 3
+    talk.cut()
+    talk.connect()
+    talk.wait(0.2)
+    assert [each.param1 for each in asked(talk)[3:]] == [tool]
+
+
+def test_a_proxy_takes_all_telemetry_as_it_comes(talk: Talk) -> None:
+    talk.wait(2.0)
+    assert asked(talk) == []

@@ -6,6 +6,7 @@ import asyncio
 import io
 import random
 from collections.abc import AsyncIterator
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -13,9 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from robotree.protocol.links.url import listen
-from robotree.protocol.messages import PictureRequest
+from robotree.protocol import Parser
+from robotree.protocol.links.link import Accept, Handler, Link
+from robotree.protocol.links.url import connect, listen
+from robotree.protocol.messages import PictureRequest, Tool
 from robotree.protocol.services.picture import split
+from robotree.proxy.connection import Connection, Dial
+from robotree.proxy.session import Session
 from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, Wish, WorkspaceView
 from robotree.sim.server import serving
 from robotree.vr.errors import BadArgument, CommandFailed
@@ -173,3 +178,40 @@ async def test_the_simulated_cell_shows_itself_and_tells_its_readings() -> None:
                 assert len(picture.getcolors(160 * 90) or []) > 50, "there is something to be seen"
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_a_view_has_its_poses_sent_ten_times_a_second_and_a_proxy_beside_it_all_of_them() -> None:
+    heard: dict[str, list[int]] = {"view": [], "proxy": []}
+
+    def listening(who: str) -> Dial:
+        async def dial(url: str, accept: Accept) -> Link:
+            return await connect(url, lambda link: Tap(accept(link), heard[who]))
+
+        return dial
+
+    async with serving("arm", "tcp:127.0.0.1:0") as server:
+        view = WorkspaceView("cell", server.address, dial=listening("view"))
+        proxy = Connection(server.address, Session(), on_event=lambda _: None, dial=listening("proxy"))
+        running = [asyncio.create_task(each.run()) for each in (view, proxy)]
+        await until(lambda: gaps(heard["view"])[-5:] == [100] * 5, "the view's rate is the one it wants")
+        await until(lambda: gaps(heard["proxy"])[-5:] == [20] * 5, "and the proxy's is its own")
+        for each in running:
+            each.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+class Tap:
+    """Notes the moments [ms] of the poses that a handler hears."""
+
+    def __init__(self, handler: Handler, moments: list[int]) -> None:
+        self._handler, self._moments, self._parser = handler, moments, Parser()
+        self.closed = handler.closed
+
+    def received(self, data: bytes) -> None:
+        poses = [frame.message for frame in self._parser.feed(data) if isinstance(frame.message, Tool)]
+        self._moments += [pose.time_boot_ms for pose in poses]
+        self._handler.received(data)
+
+
+def gaps(moments: list[int]) -> list[int]:
+    return [later - earlier for earlier, later in pairwise(moments)]

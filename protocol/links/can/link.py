@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
-from robotree.protocol.isotp import LARGEST, Channel, ChannelStatistics
+from robotree.protocol.isotp import LARGEST, Channel
 from robotree.protocol.isotp.frames import is_flow_control
 from robotree.protocol.links.can.control import Code, Control, Presence
 from robotree.protocol.links.can.identifiers import Kind, Priority, identifier
@@ -100,11 +100,6 @@ class CanLink:
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
         return self._outbox.statistics()
-
-    @property
-    def transfers(self) -> ChannelStatistics:
-        """The gauges of ISO-TP: what was malformed, out of sequence, given up."""
-        return self._channel.statistics
 
     def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""

@@ -356,8 +356,9 @@ async def test_frames_that_are_not_for_us_are_counted(here: CanAddress) -> None:
             await until(lambda: listener.statistics.foreign == 2)
             (far,) = listener.links
             assert isinstance(far, CanLink)
-            await until(lambda: far.transfers.malformed == 2)
-            assert far.transfers.receiver.unexpected == far.transfers.sender.unexpected == 1
+            transfers = far._channel
+            await until(lambda: transfers.statistics.malformed == 2)
+            assert transfers.statistics.receiver.unexpected == transfers.statistics.sender.unexpected == 1
             link.send(b"undisturbed")
             await until(lambda: at_controller.recorders[0].data == b"undisturbed")
 
