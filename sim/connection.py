@@ -63,6 +63,7 @@ class Connection:
             **self._seals,
         )
         self._controller, self._darkroom, self._leave, self._rotated = controller, darkroom, leave, rotated
+        self._stops: int | None = None
         self.spoken = False
         """Whether an intact frame has come."""
         self._wanted: dict[int, PictureRequest] = {}
@@ -81,6 +82,15 @@ class Connection:
     def pattern(self) -> str:
         """Names the links that have their key together with this one; empty: it has none."""
         return self._security.pattern(self.endpoint.link.address)
+
+    def received(self, data: bytes, stops: int | None) -> None:
+        """Bytes came; where they waited, how many stops had arrived when they began to."""
+        self._stops = stops
+        self.endpoint.received(data)
+
+    def closed(self, reason: LinkError) -> None:
+        """The link has ended."""
+        self.endpoint.closed(reason)
 
     def reseal(self) -> None:
         """Sign, and hear, with the key that the link has now."""
@@ -108,7 +118,7 @@ class Connection:
             self._set_up(frame, message)
             return
         if not isinstance(message, PictureRequest):
-            self._controller.post(frame, self.endpoint)
+            self._controller.post(frame, self.endpoint, self._stops)
             return
         ours = (
             message.target_system == self.endpoint.system

@@ -25,12 +25,22 @@ class Controller:
         self.cell, self.firmware, self.cameras = cell, firmware, cameras
         self._intake = Intake(firmware.system)
 
-    def post(self, frame: Frame, via: Hashable) -> None:
+    @property
+    def stops(self) -> int:
+        """How many stops have arrived so far, on all links."""
+        return self._intake.stops
+
+    def post(self, frame: Frame, via: Hashable, stops: int | None = None) -> None:
         """Leave a frame that came over the link `via`, to be heard before the next batch. From any thread.
 
         A link that brings more than its share loses some; see `intake`.
+
+        Args:
+            frame: intact.
+            via: the link.
+            stops: how many stops had arrived when its bytes came, if they waited since.
         """
-        self._intake.put(frame, via)
+        self._intake.put(frame, via, stops)
 
     def greet(self, via: Hashable) -> None:
         """A link `via` was opened; who is on it is told at once what this is. From any thread."""

@@ -1,9 +1,8 @@
 """Keeping a controller in step with the wall clock, in a thread of its own.
 
-Deadlines are absolute, one per batch, so a late wake-up is made good by the next batches and the simulated
-second stays as long as the real one. Physics and control run in lock step on simulated time, so jitter of the
-thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped and
-counted, not caught up.
+Deadlines are absolute, one per batch (`pacer`). Physics and control run in lock step on simulated time, so
+jitter of the thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is
+dropped and counted, not caught up.
 """
 
 import threading
@@ -15,35 +14,10 @@ from typing import Final
 from robotree.sim.cell import BATCH
 from robotree.sim.controller import Controller
 from robotree.sim.firmware import Outgoing
+from robotree.sim.pacer import Pacer
 
-LARGEST_DEBT: Final = 0.25
-"""[s] behind the wall clock that is still made good."""
 LOAD_SHARE: Final = 0.01
 """Share of the latest batch in the load that is told: a time constant of half a second."""
-
-
-class Pacer:
-    """When the next batch is due. Pure: `now` comes from the caller.
-
-    Args:
-        period: of one batch [s].
-        now: the wall clock [s].
-    """
-
-    def __init__(self, period: float, now: float) -> None:
-        self._period = period
-        self._due = now
-        self.dropped = 0.0
-        """[s] of debt that was dropped so far."""
-
-    def wait(self, now: float) -> float:
-        """After a batch: how long to sleep before the next one [s], not below 0."""
-        self._due += self._period
-        debt = now - self._due
-        if debt > LARGEST_DEBT:
-            self.dropped += debt
-            self._due = now
-        return max(-debt, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

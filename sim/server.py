@@ -43,7 +43,7 @@ class Server:
         self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
-        self._garbled = 0
+        self._garbled = self._lost = 0
         self._darkroom = Darkroom(controller)
         self.address = ""
         """Where it listens, with the port that was really taken."""
@@ -82,7 +82,7 @@ class Server:
             connection.refuse(f"{LARGEST_CROWD} clients are served already; end one of them.")
         else:
             self._connections[connection.endpoint] = connection
-        return Throttled(link, connection.endpoint, self._share)
+        return Throttled(link, connection, self._share, lambda: self._controller.stops, self._lose)
 
     def _share(self) -> float:
         """[bytes/s] that one of the clients may send for long."""
@@ -92,6 +92,9 @@ class Server:
         """End the threads."""
         self._realtime.close()
         self._darkroom.close()
+
+    def _lose(self) -> None:
+        self._lost += 1
 
     def _left(self, connection: Connection) -> None:
         self._connections.pop(connection.endpoint, None)
@@ -117,7 +120,8 @@ class Server:
 
     def _deliver(self, out: list[Outgoing]) -> None:
         now = sum(connection.garbled for connection in self._connections.values())
-        self._controller.firmware.gauges.garbled = self._garbled + now
+        gauges = self._controller.firmware.gauges
+        gauges.garbled, gauges.lost = self._garbled + now, self._lost
         for outgoing in out:
             if outgoing.via is None:
                 for connection in self._connections.values():

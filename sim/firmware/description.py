@@ -53,6 +53,8 @@ class Gauges:
         """Share of the time of a batch that computing it takes."""
         self.overrun = 0
         """Frames that were dropped because their link brought more than the controller hears."""
+        self.lost = 0
+        """Datagrams that were lost unread because their link brought more than its share."""
         self.garbled = 0
         """What came over the links and was no frame, no message that we know, or not signed as it must be."""
 
@@ -77,9 +79,9 @@ def system_time(identity: Identity, now: int) -> SystemTime:
 def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
     """Load and counters; there is no battery.
 
-    `errors_comm` counts what the links brought in vain: frames beyond what is heard of one link, and what
-    was no frame, unknown, or not signed as it must be; `errors_count1` to `errors_count4` count set-points:
-    late, of an old epoch, overtaken, refused or of an ended stream.
+    `errors_comm` counts what the links brought in vain: frames beyond what is heard of one link, what
+    was lost unread, and what was no frame, unknown, or not signed as it must be; `errors_count1` to
+    `errors_count4` count set-points: late, of an old epoch, overtaken, refused or of an ended stream.
     """
     counts = (setpoints.late, setpoints.stale, setpoints.overtaken, setpoints.refused + setpoints.ended)
     return SysStatus(
@@ -91,6 +93,6 @@ def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
         -1,
         -1,
         0,
-        min(gauges.overrun + gauges.garbled, _LARGEST),
+        min(gauges.overrun + gauges.lost + gauges.garbled, _LARGEST),
         *(min(count, _LARGEST) for count in counts),
     )

@@ -13,7 +13,8 @@ from robotree.protocol.messages import Heartbeat, LocalPositionNed
 from robotree.sim.controller import Controller
 from robotree.sim.firmware import Outgoing
 from robotree.sim.kinds import kind
-from robotree.sim.realtime import LARGEST_DEBT, Pacer, RealTime
+from robotree.sim.pacer import LARGEST_DEBT, Pacer
+from robotree.sim.realtime import RealTime
 
 PERIOD = 0.005
 

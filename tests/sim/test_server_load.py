@@ -32,7 +32,7 @@ from robotree.protocol.messages import (
     SetMode,
     Statustext,
 )
-from robotree.sim.realtime import LARGEST_DEBT
+from robotree.sim.pacer import LARGEST_DEBT
 from robotree.sim.server import LARGEST_CROWD, Server, serving
 
 ANY = "tcp:127.0.0.1:0"
