@@ -116,42 +116,42 @@ def state_of(path: Path) -> State:
 
 
 @contextmanager
-def alone(path: Path, patience: float | None = None) -> Generator[None]:
+def alone(path: Path, patience: float) -> Generator[None]:
     """Let no other program change a file, or what lies beside it, inside the block.
 
     Args:
         path: of the file.
-        patience: [s] to wait for the others; None: as long as it takes.
+        patience: [s] to wait for the others, who may be stopped and never let go.
 
     Yields:
         Nothing.
 
     Raises:
-        OSError: it cannot be opened, or the others take longer.
+        OSError: it cannot be opened.
+        KeyFileError: the others take longer.
     """
+    ends = time.monotonic() + patience
     while True:
         with path.open("rb") as ours:
-            _lock(ours.fileno(), patience)  # let go when the file is closed, or we are killed
+            if not _lock(ours.fileno(), ends):  # let go when the file is closed, or we are killed
+                problem = f"another program has held it for {patience:g} s; let that go on, or end it"
+                raise KeyFileError(path, f"{problem} (fuser {path} names it)")
             if os.path.samestat(os.fstat(ours.fileno()), path.stat()):
                 yield
                 return
         # While we waited the file was replaced by another one, which others may have locked.
 
 
-def _lock(descriptor: int, patience: float | None) -> None:
-    if patience is None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        return
-    ends = time.monotonic() + patience
+def _lock(descriptor: int, ends: float) -> bool:
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() > ends:
-                raise
+                return False
             time.sleep(_LOOK)
         else:
-            return
+            return True
 
 
 def replace(path: Path, text: str) -> None:

@@ -33,6 +33,8 @@ PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
 LOCK_PATIENCE = 0.25
 """[s] in which other programs must let go of the file before a key can be replaced; they hold it for ms."""
+PERSIST_PATIENCE = 2.0
+"""[s] in which they must let go of it before the time is given up."""
 
 
 class Keyring:
@@ -40,13 +42,14 @@ class Keyring:
 
     Args:
         path: the file, readable and writable by nobody but us.
+        patience: [s] in which other programs must let go of it before `persist` gives up.
 
     Raises:
         KeyFileError: others can read it, or a line makes no sense.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, patience: float = PERSIST_PATIENCE) -> None:
+        self._path, self._patience = path, patience
         self._time_path = path.with_name(f"{path.name}.time")
         content = read(path)
         self._state = content.state
@@ -124,13 +127,13 @@ class Keyring:
     def persist(self, last: int) -> None:
         """Remember the signing time; call it every `PERSIST_PERIOD` and at the end.
 
-        A later time that another program persisted stays.
+        A later time that another program persisted stays. Waits for other programs: not for an event loop.
 
         Raises:
-            KeyFileError: it cannot be kept.
+            KeyFileError: it cannot be kept, or another program does not let go of the file.
         """
         try:
-            with alone(self._path):
+            with alone(self._path, self._patience):
                 self._keep(last)
         except OSError as error:
             raise KeyFileError(self._time_path, f"cannot keep the signing time: {error.strerror}") from error

@@ -185,6 +185,8 @@ class Security:
     def persist(self, moment: int | None = None) -> None:
         """Remember the time, so that a wall clock that is set back does no harm after a restart.
 
+        Waits for other programs that use the file: not for an event loop.
+
         Args:
             moment: a signing time; None: now. Given one, any thread may call this.
 
@@ -213,11 +215,13 @@ async def persisting(security: Security, period: float = PERSIST_PERIOD) -> Asyn
             except KeyFileError as error:  # the disk may be full for a while; the links must go on
                 _log.warning("%s", error)
 
-    security.persist()  # a folder where nothing can be kept is told before anything is opened
+    # A folder where nothing can be kept is told before anything is opened. In a thread, here and at the end,
+    # because another program may hold the file: the loop has robots to stop meanwhile.
+    await asyncio.to_thread(security.persist, security.now)
     keeping = asyncio.get_running_loop().create_task(persist_on(), name="signing time")
     try:
         yield security
     finally:
         keeping.cancel()
         await asyncio.gather(keeping, return_exceptions=True)
-        security.persist()
+        await asyncio.to_thread(security.persist, security.now)

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
+import os
+import signal
+import sys
+from subprocess import PIPE, Popen
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,6 +21,7 @@ from robotree.protocol.messages import Heartbeat, Timesync
 from robotree.protocol.signing import EPOCH, LARGEST_LEAD, UNITS, Key, Signer, SigningTime
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from robotree.protocol.links.link import Link
@@ -173,6 +179,56 @@ async def test_a_place_where_time_cannot_be_kept_is_told_at_once(keys: Path) -> 
     with pytest.raises(KeyFileError, match="cannot keep"):
         async with persisting(Security(Keyring(keys), lambda: NOW)):
             pytest.fail("nothing is opened")
+
+
+HOLDER = """
+import fcntl, os, signal, sys
+with open(sys.argv[1], "rb") as file:
+    fcntl.flock(file, fcntl.LOCK_EX)
+    print("held", flush=True)
+    os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+@pytest.fixture
+def stopped(keys: Path) -> Iterator[Popen[str]]:
+    """A program that was stopped while it held the key file."""
+    with Popen([sys.executable, "-c", HOLDER, str(keys)], stdout=PIPE, text=True) as holder:
+        assert holder.stdout
+        assert holder.stdout.readline() == "held\n"
+        os.waitid(os.P_PID, holder.pid, os.WSTOPPED | os.WNOWAIT)
+        yield holder
+        holder.kill()
+
+
+async def test_a_stopped_program_that_holds_the_keys_keeps_no_other_from_saying_so(
+    keys: Path, stopped: Popen[str]
+) -> None:
+    turns = 0
+
+    async def turn() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0.001)
+
+    turning = asyncio.create_task(turn())
+    with pytest.raises(KeyFileError) as told:
+        async with persisting(Security(Keyring(keys, patience=0.2), lambda: NOW)):
+            pytest.fail("nothing is opened")
+    assert turns > 20, "the loop turns while the file is waited for"
+    turning.cancel()
+    sentence = f"another program has held it for 0.2 s; let that go on, or end it (fuser {keys} names it)"
+    assert str(told.value) == f"{keys}: {sentence}"
+    stopped.send_signal(signal.SIGCONT)
+    async with persisting(Security(Keyring(keys), lambda: NOW)):
+        pass
+
+
+async def test_a_program_that_is_stopped_meanwhile_lets_the_others_end(keys: Path) -> None:
+    with pytest.raises(KeyFileError, match="another program has held it"), keys.open("rb") as held:
+        async with persisting(Security(Keyring(keys, patience=0.05), lambda: NOW)):
+            fcntl.flock(held, fcntl.LOCK_EX)
 
 
 LINK = "tcp:127.0.0.1:40000"
