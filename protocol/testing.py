@@ -114,6 +114,32 @@ async def check_link(
     assert len(at_far.reasons) == 1, "the end is told exactly once"  # noqa: S101
 
 
+async def check_close_in_accept(dial: Dial, settle: Settle) -> None:
+    """Examine a link whose handler sends a word and hangs up before it hears anything.
+
+    Args:
+        dial: opens one; the end that is examined is the one that it hands to what it is given.
+        settle: waits until everything has arrived.
+
+    Raises:
+        AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
+    """
+    recorders: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        recorders.append(Recorder(link))
+        link.send(b"you are not served")
+        link.close()
+        link.close()
+        return recorders[-1]
+
+    await dial(accept)
+    await settle()
+    assert len(recorders) == 1, "the end is accepted once"  # noqa: S101
+    (recorder,) = recorders
+    await _check_end(recorder.link, recorder, settle)
+
+
 async def check_refused(dial: Dial) -> LinkRefused:
     """Examine what is said of a link that cannot be had.
 

@@ -50,7 +50,6 @@ class SerialLink:
     Args:
         port: open, and ours alone.
         setting: what it was opened as.
-        accept: hears of the link.
         on_end: told when the link has ended, before its handler.
     """
 
@@ -58,7 +57,6 @@ class SerialLink:
         self,
         port: Serial,
         setting: Setting,
-        accept: Accept,
         on_end: Callable[[], None] = lambda: None,
     ) -> None:
         self.address = str(setting)
@@ -70,13 +68,21 @@ class SerialLink:
         """The end of a frame whose beginning the driver has."""
         self._full = False
         self._timer: asyncio.TimerHandle | None = None
-        self._over = False
+        self._reason: LinkError | None = None
+        self._handler: Handler | None = None
+
+    def begin(self, accept: Accept) -> None:
+        """Let somebody hear the link; who closes it at once is told of the end at once, too."""
         try:
-            self._handler: Handler = accept(self)
+            handler = accept(self)
         except BaseException:
-            port.close()
+            self.close()
             raise
-        self._loop.add_reader(self._descriptor, self._readable)
+        self._handler = handler
+        if self._reason is not None:
+            handler.closed(self._reason)
+        else:
+            self._loop.add_reader(self._descriptor, self._readable)
 
     @property
     def congested(self) -> bool:
@@ -90,7 +96,7 @@ class SerialLink:
 
     def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
-        if self._over:
+        if self._reason is not None:
             self._outbox.dropped += 1
             return
         self._outbox.put(frame, topic)
@@ -106,7 +112,7 @@ class SerialLink:
 
     def _has_room(self) -> bool:
         """Whether the driver has so little that a frame would leave soon."""
-        if self._over or self._full:
+        if self._reason is not None or self._full:
             return False
         try:
             return self._port.out_waiting <= self._reserve
@@ -115,7 +121,7 @@ class SerialLink:
 
     def _pump(self) -> None:
         """Hand over what waits, as far as it leaves soon."""
-        while not self._over and not self._full:
+        while self._reason is None and not self._full:
             if not self._rest:
                 if not self._outbox.waiting:
                     return
@@ -161,7 +167,7 @@ class SerialLink:
         except OSError as error:
             self._end(LinkBroken(self.address, ended(error)))
             return
-        if data:
+        if data and self._handler is not None:
             self._outbox.received += len(data)
             self._handler.received(data)
         else:  # what a port says, again and again, whose adapter is gone
@@ -170,9 +176,9 @@ class SerialLink:
     # -- the end -----------------------------------------------------------------------------------
 
     def _end(self, reason: LinkError) -> None:
-        if self._over:
+        if self._reason is not None:
             return
-        self._over = True
+        self._reason = reason
         self._loop.remove_reader(self._descriptor)
         self._loop.remove_writer(self._descriptor)
         if self._timer is not None:
@@ -180,7 +186,8 @@ class SerialLink:
         with contextlib.suppress(OSError):  # the port may be gone already
             self._port.close()
         self._on_end()
-        self._handler.closed(reason)
+        if self._handler is not None:
+            self._handler.closed(reason)
 
 
 class SerialListener:
@@ -210,7 +217,8 @@ class SerialListener:
         if self._closing:
             port.close()
             return
-        self._link = SerialLink(port, self._setting, self._accept, self._ended)
+        self._link = link = SerialLink(port, self._setting, self._ended)
+        link.begin(self._accept)
 
     async def close(self) -> None:
         """Leave the port and end its link."""
@@ -245,7 +253,9 @@ async def connect(setting: Setting, accept: Accept) -> Link:
         LinkRefused: it cannot be had.
         BadUrl: it has no such speed.
     """
-    return SerialLink(await open_port(setting), setting, accept)
+    link = SerialLink(await open_port(setting), setting)
+    link.begin(accept)
+    return link
 
 
 async def listen(setting: Setting, accept: Accept, again: float = AGAIN) -> Listener:

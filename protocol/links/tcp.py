@@ -58,7 +58,7 @@ class TcpLink(asyncio.Protocol):
 
     def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
-        if self._transport is None or self._reason is not None:
+        if self._transport is None or self._reason is not None or self._transport.is_closing():
             self._outbox.dropped += 1
         elif not self._paused:
             self._transport.write(self._outbox.leave(frame))
@@ -122,7 +122,7 @@ class TcpLink(asyncio.Protocol):
     def resume_writing(self) -> None:
         """Asyncio tells: the far end has read."""
         self._paused = False
-        while self._transport is not None and not self._paused:
+        while self._transport is not None and not self._paused and not self._transport.is_closing():
             frame = self._outbox.pop()
             if frame is None:
                 return

@@ -1,7 +1,8 @@
 """MAVLink over UDP: one frame per datagram.
 
 A datagram link knows no beginning and no end. Who connects speaks into the void until somebody answers; who
-listens opens a link for every address that speaks, and ends it when it has been silent for a minute.
+listens opens a link for every address that speaks, and ends it when it has been silent for a minute, or for a
+few seconds when its place is needed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ SILENCE = 60.0
 SWEEP = 5.0
 """[s] between two looks for silent addresses."""
 LARGEST_CROWD = 128
-"""Links of one listener; datagrams from further addresses are passed over."""
+"""Links of one listener. Where there are so many, the address that has been silent for the longest time makes
+room if it has been for `LINGER`; else datagrams from further addresses are passed over."""
+LINGER = 5.0
+"""[s] that a silent address keeps a place that another one needs: several heartbeats missed."""
 
 
 Address = tuple[Any, ...]
@@ -35,14 +39,25 @@ Address = tuple[Any, ...]
 class UdpLink:
     """One address that we exchange datagrams with. Made by `connect` and `listen`."""
 
-    def __init__(self, carrier: _Carrier, remote: Address | None, address: str, accept: Accept) -> None:
+    def __init__(self, carrier: _Carrier, remote: Address | None, address: str) -> None:
         self.address = address
         self._carrier, self._remote = carrier, remote
         self._outbox = Outbox()
-        self._over = False
+        self._reason: LinkError | None = None
         self.heard = asyncio.get_running_loop().time()
         """When the last datagram came, [s] on the loop's clock."""
-        self._handler: Handler = accept(self)
+        self._handler: Handler | None = None
+
+    def begin(self, accept: Accept) -> None:
+        """Let somebody hear the link; who closes it at once is told of the end at once, too."""
+        try:
+            handler = accept(self)
+        except BaseException:
+            self.close()
+            raise
+        self._handler = handler
+        if self._reason is not None:
+            handler.closed(self._reason)
 
     @property
     def congested(self) -> bool:
@@ -56,7 +71,7 @@ class UdpLink:
 
     def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
-        if self._over:
+        if self._reason is not None:
             self._outbox.dropped += 1
         elif self._carrier.paused:
             self._outbox.put(frame, topic)
@@ -73,8 +88,9 @@ class UdpLink:
     def receive(self, data: bytes, now: float) -> None:
         """A datagram came from our address."""
         self.heard = now
-        self._outbox.received += len(data)
-        self._handler.received(data)
+        if self._handler is not None and self._reason is None:
+            self._outbox.received += len(data)
+            self._handler.received(data)
 
     def close(self) -> None:
         """End the link; the far end is not told."""
@@ -82,14 +98,18 @@ class UdpLink:
 
     def end(self, reason: LinkError) -> None:
         """End the link with a reason."""
-        if not self._over:
-            self._over = True
+        if self._reason is None:
+            self._reason = reason
             self._carrier.forget(self, self._remote)
-            self._handler.closed(reason)
+            if self._handler is not None:
+                self._handler.closed(reason)
 
 
 class _Carrier(asyncio.DatagramProtocol):
-    """One socket and its links, by remote address; None is the address of a connected socket."""
+    """One socket and its links, by remote address, the one heard last at the end.
+
+    None is the address of a connected socket.
+    """
 
     def __init__(self, accept: Accept, *, connected: bool) -> None:
         self._accept, self._connected = accept, connected
@@ -103,19 +123,32 @@ class _Carrier(asyncio.DatagramProtocol):
         if not self._connected:
             self._look_for_silence()
 
-    def open(self, address: str) -> UdpLink:
-        """The only link of a connected socket."""
-        link = self.links[None] = UdpLink(self, None, address, self._accept)
+    def open(self, remote: Address | None, address: str) -> UdpLink:
+        """A link to an address."""
+        link = self.links[remote] = UdpLink(self, remote, address)
+        link.begin(self._accept)
         return link
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
-        key = None if self._connected else addr
-        link = self.links.get(key)
-        if link is None:
-            if self._connected or len(self.links) >= LARGEST_CROWD:
-                return
-            link = self.links[key] = UdpLink(self, addr, name("udp", addr), self._accept)
-        link.receive(data, asyncio.get_running_loop().time())
+        now = asyncio.get_running_loop().time()
+        if self._connected:
+            link = self.links.get(None)
+        elif (link := self.links.pop(addr, None)) is not None:
+            self.links[addr] = link
+        elif self._has_room(now):
+            link = self.open(addr, name("udp", addr))
+        if link is not None:
+            link.receive(data, now)
+
+    def _has_room(self, now: float) -> bool:
+        """Whether another address can have a place; who is silent gives way."""
+        if len(self.links) < LARGEST_CROWD:
+            return True
+        oldest = next(iter(self.links.values()))
+        if (silent := now - oldest.heard) < LINGER:
+            return False
+        oldest.end(LinkBroken(oldest.address, f"silent for {silent:.1f} s while another needed its place"))
+        return True
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there now; somebody may later."""
@@ -191,7 +224,7 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     except OSError as error:
         raise LinkRefused(address, cause(error)) from error
     try:
-        return carrier.open(address)
+        return carrier.open(None, address)
     except BaseException:
         carrier.close()
         raise

@@ -13,7 +13,7 @@ import pytest
 
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.url import SCHEMES, connect, listen
-from robotree.protocol.testing import check_link, check_refused, until
+from robotree.protocol.testing import Recorder, check_close_in_accept, check_link, check_refused, until
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Link, Listener
@@ -85,6 +85,45 @@ async def test_loopback_keeps_the_laws() -> None:
         networks[0].advance()
 
     await check_link(make_pair, settle, congests=False)
+
+
+@pytest.mark.parametrize("end", ["who listens", "who connects"])
+@pytest.mark.parametrize("scheme", sorted(SCHEMES))
+async def test_a_link_may_be_closed_before_it_is_accepted(
+    scheme: str, end: str, make_cable: Callable[[], Any]
+) -> None:
+    async with AsyncExitStack() as stack:
+        here, there = f"{scheme}:0", ""
+        if scheme == "can":
+            here = bus("robotree/?fd=1")
+        elif scheme == "serial":
+            cable = make_cable()
+            here, there = cable.url(1), cable.url(0)
+
+        async def dial(accept: Accept) -> None:
+            near, far = (Recorder, accept) if end == "who listens" else (accept, Recorder)
+            listener = await listen(here, far)
+            stack.push_async_callback(listener.close)
+            link = await connect(there or listener.address, near)
+            stack.callback(link.close)
+            link.send(b"a word, for nobody is known before")
+            if end == "who listens":
+                await asyncio.sleep(0.05)
+                assert listener.links == frozenset(), "what has ended is not open"
+
+        await check_close_in_accept(dial, lambda: asyncio.sleep(0.06))
+
+
+async def test_an_end_of_the_loopback_may_be_closed_before_it_is_accepted() -> None:
+    networks: list[Loopback] = []
+
+    async def dial(accept: Accept) -> None:
+        networks.append(Loopback(Recorder, accept))
+
+    async def settle() -> None:
+        networks[0].advance()
+
+    await check_close_in_accept(dial, settle)
 
 
 NOBODY = {

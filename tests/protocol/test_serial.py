@@ -218,7 +218,8 @@ async def test_on_a_slow_line_telemetry_waits_where_it_is_superseded_not_in_the_
     # The kernel carries bytes from one end to the other in its own time.
     asyncio.get_running_loop().add_reader(far, lambda: heard.extend(ear.feed(os.read(far, 4096))))
     port = SlowDriver(os.ttyname(near), 57600, timeout=0, write_timeout=0, exclusive=True)
-    link = serial.SerialLink(port, serial_port.Setting(os.ttyname(near)), Recorder)
+    link = serial.SerialLink(port, serial_port.Setting(os.ttyname(near)))
+    link.begin(Recorder)
     speaker = Endpoint(link, system=1, component=1, on_frame=lambda _: None)
     ack = GoalStatus(7, 1, 0.0, 0, 0, 1, 1, 2, "there")
     speaker.send(joints(0), telemetry=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -93,6 +94,25 @@ async def test_a_slow_reader_costs_nothing_but_its_own_telemetry() -> None:
     assert parser.statistics.skipped == 0
     assert len(read) < 2 * rounds
     slow.socket.close()
+    await listener.close()
+
+
+async def test_what_is_said_to_a_client_that_has_reset_is_dropped_without_a_word_in_the_log(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    client = Silent(listener.address)
+    await until(lambda: server.endpoints)
+    link = server.endpoints[0].link
+    client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    client.socket.close()
+    for _ in range(100):  # the loop does not turn, so nobody has told us of the end yet
+        link.send(b"telemetry")
+    assert link.statistics.dropped > 90
+    await until(lambda: server.reasons)
+    assert isinstance(server.reasons[0], LinkBroken)
+    assert not [record for record in caplog.records if record.name == "asyncio"]
     await listener.close()
 
 

@@ -104,6 +104,51 @@ async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     await listener.close()
 
 
+async def test_an_address_that_is_silent_gives_its_place_to_one_that_speaks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
+    monkeypatch.setattr(udp, "LINGER", 0.05)
+    heard: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        heard.append(Recorder(link))
+        return heard[-1]
+
+    listener = await listen("udp:0", accept)
+    first, *others = [await connect(listener.address, Recorder) for _ in range(4)]
+    for link in (first, *others[:2]):
+        link.send(b"x")
+    await until(lambda: len(heard) == 3)
+    for _ in range(20):
+        first.send(b"y")
+        await asyncio.sleep(0.005)
+    others[2].send(b"new")
+    await until(lambda: len(heard) == 4)
+    assert heard[3].data == b"new"
+    assert [len(each.reasons) for each in heard] == [0, 1, 0, 0], "who has been silent for longest makes room"
+    assert "needed its place" in str(heard[1].reasons[0])
+    for link in (first, *others):
+        link.close()
+    await listener.close()
+
+
+async def test_a_handler_that_cannot_be_made_for_a_newcomer_leaves_no_link() -> None:
+    failures: list[object] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context["exception"]))
+
+    def accept(_: Link) -> Recorder:
+        raise RuntimeError("out of order")
+
+    listener = await listen("udp:0", accept)
+    link = await connect(listener.address, Recorder)
+    link.send(b"x")
+    await until(lambda: failures)
+    assert listener.links == frozenset()
+    link.close()
+    await listener.close()
+
+
 async def test_what_the_system_does_not_take_waits_newest_first_and_is_cut_at_the_bound() -> None:
     listener = await listen("udp:0", Recorder)
     reasons: list[LinkError] = []
