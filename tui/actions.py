@@ -6,72 +6,9 @@ session scripts. Whatever is not here cannot be done anywhere; whatever is here 
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
-from enum import Flag, auto
-from functools import cached_property
-from typing import TYPE_CHECKING
-
-from robotree.tui import grammar, verbs
-from robotree.tui.grammar import Line, Shape
-from robotree.tui.verbs import Outcome, Teller
-
-if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.fleet import Fleet
-
-Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
-
-
-class Where(Flag):
-    """On which surfaces an action can be asked for."""
-
-    SHELL = auto()
-    """As `robotree VERB …`."""
-    PROMPT = auto()
-    """At the `:` of the full screen."""
-    SCRIPT = auto()
-    """As a line of a session script."""
-    SCREEN = auto()
-    """By key or from the palette of the full screen."""
-
-
-ANYWHERE = Where.SHELL | Where.PROMPT | Where.SCRIPT | Where.SCREEN
-SHOWN = Where.PROMPT | Where.SCREEN
-LINES = Where.SHELL | Where.PROMPT | Where.SCRIPT
-
-
-@dataclass(frozen=True)
-class Action:
-    """One thing that can be done."""
-
-    usage: str
-    """Verb and values, as `grammar.shape` reads them."""
-    help: str
-    """One sentence."""
-    group: str
-    run: Run | None = None
-    """The function over the fleet; None: a process verb or one of the screen alone."""
-    where: Where = LINES
-    key: str = ""
-    """Key in the full screen, as Textual names it."""
-    label: str = ""
-    """Word beside the key in the footer; empty: not shown there."""
-    danger: bool = False
-    """It takes something away or makes something move: the full screen asks first."""
-    examples: tuple[str, ...] = ()
-    guide: tuple[str, ...] = ()
-    """Modules whose docstrings explain it further: `robotree help VERB` prints them."""
-
-    @cached_property
-    def shape(self) -> Shape:
-        """The usage string, compiled."""
-        return grammar.shape(self.usage)
-
-    @property
-    def verb(self) -> str:
-        """The lower-case words with which the usage begins."""
-        return self.shape.verb
-
+from robotree.tui import verbs
+from robotree.tui.action import ANYWHERE, SHOWN, About, Action, Scope, Where
+from robotree.tui.grammar import Shape
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
 WIRE = "Wire"
@@ -100,6 +37,7 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.show,
         where=ANYWHERE,
         key="i",
+        about=About.ROBOT,
         examples=("show arm-1",),
     ),
     Action(
@@ -136,6 +74,7 @@ ACTIONS: tuple[Action, ...] = (
         where=ANYWHERE,
         key="e",
         label="Enslave",
+        about=About.SLOT,
         examples=("enslave mover.arm arm-1",),
     ),
     Action(
@@ -146,6 +85,7 @@ ACTIONS: tuple[Action, ...] = (
         where=ANYWHERE,
         key="r",
         label="Release",
+        about=About.SLOT,
         danger=True,
         examples=("release mover.arm",),
     ),
@@ -157,6 +97,7 @@ ACTIONS: tuple[Action, ...] = (
         where=ANYWHERE,
         key="d",
         label="Delete",
+        about=About.ROBOT,
         danger=True,
         examples=("delete teleop",),
     ),
@@ -175,6 +116,7 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.cancel,
         where=ANYWHERE,
         key="c",
+        about=About.ROBOT,
         examples=("cancel mover",),
     ),
     Action(
@@ -184,7 +126,8 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.stop,
         where=ANYWHERE,
         key="space",
-        label="STOP",
+        typing_key="ctrl+s",
+        scope=Scope.PROGRAM,
         examples=("stop", "stop arm-1"),
     ),
     Action(
@@ -194,6 +137,7 @@ ACTIONS: tuple[Action, ...] = (
         run=verbs.resume,
         where=ANYWHERE,
         key="R",
+        scope=Scope.PROGRAM,
         danger=True,
         examples=("resume",),
     ),
@@ -340,6 +284,7 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SCREEN,
         key="enter",
         label="Panel",
+        about=About.SLOT,
     ),
     Action("robots", "List the free robots.", SCREEN, where=SHOWN, key="l"),
     Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
@@ -359,6 +304,7 @@ ACTIONS: tuple[Action, ...] = (
         SCREEN,
         where=SHOWN | Where.SHELL,
         key="question_mark",
+        scope=Scope.PROGRAM,
         label="Help",
     ),
     Action("quit", "Leave; the robots stay as they are.", SCREEN, where=SHOWN, key="q", label="Quit"),

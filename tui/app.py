@@ -6,9 +6,7 @@ import logging
 import math
 import os
 import time
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
-from logging.handlers import RotatingFileHandler
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
@@ -18,23 +16,23 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 
-from robotree.tui import asking, completion, exit_codes, grammar, manual, wording
-from robotree.tui.actions import BY_VERB, Where, groups, shapes
-from robotree.tui.errors import SupervisorError, sentence
+from robotree.tui import asking, completion, grammar, manual, wording
+from robotree.tui.action import Scope, Where
+from robotree.tui.actions import ACTIONS, BY_VERB, groups, shapes
+from robotree.tui.carrying import Refusal, carry_out
+from robotree.tui.errors import SupervisorError
 from robotree.tui.feeding import Feed
 from robotree.tui.fence import Fenced
 from robotree.tui.grammar import Line
 from robotree.tui.screens.dialogs import Reading
-from robotree.tui.screens.help import help_text
-from robotree.tui.screens.main import PANES, MainPage
+from robotree.tui.screens.main import MainPage
 from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.state_files import state_file
 from robotree.tui.store import Store, Weight
 from robotree.tui.teleoperable import bounds
-from robotree.tui.terminal import complain
 from robotree.tui.themes import DARK, LIGHT
 from robotree.tui.verbs import CALL_LIMIT, Outcome
 from robotree.tui.widgets.harmless import Harmless
+from robotree.tui.widgets.robot_tree import NOWHERE, Place
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -64,18 +62,24 @@ class Hearer(Protocol):
         ...
 
 
+def program_keys() -> Iterable[Binding]:
+    """Make the keys of the whole program from the registry."""
+    for one in ACTIONS:
+        if one.scope is not Scope.PROGRAM:
+            continue
+        first, asked = bool(one.typing_key), f"verb('{one.verb}')"
+        yield Binding(one.key, f"quiet_{asked}", one.label, show=bool(one.label), priority=first, id=one.verb)
+        if one.typing_key:
+            yield Binding(one.typing_key, asked, show=False, priority=True)
+
+
 class Supervisor(Fenced, App[int]):
     """One operator, one realm."""
 
     TITLE = "robotree"
     CSS_PATH = "supervisor.tcss"
     ENABLE_COMMAND_PALETTE = True
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "stop_unless_typing", "STOP", priority=True, show=False),
-        Binding("ctrl+s", "protective_stop", "STOP", priority=True, show=False),
-        Binding("R", "resume", "Resume", show=False),
-        Binding("question_mark", "show_help", "Help"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [*program_keys()]
 
     def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None, farewell: str = "") -> None:
         """Supervise a fleet that has been joined.
@@ -157,24 +161,21 @@ class Supervisor(Fenced, App[int]):
         return refusal
 
     async def _carry_out(self, line: Line) -> tuple[str, str]:
-        run = BY_VERB[line.verb].run
-        if run is None:
-            return "", f"{line.verb} is done by its key"
         try:
             with self.store.asking(line.text("ROBOT.COMMAND").partition(".")[0]):
-                outcome = await run(self.fleet, line, self)
-        except (VrError, SupervisorError, OSError) as error:
-            self.tell(sentence(error), "error")
-            return "", sentence(error)
+                outcome = await carry_out(self.fleet, line, self)
         finally:
             self.feed.hint()
+        if isinstance(outcome, Refusal):
+            self.tell(str(outcome), "error")
+            return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
         return outcome.text, ""
 
     @work(exit_on_error=False, group="verbs")
-    async def perform(self, line: Line, *, read: bool = False) -> None:
-        """Carry out a verb beside everything else; `read`: show a longer text in a dialog of its own."""
+    async def perform(self, line: Line) -> None:
+        """Carry out a verb beside everything else; a longer text is shown in a dialog of its own."""
         try:
             text, refusal = await self._carry_out(line)
         except Exception as error:  # the last fence of this task
@@ -183,7 +184,7 @@ class Supervisor(Fenced, App[int]):
             return
         if refusal:
             return
-        if read or "\n" in text:
+        if "\n" in text:
             self.push_screen(Reading(grammar.form(line, shapes(Where.PROMPT)), text))
         else:
             self.tell(text, "good")
@@ -210,13 +211,13 @@ class Supervisor(Fenced, App[int]):
             self.tell(f"{robot}.{command}: {shown}", "good")
             hearer.returned(value, self.now() - began)
 
-    def do(self, verb: str, *, read: bool = False, **values: str) -> None:
+    def do(self, verb: str, **values: str) -> None:
         """Carry out a verb with these values."""
-        self.perform(Line(verb, values), read=read or verb == "show")
+        self.perform(Line(verb, values))
 
-    def ask_for(self, verb: str, name: str = "", slot: str = "") -> None:
+    def ask_for(self, verb: str, place: Place = NOWHERE) -> None:
         """Do what a key asks for: open a page, ask what is missing, ask back where it is dangerous."""
-        asking.ASK[verb](self, name, slot)
+        asking.ASK[verb](self, place)
 
     def obey(self, text: str) -> None:
         """Do what was typed at the prompt."""
@@ -228,9 +229,7 @@ class Supervisor(Fenced, App[int]):
             return
         if line is None:
             return
-        if line.verb in PANES and BY_VERB[line.verb].run is None:
-            self.main.show_pane(line.verb)
-        elif BY_VERB[line.verb].run is None:
+        if BY_VERB[line.verb].run is None:
             self.ask_for(line.verb)
         elif BY_VERB[line.verb].danger:
             asking.confirm_line(self, line)
@@ -262,31 +261,22 @@ class Supervisor(Fenced, App[int]):
     # -- keys of the whole program -----------------------------------------------------------------
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let space be a space while somebody types."""
-        if action == "stop_unless_typing" and isinstance(self.focused, Input):
+        """Let a letter be a letter, and space a space, while somebody types."""
+        if action == "quiet_verb" and isinstance(self.focused, Input):
             return False
         return super().check_action(action, parameters)
+
+    def action_quiet_verb(self, verb: str) -> None:
+        """Do what a key asks for that works wherever nobody types."""
+        self.ask_for(verb)
+
+    def action_verb(self, verb: str) -> None:
+        """Do what a key asks for that works anywhere."""
+        self.ask_for(verb)
 
     async def action_quit(self) -> None:
         """Leave, after asking back if something ends with this screen."""
         self.ask_for("quit")
-
-    def action_stop_unless_typing(self) -> None:
-        """Stop every robot."""
-        self.action_protective_stop()
-
-    def action_protective_stop(self) -> None:
-        """Stop every robot, now."""
-        self.tell("protective stop is on its way to every robot", "warning")
-        self.do("stop")
-
-    def action_resume(self) -> None:
-        """Release the protective stop, after asking back."""
-        self.ask_for("resume")
-
-    def action_show_help(self) -> None:
-        """Show all keys and verbs."""
-        self.push_screen(Reading("help", help_text(self)))
 
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
@@ -312,66 +302,7 @@ class Supervisor(Fenced, App[int]):
         yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
 
     def _from_palette(self, verb: str) -> None:
-        if verb == "stop":
-            self.action_protective_stop()
+        if BY_VERB[verb].scope is Scope.PROGRAM:
+            self.ask_for(verb)
         else:
             self.main.action_verb(verb)
-
-
-LOG_FILE = "supervisor.log"
-"""In `$XDG_STATE_HOME/robotree/REALM`."""
-LOG_SIZE = 1_000_000
-"""Bytes, after which the log begins anew; the one before is kept."""
-
-CRASHES = 3
-"""Screens that may end by an error within `CRASH_WINDOW`, before the supervisor gives up."""
-CRASH_WINDOW = 30.0
-"""[s]"""
-
-
-@contextmanager
-def _logging_to_a_file(realm: str) -> Generator[None]:
-    """Write warnings to a file meanwhile: the terminal belongs to the screen."""
-    path = state_file(realm, LOG_FILE)
-    handler: logging.Handler = logging.NullHandler()
-    if path is not None:
-        handler = RotatingFileHandler(path, maxBytes=LOG_SIZE, backupCount=1, delay=True, encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    logging.getLogger().addHandler(handler)
-    try:
-        yield
-    finally:
-        logging.getLogger().removeHandler(handler)
-        handler.close()
-
-
-async def supervise(fleet: Fleet, realm: str, *, farewell: str = "") -> int:
-    """Show the full screen until the operator leaves; open it anew should an error end it.
-
-    Args:
-        fleet: the agents of the realm.
-        realm: its name, to be shown.
-        farewell: what ends with the screen; empty: nothing does.
-
-    Returns:
-        The exit code.
-    """
-    with _logging_to_a_file(realm):
-        return await _show(fleet, realm, farewell)
-
-
-async def _show(fleet: Fleet, realm: str, farewell: str) -> int:
-    store, ends = Store(), list[float]()
-    while True:
-        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell)
-        code = await app.run_async()
-        if app.fatal is None:
-            return code or exit_codes.DONE
-        now = time.monotonic()
-        ends = [one for one in ends if now - one < CRASH_WINDOW] + [now]
-        if len(ends) >= CRASHES:
-            complain(
-                f"the screen ended {CRASHES} times by {app.fatal!r}; the robots go on; use the command line"
-            )
-            return exit_codes.REFUSED
-        store.tell(f"the screen had to be opened anew: {app.fatal!r}", "error", now)

@@ -6,24 +6,33 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from robotree.tui import grammar
-from robotree.tui.actions import BY_VERB, Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import BY_VERB, shapes
 from robotree.tui.grammar import Line
-from robotree.tui.screens.dialogs import Confirm
+from robotree.tui.screens.dialogs import Confirm, Reading
 from robotree.tui.screens.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
+from robotree.tui.screens.help import help_text
+from robotree.tui.screens.main import PANES
 from robotree.tui.screens.new import NewPage
 from robotree.tui.screens.panel import PanelPage
+from robotree.tui.widgets.prompt import Kind
+from robotree.tui.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from robotree.tui.app import Supervisor
 
-Ask = Callable[["Supervisor", str, str], None]
-"""Takes the supervisor, the selected robot and the selected slot; either may be empty."""
+Ask = Callable[["Supervisor", Place], None]
+"""Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
 
 MADE = "VirtualRobot"
 """Kind of the robots that can be deleted from here: the others are processes of their own."""
 
 
-def _panel(app: Supervisor, name: str, _slot: str) -> None:
+def _panel(app: Supervisor, place: Place) -> None:
+    name = place.name
+    if place.slot and not name:  # what one wants of an empty slot is to fill it
+        _enslave(app, place)
+        return
     robot = app.store.descriptions.get(name)
     if robot is None:
         app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
@@ -31,11 +40,14 @@ def _panel(app: Supervisor, name: str, _slot: str) -> None:
         app.push_screen(PanelPage(robot))
 
 
-def _create(app: Supervisor, _name: str, _slot: str) -> None:
+def _create(app: Supervisor, _place: Place) -> None:
     app.push_screen(NewPage())
 
 
-def _enslave(app: Supervisor, name: str, slot: str) -> None:
+def _enslave(app: Supervisor, place: Place) -> None:
+    name, slot = place.name, ""
+    if place.slot and not name:
+        name, slot = place.parent, place.slot
     found = openings(app.store, name)
     places = [one for one in found if not slot or (one.parent, one.slot) == (name, slot)]
     if not places:
@@ -53,7 +65,10 @@ def _offer(app: Supervisor, places: list[Opening], child: str) -> None:
     app.push_screen(EnslaveDialog(app.store, places, child), answered)
 
 
-def _release(app: Supervisor, name: str, slot: str) -> None:
+def _release(app: Supervisor, place: Place) -> None:
+    name, slot = place.name, ""
+    if place.slot and name:
+        name, slot = place.parent, place.slot
     robot = app.store.descriptions.get(name)
     held = [(f"{name}.{one.name}", one.child.name) for one in robot.slots if one.child] if robot else []
     chosen = [path for path, _ in held if not slot or path == f"{name}.{slot}"]
@@ -68,7 +83,8 @@ def _release(app: Supervisor, name: str, slot: str) -> None:
         app.tell(f"{name} holds nobody" if name else "no robot is selected", "warning")
 
 
-def _delete(app: Supervisor, name: str, _slot: str) -> None:
+def _delete(app: Supervisor, place: Place) -> None:
+    name = place.name
     robot = app.store.descriptions.get(name)
     if robot is None:
         app.tell("no robot is selected", "warning")
@@ -82,7 +98,7 @@ def _delete(app: Supervisor, name: str, _slot: str) -> None:
         confirm_line(app, Line("delete", {"NAME": name}))
 
 
-def _quit(app: Supervisor, _name: str, _slot: str) -> None:
+def _quit(app: Supervisor, _place: Place) -> None:
     if not app.farewell:
         app.exit(0)
         return
@@ -94,7 +110,16 @@ def _quit(app: Supervisor, _name: str, _slot: str) -> None:
     app.push_screen(Confirm("Leave ?", app.farewell, "Leave"), answered)
 
 
-def _resume(app: Supervisor, _name: str, _slot: str) -> None:
+def _stop(app: Supervisor, _place: Place) -> None:
+    app.tell("protective stop is on its way to every robot", "warning")
+    app.do("stop")
+
+
+def _help(app: Supervisor, _place: Place) -> None:
+    app.push_screen(Reading("help", help_text(app)))
+
+
+def _resume(app: Supervisor, _place: Place) -> None:
     if not app.store.stopped:
         app.tell("no robot is in protective stop", "plain")
     else:
@@ -102,9 +127,9 @@ def _resume(app: Supervisor, _name: str, _slot: str) -> None:
 
 
 def _about_robot(verb: str) -> Ask:
-    def ask(app: Supervisor, name: str, _slot: str) -> None:
-        if name:
-            app.do(verb, NAME=name)
+    def ask(app: Supervisor, place: Place) -> None:
+        if place.name:
+            app.do(verb, NAME=place.name)
         else:
             app.tell("no robot is selected", "warning")
 
@@ -140,21 +165,28 @@ def _consequence(app: Supervisor, line: Line) -> str:
             return BY_VERB[line.verb].help
 
 
+def _pane(name: str) -> Ask:
+    return lambda app, _place: app.main.show_pane(name)
+
+
+def _line(kind: Kind) -> Ask:
+    return lambda app, _place: app.main.open_line(kind)
+
+
 ASK: Mapping[str, Ask] = {
     "panel": _panel,
     "create": _create,
     "enslave": _enslave,
     "release": _release,
     "delete": _delete,
-    "resume": _resume,
     "show": _about_robot("show"),
     "cancel": _about_robot("cancel"),
-    "stop": lambda app, _name, _slot: app.action_protective_stop(),
-    "help": lambda app, _name, _slot: app.action_show_help(),
+    "stop": _stop,
+    "resume": _resume,
+    "help": _help,
     "quit": _quit,
-    "robots": lambda app, _name, _slot: app.main.show_pane("robots"),
-    "tree": lambda app, _name, _slot: app.main.show_pane("tree"),
-    "views": lambda app, _name, _slot: app.main.show_pane("views"),
-    "log": lambda app, _name, _slot: app.main.show_pane("log"),
+    "filter": _line("filter"),
+    "prompt": _line("verb"),
+    **{name: _pane(name) for name in PANES},
 }
-"""By verb; those that open the prompt belong to the main page."""
+"""By verb: what each key of the registry does first (a test compares)."""

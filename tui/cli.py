@@ -13,7 +13,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes, grammar, manual
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import complain, forget_the_reader, put, until_the_reader_leaves
 
@@ -141,8 +142,8 @@ async def _supervise(realm: str) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         complain("the full screen needs a terminal; here use verbs, for example `robotree ls`")
         return exit_codes.USAGE
-    from robotree.tui.app import supervise
     from robotree.tui.realm import joined
+    from robotree.tui.supervise import supervise
 
     async with joined(realm) as fleet:
         return await supervise(fleet, realm)

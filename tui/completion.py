@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.grammar import Blank, Group, Part, Shape, Word
 
 

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from robotree.tui import values, wording
+from robotree.tui import mood, values, wording
 from robotree.tui.errors import ValueRefused
 
 if TYPE_CHECKING:  # help must not wait for the agents
@@ -148,7 +148,7 @@ def _idle(found: re.Match[str]) -> Condition:
         robot = scene.robots.get(name)
         if robot is None:
             return Verdict(holds=False, seen=f"{name} does not answer")
-        return Verdict(not robot.busy and not robot.waiting, wording.condition(robot))
+        return Verdict(not robot.busy and not robot.waiting, mood.words(robot))
 
     return Condition(found[0], judge, robots=(name,))
 

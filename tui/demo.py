@@ -15,8 +15,8 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import DemoRuns
-from robotree.tui.processes import Crew, MemberFailed
+from robotree.tui.errors import DemoRuns, MemberFailed
+from robotree.tui.processes import Crew
 from robotree.tui.terminal import complain, note, put
 from robotree.vr.address import ROLES
 
@@ -125,8 +125,8 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> N
 
 
 async def _supervise(realm: str) -> int:
-    from robotree.tui.app import supervise
     from robotree.tui.realm import joined
+    from robotree.tui.supervise import supervise
 
     async with joined(realm) as fleet:
         return await supervise(fleet, realm, farewell=FAREWELL)

@@ -4,10 +4,10 @@ Errors of robots come from `robotree.vr.errors` and pass through unchanged; here
 at the keyboard or in a session script.
 
     SupervisorError
-      UsageError      UnknownVerb · BadLine
+      UsageError      UnknownVerb · BadLine · NotForRobots
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk · OldList · DemoRuns
+      NothingToAsk · OldList · DemoRuns · MemberFailed
 """
 
 from __future__ import annotations
@@ -40,6 +40,15 @@ class BadLine(UsageError):
         """Say what is wrong and how the line should look."""
         self.reason, self.usage = reason, usage
         super().__init__(f"{reason}; usage: {usage}" if usage else reason)
+
+
+class NotForRobots(UsageError):
+    """A verb that starts a program or turns a page, where only those that ask robots can be carried out."""
+
+    def __init__(self, verb: str) -> None:
+        """Name the verb and where it belongs."""
+        self.verb = verb
+        super().__init__(f"{verb} asks no robot; `robotree help` shows where it can be used")
 
 
 class SessionError(SupervisorError):
@@ -93,6 +102,15 @@ class DemoRuns(SupervisorError):
             f"a demo already runs in realm {realm!r} ({', '.join(taken)}); look at it with `robotree`, "
             "or start another one with --realm NAME"
         )
+
+
+class MemberFailed(SupervisorError):
+    """A process of a crew ended, or said nothing, before it was ready. What it said last is the message."""
+
+    def __init__(self, words: Sequence[str], reason: str, last_words: str) -> None:
+        """Keep the command, the reason and the last lines of its standard error."""
+        self.words, self.reason, self.last_words = tuple(words), reason, last_words
+        super().__init__(last_words or f"`robotree {' '.join(words)}` {reason}")
 
 
 def sentence(error: Exception) -> str:

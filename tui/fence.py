@@ -2,7 +2,7 @@
 
 Textual ends the program at the first exception in a handler. An operator's program must not end while
 robots move, so everything of ours that handles messages stands behind this fence. What gets past it (an
-error while a screen is drawn) ends the screen, and `app.supervise` opens it anew.
+error while a screen is drawn) ends the screen, and `supervise` opens it anew.
 """
 
 from __future__ import annotations

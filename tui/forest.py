@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robotree.tui.wording import condition
+from robotree.tui import mood
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import RobotDescription, SlotSpec
@@ -86,8 +86,7 @@ def label(branch: Branch) -> str:
     """Return one line for a branch, without its lead."""
     place = f"{branch.slot.name}: " if branch.slot else ""
     if branch.robot:
-        state = condition(branch.robot)
-        shown = "" if state in {"free", "enslaved"} else f"  {state}"
+        shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.words(branch.robot)}"
         return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
@@ -109,7 +108,7 @@ def structure(branch: Branch) -> dict[str, object]:
     facts: dict[str, object] = {
         "name": branch.name,
         "kind": branch.robot.kind if branch.robot else "",
-        "state": condition(branch.robot) if branch.robot else "",
+        "state": mood.words(branch.robot) if branch.robot else "",
     }
     if branch.slot:
         facts |= {"slot": branch.slot.name, "takes": branch.slot.kind}

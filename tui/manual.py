@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 from importlib import import_module
 
-from robotree.tui.actions import BY_VERB, Action, Where, groups
+from robotree.tui.action import Action, Where
+from robotree.tui.actions import BY_VERB, groups
 
 EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": ""}
 """Options that every verb takes on the command line, before the verb or behind it."""
@@ -82,9 +83,12 @@ def page(verb: str) -> str:
     return "\n".join(lines)
 
 
-_SPELLED = {"question_mark": "?", "slash": "/", "colon": ":", "escape": "esc"}
+_SPELLED = {
+    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
+    "escape": "esc", "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "pgup", "pagedown": "pgdn",
+}  # fmt: skip
 
 
 def spell(key: str) -> str:
-    """Return a key as it is printed on keyboards."""
+    """Return a key, as Textual names it, as it is printed on keyboards."""
     return _SPELLED.get(key, key)

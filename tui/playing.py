@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import sys
 import time
@@ -13,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
-from robotree.tui.actions import BY_VERB
+from robotree.tui.carrying import Refusal, Silent, carry_out
 from robotree.tui.conditions import Scene, Verdict
-from robotree.tui.errors import SessionError, SupervisorError, sentence
+from robotree.tui.errors import SessionError
 from robotree.tui.grammar import Line
 from robotree.tui.session import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
 from robotree.tui.shell import Console
 from robotree.tui.terminal import note, put
-from robotree.tui.verbs import Outcome, Teller
+from robotree.tui.verbs import Teller
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
     from robotree.vr.description import RobotDescription
@@ -31,23 +30,10 @@ if TYPE_CHECKING:  # a script is read before the agents are needed
 LOOK_AGAIN = 0.1
 """[s] between two looks at a condition that does not hold yet."""
 
-FIRST_STATE = 2.5
-"""[s] to wait for the first state of a robot: it tells one every second."""
-
 STDIN = "-"
 """What is given instead of a file to read standard input."""
 
 Tell = Callable[[Told], None]
-
-
-class Silent:
-    """A teller that nobody hears."""
-
-    def progress(self, fraction: float, text: str) -> None:
-        """Take no notice."""
-
-    def outcome(self, outcome: Outcome) -> None:
-        """Take no notice."""
 
 
 class Player:
@@ -116,16 +102,10 @@ class Player:
                 return await self._do(line, may_fail=may_fail)
 
     async def _do(self, line: Line, *, may_fail: bool) -> tuple[Verdict, Any]:
-        from robotree.vr.errors import VrError
-
-        run = BY_VERB[line.verb].run
-        if run is None:
-            raise SupervisorError(f"{line.verb} has no place in a session")
-        try:
-            outcome = await run(self.fleet, self._placed(line), self.teller)
-        except (VrError, SupervisorError, OSError) as error:
-            self.refusal = type(error).__name__
-            return Verdict(may_fail, f"{self.refusal}: {sentence(error)}"), None
+        outcome = await carry_out(self.fleet, self._placed(line), self.teller)
+        if isinstance(outcome, Refusal):
+            self.refusal = type(outcome.error).__name__
+            return Verdict(may_fail, f"{self.refusal}: {outcome}"), None
         self.refusal = ""
         if line.verb == "call":
             self.result = outcome.data
@@ -181,16 +161,12 @@ class Player:
     async def _robot_readings(self, name: str) -> Mapping[str, float]:
         """Return what a robot tells by itself: it is listened to from the first question on."""
         if name not in self._heard:
-            self._heard[name] = {}
-            news = asyncio.Event()
+            self._heard[name] = (await self.fleet.describe(name)).readings
 
             def hear(_: str, state: State) -> None:
                 self._heard[name] = state.readings
-                news.set()
 
             self._listening.append(await self.fleet.watch_state(name, hear))
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(news.wait(), FIRST_STATE)
         return self._heard[name]
 
 

@@ -18,6 +18,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+from robotree.tui.errors import MemberFailed
+
 READY = "ready"
 """First word of the line by which a member says that it is up; the rest is its address."""
 
@@ -26,16 +28,6 @@ START_LIMIT = 30.0
 
 STOP_LIMIT = 4.0
 """[s] allowed for a polite end, before the process is killed."""
-
-
-class MemberFailed(Exception):
-    """A member ended, or said nothing, before it was ready. What it said last is in the message."""
-
-    def __init__(self, words: Sequence[str], reason: str, last_words: str) -> None:
-        """Keep the command, the reason and the last lines of its standard error."""
-        self.words, self.reason, self.last_words = tuple(words), reason, last_words
-        told = last_words or f"`robotree {' '.join(words)}` {reason}"
-        super().__init__(told)
 
 
 class Member:

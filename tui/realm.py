@@ -22,10 +22,10 @@ def chosen(given: str) -> str:
 
 
 def anybody_met(realm: str) -> bool:
-    """Whether anybody was ever in a realm since the machine started; joining it would make it."""
-    from robotree.vr.host.rendezvous import runtime_directory
+    """Whether anybody is in a realm or has been: joining it would make its folder where nobody has."""
+    from robotree.vr.host.rendezvous import met
 
-    return (runtime_directory() / realm).is_dir()
+    return met(realm)
 
 
 @contextlib.asynccontextmanager

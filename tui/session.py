@@ -24,7 +24,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robotree.tui import grammar, values
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.conditions import Condition, condition
 from robotree.tui.errors import BadScript, SupervisorError
 from robotree.tui.grammar import Line

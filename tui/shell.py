@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
-from robotree.tui.actions import BY_VERB
-from robotree.tui.errors import NothingToAsk, SupervisorError, sentence
+from robotree.tui.carrying import Refusal, carry_out
+from robotree.tui.errors import NothingToAsk, sentence
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import complain, note, over, put
 from robotree.tui.verbs import Outcome
@@ -83,22 +83,16 @@ class Console:
             self._open = False
 
 
-async def carry_out(fleet: Fleet, line: Line, console: Console) -> int:
-    """Do one verb and print what came of it.
+async def obey(fleet: Fleet, line: Line, console: Console) -> int:
+    """Carry out one line and print what came of it.
 
     Returns:
         The exit code.
     """
-    from robotree.vr.errors import VrError
-
-    run = BY_VERB[line.verb].run
-    if run is None:
-        raise SupervisorError(f"{line.verb} is not for a fleet")
-    try:
-        outcome = await run(fleet, line, console)
-    except (VrError, SupervisorError, OSError) as error:
-        console.error(error)
-        return exit_codes.code_of(error)
+    outcome = await carry_out(fleet, line, console)
+    if isinstance(outcome, Refusal):
+        console.error(outcome.error)
+        return exit_codes.code_of(outcome.error)
     console.outcome(outcome)
     if outcome.doubt is None:
         return exit_codes.DONE
@@ -123,7 +117,7 @@ async def once(line: Line, realm: str) -> int:
     try:
         async with joined(realm) as fleet:
             if any(fleet.directory.present(role) for role in ROLES):
-                return await carry_out(fleet, line, console)
+                return await obey(fleet, line, console)
         console.error(NothingToAsk(realm))
     except VrError as error:
         console.error(error)

@@ -10,10 +10,10 @@ from collections import deque
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Literal
 
-from robotree.tui import wording
+from robotree.tui import mood, wording
+from robotree.tui.mood import Condition, Mood
 from robotree.tui.terminal import one_line
 from robotree.vr.description import Listing, RobotDescription
 from robotree.vr.requests import State
@@ -30,7 +30,6 @@ MEMORY = 500
 PROGRESS = "progress"
 """The reading that tells how far the running command is."""
 
-Mood = Literal["free", "busy", "enslaved", "stopped", "offline", "silent"]
 Weight = Literal["good", "plain", "warning", "error"]
 
 
@@ -210,34 +209,29 @@ class Store:
 
     def mood(self, name: str, now: float) -> Mood:
         """Return how a robot is, in one word."""
-        heard, robot = self._heard.get(name), self.descriptions.get(name)
-        if heard is None:
-            return "enslaved" if robot and robot.bond else "free"
-        if now - heard.at > SILENCE:
+        if self._silent(name, now):
             return "silent"
-        state = heard.state
-        if not state.online:
-            return "offline"
-        if state.stopped:
-            return "stopped"
-        if state.busy or state.abandoned:
-            return "busy"
-        return "enslaved" if state.bond else "free"
+        told = self._told(name)
+        return mood.mood(told) if told else "free"
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
-        mood, state = self.mood(name, now), self.state(name)
-        if mood == "busy" and state and state.abandoned:
-            return f"ABANDONED: {', '.join(state.abandoned)} still runs"
-        if mood == "busy" and state:
-            share = self.progress(name)
-            done = f" {share:.0%}" if share is not None and isfinite(share) else ""
-            return f"{state.busy}{done}" + (f" +{state.waiting}" if state.waiting else "")
-        if mood == "silent":
+        if self._silent(name, now):
             return f"silent {self.age(name, now) or 0:.0f} s"
-        if mood == "enslaved" and state and state.bond:
+        told, state = self._told(name), self.state(name)
+        if told is None:
+            return "free"
+        if mood.mood(told) == "enslaved" and state and state.bond:
             return f"under {state.bond.name}"
-        return mood
+        return mood.doing(told, self.progress(name))
+
+    def _silent(self, name: str, now: float) -> bool:
+        age = self.age(name, now)
+        return age is not None and age > SILENCE
+
+    def _told(self, name: str) -> Condition | None:
+        """Return what a robot tells of itself: its newest state; before the first one its description."""
+        return self.state(name) or self.descriptions.get(name)
 
     def readings(self, name: str) -> dict[str, float]:
         """Return the readings of a robot, over those of the child that its exposed commands lead to."""

@@ -16,9 +16,7 @@ Scalar = float | int | bool | str
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h)?")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
-SMALLEST, LARGEST = 16, 1920
-"""[px] Sides that a picture may have: what the views render."""
-_SIZE = re.compile(r"(\d{1,4})x(\d{1,4})")
+_SIZE = re.compile(r"(0*[1-9]\d{0,5})x(0*[1-9]\d{0,5})")
 
 
 def duration(text: str) -> float:
@@ -93,17 +91,12 @@ def source(text: str) -> tuple[str, str]:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Read `640x360` as width and height [px].
+    """Read `640x360` as width and height [px]; a view makes of it the nearest picture that it can render.
 
     Raises:
-        ValueRefused: it is no size, or none that a view renders.
+        ValueRefused: it is no size.
     """
     found = _SIZE.fullmatch(text)
     if not found:
         raise ValueRefused("SIZE", f"{text!r} is no picture size; write for example 640x360")
-    width, height = int(found[1]), int(found[2])
-    if not (min(width, height) >= SMALLEST and max(width, height) <= LARGEST):
-        raise ValueRefused(
-            "SIZE", f"{text} cannot be rendered; each side has {SMALLEST} to {LARGEST} pixels, e.g. 640x360"
-        )
-    return width, height
+    return int(found[1]), int(found[2])

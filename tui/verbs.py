@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
-from robotree.tui import forest, unlisted, values, wording
+from robotree.tui import forest, mood, unlisted, values, wording
 from robotree.tui.errors import OldList, SupervisorError
 from robotree.tui.grammar import Line
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from robotree.vr.description import CommandSpec, Listing, RobotDescription
     from robotree.vr.fleet import Fleet
@@ -24,9 +24,6 @@ if TYPE_CHECKING:  # help must not wait for the agents
 
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
-
-FIRST_STATE = 1.5
-"""[s] to wait for a state of a robot: it tells one every second."""
 
 PICTURE = (640, 360)
 """[px] size of a picture when the line does not say: 16:9, about 40 kB."""
@@ -71,19 +68,39 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
         return Outcome(data, wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running")
     what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
+    doubt = OldList() if fleet.stale else None
     if fleet.stale:
-        return _listed(await unlisted.known(fleet, what), what, OldList())
-    return _listed(fleet.views() if what == "view" else fleet.robots(), what)
+        found = await unlisted.known(fleet, what)
+    else:
+        found = fleet.views() if what == "view" else fleet.robots()
+    if what == "view":
+        return _listed(found, what, doubt)
+    told = {robot.name: mood.words(robot) for robot in await fleet.tree()}
+    return _listed(found, what, doubt, {one.name: told.get(one.name, MUTE) for one in found})
 
 
-def _listed(listings: Sequence[Listing], what: str, doubt: SupervisorError | None = None) -> Outcome:
+MUTE = "does not answer"
+"""State of a robot that is listed and does not say how it is: its process hangs, or has just gone."""
+
+
+def _listed(
+    listings: Sequence[Listing],
+    what: str,
+    doubt: SupervisorError | None,
+    states: Mapping[str, str] | None = None,
+) -> Outcome:
     """Return a list; one in doubt says so in each line, for lines are what programs and people cut out."""
-    found = sorted(listings, key=lambda one: one.name)
+    extra = {"stale": True} if doubt else {}
     mark = ("stale",) if doubt else ()
-    rows = [(one.name, one.kind, one.host or "-", *mark, wording.summary(one.doc)) for one in found]
-    head = ("NAME", "KIND", "HOST", *(["LISTED"] if doubt else []), "ABOUT")
-    data = [{**plain(one), **({"stale": True} if doubt else {})} for one in found]
-    text = wording.columns([head, *rows]) if rows else f"no {what} is {'known' if doubt else 'listed'}"
+    data: list[dict[str, Any]] = []
+    rows = [("NAME", "KIND", *(["STATE"] if states else []), "HOST", *(["LISTED"] if doubt else []), "ABOUT")]
+    for one in sorted(listings, key=lambda one: one.name):
+        state = {"state": states[one.name]} if states else {}
+        data.append({**plain(one), **state, **extra})
+        rows.append(
+            (one.name, one.kind, *state.values(), one.host or "-", *mark, wording.summary(one.doc)),
+        )
+    text = wording.columns(rows) if data else f"no {what} is {'known' if doubt else 'listed'}"
     return Outcome(data, text, doubt)
 
 
@@ -96,8 +113,7 @@ async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
 async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Describe one robot, with what it reads now."""
     robot = await fleet.describe(line.text("NAME"))
-    state = await _first_state(fleet, robot.name)
-    readings = {name: value for name, value in state.readings.items() if isfinite(value)} if state else {}
+    readings = {name: value for name, value in robot.readings.items() if isfinite(value)}
     text = wording.portrait(robot)
     if readings:
         rows = [
@@ -106,22 +122,6 @@ async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         ]
         text += f"\n\nreadings\n{wording.columns(rows)}"
     return Outcome({**plain(robot), "readings": readings}, text)
-
-
-async def _first_state(fleet: Fleet, name: str) -> State | None:
-    """Return the next state that a robot tells; None: it has nothing to tell for `FIRST_STATE`."""
-    import asyncio
-
-    heard: asyncio.Future[State] = asyncio.get_running_loop().create_future()
-    watching = await fleet.watch_state(
-        name, lambda _, state: None if heard.done() else heard.set_result(state)
-    )
-    try:
-        return await asyncio.wait_for(heard, FIRST_STATE)
-    except TimeoutError:
-        return None
-    finally:
-        await watching.close()
 
 
 async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
@@ -143,18 +143,13 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     import asyncio
 
     def tell(name: str, state: State) -> None:
-        word = wording.mood(
-            busy=state.busy,
-            stopped=state.stopped,
-            online=state.online,
-            bond=bool(state.bond),
-            abandoned=state.abandoned,
-        )
         readings = "  ".join(
             f"{key}={wording.quantity(value, units.get(name, {}).get(key, ''))}"
             for key, value in sorted(state.readings.items())
         )
-        teller.outcome(Outcome({"name": name, **plain(state)}, f"{name}  {word}  {readings}".rstrip()))
+        teller.outcome(
+            Outcome({"name": name, **plain(state)}, f"{name}  {mood.words(state)}  {readings}".rstrip())
+        )
 
     limit = values.duration(line.text("--within")) if line.text("--within") else None
     name = line.text("NAME")  # one that nobody has would tell nothing for ever
@@ -246,10 +241,22 @@ async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 
 def plain(thing: Any) -> Any:
-    """Return what JSON can say of a value of the agents."""
+    """Return what JSON can say of a value of the agents: a number that is none (NaN) is null there."""
     import msgspec
 
-    return msgspec.to_builtins(thing, str_keys=True)
+    return _finite(msgspec.to_builtins(thing, str_keys=True))
+
+
+def _finite(thing: Any) -> Any:
+    match thing:
+        case float():
+            return thing if isfinite(thing) else None
+        case dict():
+            return {key: _finite(part) for key, part in cast("dict[str, Any]", thing).items()}
+        case list():
+            return [_finite(part) for part in cast("Sequence[Any]", thing)]
+        case _:
+            return thing
 
 
 def _did(robot: RobotDescription, text: str) -> Outcome:

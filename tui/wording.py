@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
+from robotree.tui import mood
+
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
 
@@ -111,40 +113,6 @@ def summary(doc: str) -> str:
     return doc.strip().partition("\n")[0]
 
 
-def mood(
-    *,
-    busy: str,
-    stopped: bool,
-    online: bool,
-    bond: bool,
-    waiting: int = 0,
-    abandoned: Sequence[str] = (),
-) -> str:
-    """Return in a word or two how a robot is; what matters most first."""
-    if not online:
-        return "offline"
-    if stopped:
-        return "STOPPED"
-    if abandoned:
-        return f"ABANDONED: {', '.join(abandoned)} still runs"
-    if busy:
-        return f"busy: {busy}" + (f" +{waiting}" if waiting else "")
-    return "enslaved" if bond else "free"
-
-
-def condition(robot: RobotDescription) -> str:
-    """Return in a word or two how a robot described itself."""
-    bond = robot.bond is not None
-    return mood(
-        busy=robot.busy,
-        stopped=robot.stopped,
-        online=robot.online,
-        bond=bond,
-        waiting=robot.waiting,
-        abandoned=robot.abandoned,
-    )
-
-
 def portrait(robot: RobotDescription) -> str:
     """Describe one robot in full."""
     facts = [
@@ -152,7 +120,7 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
-        ("state", condition(robot)),
+        ("state", mood.words(robot)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),

@@ -96,6 +96,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
     attributes: dict[str, str] = {}
     """Free key-value pairs to search by (panel, place, controller's URL …)."""
+    readings: dict[str, float] = {}
+    """What it reads now, and `progress` of the running command; an author's own are one sample old."""
     units: dict[str, str] = {}
     """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
     calls: dict[str, int] = {}

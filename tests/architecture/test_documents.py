@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from robotree.tui import grammar
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.manual import EVERYWHERE
 from robotree.tui.session import read
 from robotree.vr.bundle import Bundle

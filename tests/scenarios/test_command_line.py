@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.actions import ACTIONS, Where
+from robotree.tui.action import Where
+from robotree.tui.actions import ACTIONS
 from robotree.tui.cli import main
 from robotree.tui.realm import joined
 

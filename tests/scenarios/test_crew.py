@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from robotree.tui.processes import Crew, MemberFailed
+from robotree.tui.errors import MemberFailed
+from robotree.tui.processes import Crew
 from robotree.tui.realm import joined
 from robotree.vr.address import ROLES
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui import grammar
-from robotree.tui.actions import ACTIONS, Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import ACTIONS, shapes
 from robotree.tui.errors import BadLine, UnknownVerb
 from robotree.tui.grammar import Blank, Group, Line, Part, Value, Word
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.grammar import parse
-from robotree.tui.shell import Console, carry_out
+from robotree.tui.shell import Console, obey
 from robotree.tui.terminal import STEERING, harmless
 from robotree.tui.widgets.harmless import Harmless
 
@@ -54,7 +55,7 @@ async def test_no_verb_lets_a_robot_steer_the_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     await realm.robot(hostile)
-    await carry_out(realm.fleet, parse(words, SHELL, {}), Console(as_json=as_json))
+    await obey(realm.fleet, parse(words, SHELL, {}), Console(as_json=as_json))
     said = capsys.readouterr()
     assert STEERING.search(said.out + said.err) is None
     if words[-1] == "evil.stumble":

@@ -106,10 +106,11 @@ def test_progress_goes_to_a_log_now_and_then(capsys: pytest.CaptureFixture[str])
 
 
 async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: Realm) -> None:
-    from robotree.tui.actions import Where, shapes
+    from robotree.tui.action import Where
+    from robotree.tui.actions import shapes
+    from robotree.tui.carrying import Silent
     from robotree.tui.errors import ValueRefused
     from robotree.tui.grammar import parse
-    from robotree.tui.playing import Silent
     from robotree.tui.verbs import call
 
     line = parse(["call", "arm-1.go_to", "x=0.3", "y=0", "x=0.4"], shapes(Where.SHELL), {})

@@ -61,7 +61,7 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
 @pytest.mark.parametrize(
     ("state", "mood", "doing"),
     [
-        (State(abandoned=("defy",)), "busy", "ABANDONED: defy still runs"),
+        (State(abandoned=("defy",)), "abandoned", "ABANDONED: defy still runs"),
         (State(), "free", "free"),
         (State(busy="go_to"), "busy", "go_to"),
         (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40% +2"),
@@ -75,6 +75,13 @@ def test_a_state_is_a_mood(store: Store, state: State, mood: str, doing: str) ->
     store.take_state("arm-1", state, 1.0)
     assert store.mood("arm-1", 1.0) == mood
     assert store.doing("arm-1", 1.0) == doing
+
+
+def test_before_its_first_state_a_robot_is_as_it_described_itself(store: Store) -> None:
+    store.take_descriptions([robot("arm-1", stopped=True)])
+    assert (store.mood("arm-1", 1.0), store.doing("arm-1", 1.0)) == ("stopped", "stopped")
+    store.take_state("arm-1", State(busy="go_to"), 1.0)
+    assert store.mood("arm-1", 1.0) == "busy", "a state is newer"
 
 
 def test_silence_is_not_calm(store: Store) -> None:

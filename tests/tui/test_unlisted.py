@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.actions import Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import shapes
 from robotree.tui.grammar import parse
-from robotree.tui.shell import Console, carry_out
+from robotree.tui.shell import Console, obey
 from robotree.vr.fleet import Fleet
 from robotree.vr.testing import until
 
@@ -35,14 +36,14 @@ async def test_without_a_lookup_service_what_is_known_is_listed_as_stale(
 ) -> None:
     fleet = await newcomer(realm)
     line = parse(words, shapes(Where.SHELL), {})
-    assert await carry_out(fleet, line, Console(as_json=False)) == exit_codes.NOBODY
+    assert await obey(fleet, line, Console(as_json=False)) == exit_codes.NOBODY
     people = capsys.readouterr()
     assert "no lookup service answers; this list may be old" in people.err
     listed = [row.split()[0] for row in people.out.splitlines()]
     assert listed == (["NAME", "cell"] if "--views" in words else ["NAME", "mover", "rover-1"])
     assert all("stale" in row for row in people.out.splitlines()[1:])
 
-    assert await carry_out(fleet, line, Console(as_json=True)) == exit_codes.NOBODY
+    assert await obey(fleet, line, Console(as_json=True)) == exit_codes.NOBODY
     programs = capsys.readouterr()
     data = json.loads(programs.out)
     assert data
@@ -57,7 +58,7 @@ async def test_who_saw_the_last_lookup_service_go_still_knows_its_list(
     realm.network.kill(realm.members["lookup-1"])
     await until(lambda: realm.fleet.stale, "the lookup service has gone")
     line = parse(["ls"], shapes(Where.SHELL), {})
-    assert await carry_out(realm.fleet, line, Console(as_json=False)) == exit_codes.NOBODY
+    assert await obey(realm.fleet, line, Console(as_json=False)) == exit_codes.NOBODY
     rows = capsys.readouterr().out.splitlines()
     assert [row.split()[0] for row in rows] == ["NAME", "arm-1", "rover-1"]
 
@@ -66,7 +67,7 @@ async def test_a_list_that_a_lookup_service_gave_is_not_in_doubt(
     realm: Realm, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = parse(["ls"], shapes(Where.SHELL), {})
-    assert await carry_out(realm.fleet, line, Console(as_json=False)) == exit_codes.DONE
+    assert await obey(realm.fleet, line, Console(as_json=False)) == exit_codes.DONE
     said = capsys.readouterr()
     assert "stale" not in said.out
     assert said.err == ""

@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from robotree.tui import grammar
-from robotree.tui.actions import ACTIONS, BY_VERB, Where, shapes
+from robotree.tui.action import Where
+from robotree.tui.actions import ACTIONS, BY_VERB, shapes
 from robotree.tui.verbs import Outcome
 from robotree.vr.errors import (
     BadArgument,
@@ -73,11 +74,49 @@ async def made(realm: Realm) -> None:
 async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
     robots = await do(realm, "ls")
     assert [one["address"]["name"] for one in robots.data] == ["arm-1", "rover-1"]
-    assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "HOST", "ABOUT"]
+    assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "STATE", "HOST", "ABOUT"]
     assert "An arm of paper" in robots.text
     assert [one["address"]["name"] for one in (await do(realm, "ls --views")).data] == ["cell"]
     assert (await do(realm, "ls --hosts")).data == [{"name": "host-1", "robots": []}]
     assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
+
+
+async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
+    await do(realm, "stop rover-1")
+    realm.arm.pace = 1.0
+    running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))
+    await until(lambda: bool(realm.arm.calls), "the arm moves")
+    listed = await do(realm, "ls")
+    assert [one["state"] for one in listed.data] == ["busy: go_to", "STOPPED"]
+    assert [row.split("  ")[0] for row in listed.text.splitlines()] == ["NAME", "arm-1", "rover-1"]
+    assert all(state in listed.text for state in ("busy: go_to", "STOPPED"))
+    assert all("state" not in one for one in (await do(realm, "ls --views")).data), "a view has none"
+    await do(realm, "cancel arm-1")
+    with pytest.raises(VrError, match="cancelled"):
+        await running
+
+
+async def test_show_tells_readings_without_waiting_for_the_next_state(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def nothing_comes(*_: object) -> None:
+        raise AssertionError("it listens")
+
+    monkeypatch.setattr(realm.fleet, "watch_state", nothing_comes)
+    realm.arm.pose["x"] = 0.41
+    assert (await do(realm, "show arm-1")).data["readings"]["x"] == 0.41
+
+
+async def test_a_reading_that_is_no_number_is_null_for_programs(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(realm.arm, "readings", lambda: {"x": float("nan"), "y": 1.0})
+    listener = Listener()
+    watching = asyncio.create_task(do(realm, "watch arm-1", listener))
+    await until(lambda: bool(listener.outcomes), "a state")
+    watching.cancel()
+    assert listener.outcomes[0].data["readings"] == {"x": None, "y": 1.0}
+    assert "NaN" not in json.dumps(listener.outcomes[0].data)
 
 
 async def test_tree_draws_who_commands_whom(realm: Realm) -> None:

@@ -12,21 +12,27 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import ContentSwitcher, DataTable, Tree
 
 from robotree.tui import forest
-from robotree.tui.actions import ACTIONS, BY_VERB, Where
+from robotree.tui.action import About, Scope, Where
+from robotree.tui.actions import ACTIONS, BY_VERB
 from robotree.tui.screens.page import Page
 from robotree.tui.store import Store
 from robotree.tui.widgets.details import Details
 from robotree.tui.widgets.happenings import HappeningLog
-from robotree.tui.widgets.prompt import Prompt
+from robotree.tui.widgets.prompt import Kind, Prompt
 from robotree.tui.widgets.robot_table import RobotTable
-from robotree.tui.widgets.robot_tree import RobotTree
+from robotree.tui.widgets.robot_tree import NOWHERE, Place, RobotTree
 from robotree.tui.widgets.still import Still
 from robotree.tui.widgets.tabs import TabLine, TabName
 from robotree.tui.widgets.views_pane import ViewsPane
 
-PANES = ("robots", "tree", "views", "log")
-GLOBAL = {"stop", "resume", "help"}
-"""Verbs whose keys belong to the whole program, not to this page."""
+PANES = {"robots": "#robots", "tree": "#tree", "views": "#cameras", "log": "#log"}
+"""What has the focus in each pane, by the verb that brings it to the front."""
+FIRST = next(iter(PANES))
+"""The pane to begin with."""
+SELECTABLE = {"robots", "tree"}
+"""Panes in which a robot can be selected."""
+
+BACK = "Show everything again, or go back to the robots."
 
 EMPTY = """\
 
@@ -48,11 +54,18 @@ No free robot{letters}. Those that are enslaved are in the tree: press t."""
 def _bindings() -> list[BindingType]:
     """Make the page's keys from the registry."""
     found: list[BindingType] = [
-        Binding(action.key, f"verb('{action.verb}')", action.label, show=bool(action.label), id=action.verb)
+        Binding(
+            action.key,
+            f"verb('{action.verb}')",
+            action.label,
+            show=bool(action.label),
+            tooltip=action.help,
+            id=action.verb,
+        )
         for action in ACTIONS
-        if action.key and Where.SCREEN in action.where and action.verb not in GLOBAL
+        if action.key and Where.SCREEN in action.where and action.scope is Scope.PAGE
     ]
-    return [*found, Binding("escape", "clear_filter", "Clear", show=False)]
+    return [*found, Binding("escape", "clear_filter", "Clear", show=False, tooltip=BACK)]
 
 
 class MainPage(Page):
@@ -64,7 +77,7 @@ class MainPage(Page):
         """Tabs, panes, details, prompt."""
         yield TabLine({name: BY_VERB[name].key for name in PANES})
         with Horizontal(classes="columns"):
-            with ContentSwitcher(initial="robots", id="panes"):
+            with ContentSwitcher(initial=FIRST, id="panes"):
                 yield RobotTable(id="robots")
                 yield RobotTree(id="tree")
                 yield ViewsPane(id="views")
@@ -83,7 +96,7 @@ class MainPage(Page):
     @property
     def pane(self) -> str:
         """Name of the pane in front."""
-        return self.query_one("#panes", ContentSwitcher).current or PANES[0]
+        return self.query_one("#panes", ContentSwitcher).current or FIRST
 
     def title_of_page(self) -> str:
         """Return the pane's name, and what it is filtered by."""
@@ -91,11 +104,16 @@ class MainPage(Page):
         return f"{self.pane}  /{letters}" if letters else self.pane
 
     @property
+    def place(self) -> Place:
+        """What keys are about: a robot, an empty slot, or nothing."""
+        if self.pane == "tree":
+            return self.query_one(RobotTree).selected
+        return Place(self.query_one(RobotTable).selected if self.pane == "robots" else "")
+
+    @property
     def selected(self) -> str:
         """Name of the robot that keys are about; empty: none."""
-        if self.pane == "tree":
-            return self.query_one(RobotTree).selected.name
-        return self.query_one(RobotTable).selected if self.pane == "robots" else ""
+        return self.place.name
 
     def show_pane(self, name: str) -> None:
         """Bring a pane to the front."""
@@ -105,8 +123,7 @@ class MainPage(Page):
         self.refresh_bindings()
 
     def _focus_pane(self) -> None:
-        target = {"robots": "#robots", "tree": "#tree", "views": "#cameras", "log": "#log"}[self.pane]
-        self.query_one(target).focus()
+        self.query_one(PANES[self.pane]).focus()
 
     @on(TabName.Chosen)
     def _clicked(self, event: TabName.Chosen) -> None:
@@ -115,22 +132,12 @@ class MainPage(Page):
     # -- keys --------------------------------------------------------------------------------------
 
     def action_verb(self, verb: str) -> None:
-        """Do what a key of the registry asks for, with the selected robot."""
-        place = self.query_one(RobotTree).selected if self.pane == "tree" else None
-        if verb in PANES:
-            self.show_pane(verb)
-        elif verb == "filter":
-            self.query_one(Prompt).open("filter")
-        elif verb == "prompt":
-            self.query_one(Prompt).open("verb")
-        elif verb == "panel" and place is not None and not place.name and place.slot:
-            self.app.ask_for("enslave", place.parent, place.slot)
-        elif verb == "release" and place is not None and place.slot and place.name:
-            self.app.ask_for("release", place.parent, place.slot)
-        elif verb == "enslave" and place is not None and place.slot and not place.name:
-            self.app.ask_for("enslave", place.parent, place.slot)
-        else:
-            self.app.ask_for(verb, self.selected)
+        """Do what a key of the registry asks for, with what is selected."""
+        self.app.ask_for(verb, NOWHERE if BY_VERB[verb].about is About.NOTHING else self.place)
+
+    def open_line(self, kind: Kind) -> None:
+        """Open the line below, for a verb or for a filter."""
+        self.query_one(Prompt).open(kind)
 
     @on(DataTable.RowSelected)
     @on(Tree.NodeSelected)
@@ -142,21 +149,14 @@ class MainPage(Page):
         prompt = self.query_one(Prompt)
         if prompt.letters:
             prompt.letters = ""
-        elif self.pane != PANES[0]:
-            self.show_pane(PANES[0])
+        elif self.pane != FIRST:
+            self.show_pane(FIRST)
         self.draw()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show keys about a robot only where a robot can be selected."""
-        about_robot = action == "verb" and parameters[0] in {
-            "panel",
-            "enslave",
-            "release",
-            "delete",
-            "cancel",
-            "show",
-        }
-        if about_robot and self.is_mounted and self.pane not in {"robots", "tree"}:
+        concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
+        if concerned and self.is_mounted and self.pane not in SELECTABLE:
             return False
         return super().check_action(action, parameters)
 
@@ -195,7 +195,7 @@ class MainPage(Page):
             self.query_one(ViewsPane).draw()
         self.query_one(HappeningLog).draw(store, now, self.wall())
         self._draw_empty(rows=bool(rows), letters=letters)
-        self.query_one("#details-box").display = pane in {"robots", "tree"} and bool(self.selected)
+        self.query_one("#details-box").display = pane in SELECTABLE and bool(self.selected)
         if self.selected:
             self.query_one(Details).draw(store, self.selected, now)
 

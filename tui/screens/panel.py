@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
 
+ENTER = "Into the form, and on to the next field."
+AT_REST = "at the list of commands"
+"""Where letters are keys: nobody types there."""
 LETTERS = {"teleoperate", "cancel", "about"}
 """Actions whose keys are letters."""
 
@@ -32,11 +35,12 @@ class PanelPage(Page):
     """Commands on the left, the form of the chosen one on the right."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "back", "Back"),
-        Binding("ctrl+r", "run", "Run"),
-        Binding("x", "teleoperate", "Tele-operate"),
-        Binding("c", "cancel", "Cancel"),
-        Binding("i", "about", "About", show=False),
+        Binding("escape", "back", "Back", tooltip="Out of the form to the list of commands, and back."),
+        Binding("enter", "fill_in", "Form", show=False, tooltip=f"{ENTER} It never runs anything."),
+        Binding("ctrl+r", "run", "Run", tooltip="Run the command as it is filled in."),
+        Binding("x", "teleoperate", "Tele-operate", tooltip=f"Tele-operate, {AT_REST}."),
+        Binding("c", "cancel", "Cancel", tooltip=f"Cancel all that the robot does, {AT_REST}."),
+        Binding("i", "about", "About", show=False, tooltip=f"Describe the robot in full, {AT_REST}."),
     ]
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -95,7 +99,8 @@ class PanelPage(Page):
         forms.current = wanted
 
     @on(OptionList.OptionSelected, "#commands")
-    def _enter(self) -> None:
+    def action_fill_in(self) -> None:
+        """Go into the form in front."""
         form = self.query_one("#forms", ContentSwitcher).visible_content
         if isinstance(form, CommandForm):
             form.focus_first()

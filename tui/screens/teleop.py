@@ -48,24 +48,33 @@ JOGS = {
 }  # fmt: skip
 
 
+ALONG = {
+    "x": "Move forward, back.",
+    "y": "Move left, right.",
+    "z": "Move up, down.",
+    "twist": "Twist the gripper.",
+}
+"""What the keys of an axis do."""
+
+
 class TeleopPage(Page):
     """One robot, by hand."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", "jog('x', 1)", "x", show=False),
-        Binding("down", "jog('x', -1)", "x", show=False),
-        Binding("left", "jog('y', 1)", "y", show=False),
-        Binding("right", "jog('y', -1)", "y", show=False),
-        Binding("pageup", "jog('z', 1)", "z", show=False),
-        Binding("pagedown", "jog('z', -1)", "z", show=False),
-        Binding("comma", "jog('twist', 1)", "twist", show=False),
-        Binding("full_stop", "jog('twist', -1)", "twist", show=False),
-        Binding("plus,equals_sign", "resize(1)", "Step", key_display="+"),
-        Binding("minus", "resize(-1)", "Step", key_display="-"),
-        Binding("o", "grip('open')", "Open"),
-        Binding("c", "grip('close')", "Close"),
-        Binding("v", "camera", "Camera"),
-        Binding("escape", "dismiss", "Back"),
+        Binding("up", "jog('x', 1)", "x", show=False, tooltip=ALONG["x"]),
+        Binding("down", "jog('x', -1)", "x", show=False, tooltip=ALONG["x"]),
+        Binding("left", "jog('y', 1)", "y", show=False, tooltip=ALONG["y"]),
+        Binding("right", "jog('y', -1)", "y", show=False, tooltip=ALONG["y"]),
+        Binding("pageup", "jog('z', 1)", "z", show=False, tooltip=ALONG["z"]),
+        Binding("pagedown", "jog('z', -1)", "z", show=False, tooltip=ALONG["z"]),
+        Binding("comma", "jog('twist', 1)", "twist", show=False, tooltip=ALONG["twist"]),
+        Binding("full_stop", "jog('twist', -1)", "twist", show=False, tooltip=ALONG["twist"]),
+        Binding("plus,equals_sign", "resize(1)", "Step", key_display="+", tooltip="Larger steps."),
+        Binding("minus", "resize(-1)", "Step", key_display="-", tooltip="Smaller steps."),
+        Binding("o", "grip('open')", "Open", tooltip="Open the gripper."),
+        Binding("c", "grip('close')", "Close", tooltip="Close the gripper."),
+        Binding("v", "camera", "Camera", tooltip="Look through the next camera."),
+        Binding("escape", "dismiss", "Back", tooltip="Back to the panel."),
     ]
 
     def __init__(self, robot: RobotDescription, bounds: Bounds) -> None:

@@ -10,7 +10,8 @@ from rich.text import Text
 from textual.app import App
 from textual.color import Color
 
-from robotree.tui.store import Mood, Weight
+from robotree.tui.mood import CALM, Mood
+from robotree.tui.store import Weight
 
 MOODS: Mapping[Mood, tuple[str, str]] = {
     "free": ("●", "success"),
@@ -18,6 +19,7 @@ MOODS: Mapping[Mood, tuple[str, str]] = {
     "enslaved": ("◆", "primary"),
     "stopped": ("■", "error"),
     "offline": ("✗", "error"),
+    "abandoned": ("▲", "error"),
     "silent": ("◌", "warning"),
 }
 """Sign and colour (a variable of the theme) by mood."""
@@ -48,7 +50,7 @@ def mood_mark(app: App[Any], mood: Mood, words: str) -> Text:
     """Return a mood as sign and words."""
     sign, variable = MOODS[mood]
     style = tint(app, variable)
-    return Text.assemble((f"{sign} ", style), (words, style if mood not in {"free", "enslaved"} else ""))
+    return Text.assemble((f"{sign} ", style), (words, style if mood not in CALM else ""))
 
 
 def weigh(app: App[Any], weight: Weight, words: str) -> Text:

@@ -13,6 +13,7 @@ from textual.widgets.tree import TreeNode
 
 from robotree.tui.fence import Fenced
 from robotree.tui.forest import Branch
+from robotree.tui.mood import CALM
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import mood_mark, tint
 
@@ -28,6 +29,10 @@ class Place:
     kind: str = ""
     """What the slot takes."""
     lost: str = ""
+
+
+NOWHERE = Place("")
+"""Nothing is selected."""
 
 
 class RobotTree(Fenced, Tree[Place]):
@@ -46,7 +51,7 @@ class RobotTree(Fenced, Tree[Place]):
     def selected(self) -> Place:
         """The place under the cursor."""
         node = self.cursor_node
-        return node.data if node and node.data else Place("")
+        return node.data if node and node.data else NOWHERE
 
     def draw(self, roots: Iterable[Branch], store: Store, now: float) -> None:
         """Draw the trees; nodes stay where they are as long as nobody came or went."""
@@ -107,7 +112,7 @@ class RobotTree(Fenced, Tree[Place]):
         robot = store.descriptions.get(place.name)
         kind = Text(f"  {robot.kind}" if robot else "  does not answer", muted)
         mood, doing = store.mood(place.name, now), store.doing(place.name, now)
-        words = "" if mood in {"free", "enslaved"} else doing
+        words = "" if mood in CALM else doing
         mark = mood_mark(self.app, mood, "")
         tail = Text(f"  {words}", mood_mark(self.app, mood, words).spans[-1].style) if words else Text()
         return Text.assemble(mark, role, (place.name, "bold"), kind, tail)

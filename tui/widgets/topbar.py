@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from rich.text import Text
 
+from robotree.tui.actions import BY_VERB
+from robotree.tui.manual import spell
 from robotree.tui.store import Store
 from robotree.tui.widgets.marks import tint
 from robotree.tui.widgets.still import Still
@@ -23,7 +25,8 @@ class TopBar(Still):
             (len(store.services), "lookup"),
         ]
         stop = Text.assemble(
-            ("space", tint(self.app, "error", bold=True)), (" STOP ", tint(self.app, "error"))
+            (spell(BY_VERB["stop"].key), tint(self.app, "error", bold=True)),
+            (" STOP ", tint(self.app, "error")),
         )
         right = Text()
         for count, noun in counts:
@@ -44,7 +47,7 @@ class Banner(Still):
         lines: list[str] = []
         if store.stopped:
             names = ", ".join(store.stopped)
-            lines.append(f"■ PROTECTIVE STOP: {names} — R releases")
+            lines.append(f"■ PROTECTIVE STOP: {names} — {spell(BY_VERB['resume'].key)} releases")
         if store.orphaned:
             lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
         self.display = bool(lines)

@@ -52,6 +52,7 @@ class Portrait:
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
             abandoned=jobs.abandoned,
+            readings=self._readings(),
             units={str(name): str(unit) for name, unit in self._robot.reading_units.items()},
             calls=self._calls.counts,
             doc=self._doc(),
@@ -61,9 +62,6 @@ class Portrait:
     def state(self) -> State:
         """Tell how the robot is now, with its readings."""
         tenure, jobs = self._lease.tenure, self._desk.jobs
-        readings = dict(self._hooks.readings())
-        if jobs.running is not None and not math.isnan(jobs.running.fraction):
-            readings["progress"] = jobs.running.fraction
         return State(
             busy="" if jobs.running is None else jobs.running.context.command,
             waiting=jobs.waiting,
@@ -73,8 +71,14 @@ class Portrait:
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
             abandoned=jobs.abandoned,
-            readings=readings,
+            readings=self._readings(),
         )
+
+    def _readings(self) -> dict[str, float]:
+        readings, running = dict(self._hooks.readings()), self._desk.jobs.running
+        if running is not None and not math.isnan(running.fraction):
+            readings["progress"] = running.fraction
+        return readings
 
     def listing(self) -> Listing | None:
         """Return what a lookup service should hold of it: nothing while it is enslaved."""

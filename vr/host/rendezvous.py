@@ -59,6 +59,11 @@ def realm_name(realm: str | None) -> str:
     return check_name(realm or os.environ.get(REALM_VARIABLE) or DEFAULT_REALM)
 
 
+def met(realm: str) -> bool:
+    """Whether a realm's meeting place is there: somebody has made it, now or once. Looking makes nothing."""
+    return (runtime_directory() / realm).is_dir()
+
+
 class Rendezvous:
     """The meeting place of one realm, as one process sees it."""
 

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.processes import Crew, MemberFailed
+from robotree.tui.errors import MemberFailed
+from robotree.tui.processes import Crew
 
 pytestmark = pytest.mark.e2e
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from robotree.tui import app as app_module
-from robotree.tui.app import CRASHES, Supervisor, supervise
+from robotree.tui.app import Supervisor
 from robotree.tui.exit_codes import DONE, REFUSED
 from robotree.tui.screens.dialogs import Confirm
 from robotree.tui.screens.main import MainPage
 from robotree.tui.store import Store
+from robotree.tui.supervise import CRASHES, supervise
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -101,7 +101,7 @@ async def test_a_screen_that_ends_by_an_error_is_opened_anew_and_says_so(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     headless = Headless(RuntimeError("while it was drawn"), 0)
-    monkeypatch.setattr(app_module.Supervisor, "run_async", lambda app, **_: headless.run(app))
+    monkeypatch.setattr(Supervisor, "run_async", lambda app, **_: headless.run(app))
     assert await supervise(realm.fleet, "test") == DONE
     assert headless.seen == ["the screen had to be opened anew: RuntimeError('while it was drawn')"]
 
@@ -110,6 +110,6 @@ async def test_a_screen_that_ends_again_and_again_gives_up_in_one_sentence(
     realm: Realm, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     headless = Headless(*[RuntimeError("again")] * CRASHES)
-    monkeypatch.setattr(app_module.Supervisor, "run_async", lambda app, **_: headless.run(app))
+    monkeypatch.setattr(Supervisor, "run_async", lambda app, **_: headless.run(app))
     assert await supervise(realm.fleet, "test") == REFUSED
     assert "use the command line" in capsys.readouterr().err

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.screens.panel import PanelPage
 from robotree.tui.terminal import STEERING
+from robotree.tui.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -25,7 +26,7 @@ async def test_no_page_lets_a_robot_steer_the_terminal(
             assert STEERING.search(operator.text.replace("\n", "")) is None
         await operator.obey("call evil.stumble")
         await operator.sees("seen robotree: all is well")
-        app.ask_for("panel", "evil")
+        app.ask_for("panel", Place("evil"))
         await operator.at(PanelPage)
         await operator.sees("[2J", "seen")
         assert STEERING.search(operator.text) is None

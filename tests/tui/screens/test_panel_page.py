@@ -16,6 +16,7 @@ from robotree.tui.widgets.choice import Choice
 from robotree.tui.widgets.command_form import CommandForm
 from robotree.tui.widgets.field_row import FieldRow
 from robotree.tui.widgets.robot_table import RobotTable
+from robotree.tui.widgets.robot_tree import Place
 from robotree.vr import Robot, command
 
 if TYPE_CHECKING:
@@ -272,7 +273,7 @@ async def test_an_enslaved_robot_says_who_commands_it(realm: Realm, operate: Ope
     await realm.fleet.enslave("mover", "arm", "arm-1")
     async with operate(realm.fleet) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        operator.app.ask_for("panel", "arm-1")
+        operator.app.ask_for("panel", Place("arm-1"))
         page = await operator.at(PanelPage)
         await operator.sees("under mover")
         await choose(operator, page, "hold")

@@ -12,6 +12,7 @@ from robotree.tui.screens.panel import PanelPage
 from robotree.tui.screens.teleop import TeleopPage
 from robotree.tui.widgets.cameras import Cameras
 from robotree.tui.widgets.picture import PictureView
+from robotree.tui.widgets.robot_tree import Place
 from robotree.vr.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
 async def test_only_robots_that_can_be_tele_operated_are(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await operator.until(lambda: "rover-1" in operator.app.store.descriptions)
-        operator.app.ask_for("panel", "rover-1")
+        operator.app.ask_for("panel", Place("rover-1"))
         await operator.at(PanelPage)
         await operator.press("x")
         assert isinstance(operator.app.screen, PanelPage)

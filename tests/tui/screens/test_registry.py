@@ -1,0 +1,101 @@
+"""The registry feeds the keys: whatever the full screen binds, asks and explains comes from there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.binding import Binding
+from textual.widgets import Button, Input
+
+from robotree.tui.action import About, Scope, Where
+from robotree.tui.actions import ACTIONS
+from robotree.tui.app import Supervisor
+from robotree.tui.asking import ASK
+from robotree.tui.manual import spell
+from robotree.tui.screens.dialogs import Confirm, Reading
+from robotree.tui.screens.help import help_text, page_keys
+from robotree.tui.screens.main import PANES, MainPage
+from robotree.tui.screens.page import Page
+from robotree.tui.screens.panel import PanelPage
+from robotree.tui.screens.teleop import TeleopPage
+from robotree.tui.widgets.robot_tree import Place
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+
+def keys(holder: type[Supervisor | Page]) -> set[str]:
+    return {one.key for one in holder.BINDINGS if isinstance(one, Binding)}
+
+
+def test_every_action_of_the_screen_knows_what_to_ask_and_nothing_else_does() -> None:
+    shown = {one.verb for one in ACTIONS if one.where & Where.SCREEN}
+    typed_alone = {one.verb for one in ACTIONS if one.where & Where.PROMPT and one.run is None}
+    assert shown == ASK.keys()
+    assert typed_alone <= ASK.keys()
+    assert PANES.keys() <= ASK.keys()
+
+
+def test_a_key_works_in_the_scope_that_the_registry_says_and_only_there() -> None:
+    for action in ACTIONS:
+        for key in filter(None, (action.key, action.typing_key)):
+            assert (key in keys(Supervisor)) == (action.scope is Scope.PROGRAM), key
+            assert (key in keys(MainPage)) == (action.scope is Scope.PAGE), key
+    told = {key for one in ACTIONS if one.scope is Scope.PROGRAM for key in (one.key, one.typing_key) if key}
+    assert keys(Supervisor) == told, "the program has no key of its own"
+
+
+def test_only_what_is_on_the_screen_is_about_something_there() -> None:
+    assert all(one.key for one in ACTIONS if one.about is not About.NOTHING)
+    assert all(one.scope is Scope.PAGE for one in ACTIONS if one.about is not About.NOTHING)
+
+
+@pytest.mark.parametrize("page", [PanelPage, TeleopPage])
+def test_every_key_of_a_page_is_explained(page: type[Page]) -> None:
+    rows = page_keys(page)
+    assert all(meaning.endswith(".") for _, meaning in rows), "a binding without a tooltip"
+    shown = " ".join(told for told, _ in rows)
+    for one in page.BINDINGS:
+        assert isinstance(one, Binding)
+        assert (one.key_display or spell(one.key)) in shown
+
+
+async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
+        wanted = [f"{spell(one.key)} {one.help}" for one in ACTIONS if one.key and not one.typing_key]
+        wanted += [
+            f"{told} {meaning}" for page in (PanelPage, TeleopPage) for told, meaning in page_keys(page)
+        ]
+        assert [one for one in wanted if " ".join(one.split()) not in lines] == []
+
+
+async def test_the_programs_keys_work_beside_a_button_and_are_letters_in_a_field(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        operator.app.ask_for("panel", Place("arm-1"))
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query(Input)), "the form")
+        field = page.query(Input).first()
+        field.value = ""
+        field.focus()
+        await operator.press("R", "question_mark", "space")
+        assert field.value == "R? "
+        assert operator.app.store.stopped == ()
+        page.query_one("#run", Button).focus()
+        await operator.press("space")
+        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
+        assert page.query_one("#run", Button).has_focus
+        await operator.press("question_mark")
+        await operator.at(Reading)
+        await operator.press("escape")
+        await operator.at(PanelPage)
+        await operator.press("R")
+        await operator.at(Confirm)
+        assert realm.arm.calls == [], "no key of the program presses the button"

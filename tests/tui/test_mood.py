@@ -1,0 +1,68 @@
+"""How a robot is: one ladder, whatever tells it and whoever reads it."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui import mood
+from robotree.tui.mood import Mood
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, RobotDescription
+from robotree.vr.requests import State
+
+PARENT = Address("robot", "mover", "1")
+
+STATES = st.builds(
+    State,
+    busy=st.sampled_from(["", "go_to"]),
+    waiting=st.integers(0, 2),
+    online=st.booleans(),
+    stopped=st.booleans(),
+    abandoned=st.sampled_from([(), ("defy",)]),
+    bond=st.sampled_from([None, PARENT]),
+)
+
+
+@given(state=STATES)
+def test_a_state_and_a_description_of_the_same_robot_say_the_same(state: State) -> None:
+    described = RobotDescription(
+        address=Address("robot", "arm-1", "1"),
+        kinds=("Arm",),
+        busy=state.busy,
+        waiting=state.waiting,
+        online=state.online,
+        stopped=state.stopped,
+        abandoned=state.abandoned,
+        bond=BondSpec(parent=PARENT, slot="arm", epoch=1, remaining=5) if state.bond else None,
+    )
+    assert mood.mood(described) == mood.mood(state)
+    assert mood.words(described) == mood.words(state)
+
+
+@given(state=STATES, share=st.one_of(st.none(), st.floats()))
+def test_only_calm_robots_need_no_word(state: State, share: float | None) -> None:
+    calm = mood.mood(state) in mood.CALM
+    assert calm == (mood.words(state) in mood.CALM)
+    assert calm == (state.online and not state.stopped and not state.abandoned and not state.busy), (
+        "trouble and work are never left out"
+    )
+    assert "nan" not in mood.doing(state, share)
+    assert "inf" not in mood.doing(state, share)
+
+
+@pytest.mark.parametrize(
+    ("state", "one", "beside_a_sign", "alone"),
+    [
+        (State(), "free", "free", "free"),
+        (State(busy="go_to", waiting=2), "busy", "go_to 40% +2", "busy: go_to +2"),
+        (State(busy="go_to", abandoned=("defy",)), "abandoned", *["ABANDONED: defy still runs"] * 2),
+        (State(stopped=True, abandoned=("defy",)), "stopped", "stopped", "STOPPED"),
+        (State(online=False, stopped=True), "offline", "offline", "offline"),
+    ],
+)
+def test_what_matters_most_comes_first(state: State, one: Mood, beside_a_sign: str, alone: str) -> None:
+    assert mood.mood(state) == one
+    assert mood.doing(state, 0.4) == beside_a_sign
+    assert mood.words(state) == alone
