@@ -200,7 +200,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- the wire (`tui/wire`)
     Action(
-        usage="wire decode FILE [--as FORMAT]",
+        usage="wire decode FILE [--as FORMAT] [--xml DIALECT]",
         help="Print the MAVLink frames in a recording, a candump log or raw bytes (- for standard input).",
         group=WIRE,
         where=Where.SHELL,
@@ -224,7 +224,7 @@ ACTIONS: tuple[Action, ...] = (
         ),
     ),
     Action(
-        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME] [--key FILE]",
+        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME] [--key FILE] [--xml DIALECT]",
         help="Watch links: rate, age and last value of each message; loss, delay and bytes per second.",
         group=WIRE,
         where=Where.SHELL,
@@ -239,18 +239,21 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire ping --connect tcp:127.0.0.1:5760 --count 100 --every 10ms",),
     ),
     Action(
-        usage="wire dissector [FILE] [--port PORT]",
+        usage="wire dissector [FILE] [--port PORT] [--xml DIALECT]",
         help="Write the Lua that makes Wireshark and tshark understand the wire.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire dissector robotree.lua",),
     ),
     Action(
-        usage="wire dialect --lang LANGUAGE OUT",
-        help="Write the dialect for programs in c, c++, csharp, java, objc, python, swift, or as xml.",
+        usage="wire dialect --lang LANGUAGE OUT [--xml DIALECT]",
+        help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, or as xml.",
         group=WIRE,
         where=Where.SHELL,
-        examples=("wire dialect --lang c include/mavlink",),
+        examples=(
+            "wire dialect --lang c include/mavlink",
+            "wire dialect --lang c mine --xml mine.xml",
+        ),
     ),
     Action(
         usage="wire inject --listen URL --connect URL [--loss SHARE] [--delay TIME] [--jitter TIME]"

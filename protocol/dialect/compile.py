@@ -41,15 +41,21 @@ def base_directory() -> Path:
 
 @contextlib.contextmanager
 def workspace(xml: Path) -> Generator[Path]:
-    """A temporary folder with `xml`, its neighbours and the base files, since includes are relative.
+    """A temporary folder with `xml`, its neighbours, our files and the base's, since includes are relative.
 
     Yields:
         The copy of `xml`.
+
+    Raises:
+        DialectError: there is no `xml`.
     """
+    if not xml.is_file():
+        raise DialectError(str(xml), "there is no such file")
     with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as name:
         folder = Path(name)
-        for source in (*base_directory().glob("*.xml"), *xml.parent.glob("*.xml")):
-            shutil.copy(source, folder)
+        for source in (base_directory(), DIALECT.parent, xml.parent):  # the nearest file of a name is taken
+            for each in source.glob("*.xml"):
+                shutil.copy(each, folder)
         yield folder / xml.name
 
 
@@ -68,7 +74,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
             raise DialectError(str(xml), f"includes are nested deeper than {LARGEST_NESTING}")
         if not path.is_file():
             raise DialectError(
-                str(xml), f"it includes {path.name}, which lies neither beside it nor in MAVLink"
+                str(xml), f"it includes {path.name}, which lies neither beside it nor in robotree nor MAVLink"
             )
         if not (base_directory() / path.name).exists() and (problem := next(problems(path), None)):
             raise DialectError(str(xml.with_name(path.name)), problem)

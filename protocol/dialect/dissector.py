@@ -12,23 +12,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robotree.protocol.dialect import languages
+from robotree.protocol.dialect.compile import DIALECT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-def dissector(ports: Sequence[int] = ()) -> str:
+def dissector(ports: Sequence[int] = (), dialect: Path = DIALECT) -> str:
     """The text of the dissector.
 
     Args:
         ports: further ports of TCP and UDP on which MAVLink is spoken.
+        dialect: the XML.
 
     Raises:
         DialectError: the dialect does not compile.
     """
     with tempfile.TemporaryDirectory(prefix="robotree-dissector-") as folder:
         target = Path(folder) / "robotree.lua"
-        languages.write("wireshark", target)
+        languages.write("wireshark", target, dialect)
         text = target.read_text(encoding="utf-8")
     return text + "".join(
         f'DissectorTable.get("{transport}.port"):add({port}, mavlink_proto)\n'

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 
 from robotree.protocol.capture.decode import Decoded, DecoderStatistics
 from robotree.protocol.capture.files import Recording
+from robotree.protocol.dialect.extension import extend
 from robotree.tui import exit_codes
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import put
@@ -20,6 +22,8 @@ from robotree.tui.wording import columns
 def run(line: Line) -> int:
     """Print every frame, and statistics at the end."""
     as_json = line.flag("--json")
+    if line.text("--xml"):
+        extend(Path(line.text("--xml")))
     file = Recording(line.text("FILE"), line.text("--as"))
     told = to_json if as_json else to_text
     for batch in file.frames():

@@ -1,4 +1,4 @@
-"""`robotree wire dialect --lang LANGUAGE OUT`: the dialect for programs in other languages."""
+"""`robotree wire dialect --lang LANGUAGE OUT`: our dialect, or yours, for programs in other languages."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from robotree.protocol.dialect import languages
+from robotree.protocol.dialect.compile import DIALECT
 from robotree.tui import exit_codes
 from robotree.tui.errors import BadLine
 from robotree.tui.grammar import Line
@@ -16,7 +17,8 @@ def run(line: Line) -> int:
     """Write the dialect, and say what was written."""
     if not line.text("--lang"):
         raise BadLine(f"wire dialect: say --lang with one of {', '.join(languages.names())}", "")
-    written = languages.write(line.text("--lang"), Path(line.text("OUT")))
+    dialect = Path(line.text("--xml")) if line.text("--xml") else DIALECT
+    written = languages.write(line.text("--lang"), Path(line.text("OUT")), dialect)
     if line.flag("--json"):
         put(json.dumps({"files": [str(path) for path in written]}))
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from robotree.protocol.dialect.compile import DIALECT
 from robotree.protocol.dialect.dissector import dissector
 from robotree.protocol.dialect.errors import TargetTaken
 from robotree.tui import exit_codes
@@ -18,7 +19,7 @@ def run(line: Line) -> int:
     port = line.text("--port")
     if port and not (port.isdecimal() and 0 < int(port) <= 0xFFFF):
         raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
-    text = dissector([int(port)] if port else [])
+    text = dissector([int(port)] if port else [], Path(line.text("--xml")) if line.text("--xml") else DIALECT)
     if not line.text("FILE"):
         sys.stdout.write(text)
         return exit_codes.DONE

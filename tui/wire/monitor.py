@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from pathlib import Path
 
 import msgspec
 
 from robotree.protocol.capture.gauges import LinkGauge, LinkReading
+from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import Frame
@@ -60,6 +62,8 @@ def _unheard(_frame: Frame) -> None:
 
 def run(line: Line) -> int:
     """Watch until the end."""
+    if line.text("--xml"):
+        extend(Path(line.text("--xml")))
     return asyncio.run(_watch(line))
 
 

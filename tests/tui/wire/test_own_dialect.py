@@ -1,0 +1,116 @@
+"""A dialect of one's own beside ours: compiled, told what is wrong with it, and decoded."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from fastcrc.crc16 import mcrf4xx
+
+from robotree.protocol import encode
+from robotree.protocol.dialect.compile import build
+from robotree.protocol.frame import CRC_START
+from robotree.protocol.messages import NamedValueFloat
+from robotree.tui import exit_codes
+
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+PROBE = '<message id="{}" name="{}"><description>A probe.</description>{}</message>'
+FIELDS = (
+    '<field type="uint16_t" name="depth" units="m">Depth.</field>'
+    '<field type="char[4]" name="tag">Tag.</field>'
+)
+ALONE = "<dialect>0</dialect>"
+OURS, COMMON = f"<include>robotree.xml</include>{ALONE}", f"<include>common.xml</include>{ALONE}"
+
+
+def dialect(folder: Path, messages: str, head: str = OURS) -> Path:
+    path = folder / "mine.xml"
+    path.write_text(f"<mavlink>{head}<messages>{messages}</messages></mavlink>")
+    return path
+
+
+def say(*words: str | Path, **options: object) -> subprocess.CompletedProcess[bytes]:
+    """Like a person, in a process of its own: what a dialect adds stays in it."""
+    return subprocess.run([*ROBOTREE, *map(str, words)], capture_output=True, check=False, **options)  # type: ignore[call-overload,no-any-return]  # passed on
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    return dialect(tmp_path, PROBE.format(57901, "PROBE", FIELDS))
+
+
+@pytest.fixture
+def stream(mine: Path) -> bytes:
+    """A frame of our own, and one of the dialect, made by hand from what it compiles to."""
+    (probe,) = [each for each in build(mine) if each.name == "PROBE"]
+    body = struct.pack("<BBBBBBB3sH4s", 0xFD, 6, 0, 0, 1, 1, 1, (57901).to_bytes(3, "little"), 1500, b"deep")
+    checksum = mcrf4xx(body + bytes((probe.crc_extra,)), CRC_START)
+    ours = encode(NamedValueFloat(1, "x", 0.5), sequence=0, system=1, component=1)
+    return ours + body + checksum.to_bytes(2, "little")
+
+
+def test_messages_of_ones_own_dialect_are_decoded_beside_ours(mine: Path, stream: bytes) -> None:
+    plain, said = (
+        say("wire", "decode", "-", "--json", *more, input=stream) for more in ((), ("--xml", mine))
+    )
+    *frames, last = map(json.loads, said.stdout.splitlines())
+    assert [(one["name"], one["fields"]) for one in frames][1:] == [("PROBE", {"depth": 1500, "tag": "deep"})]
+    assert (last["statistics"]["frames"], last["statistics"]["unknown"]) == (2, 0)
+    assert json.loads(plain.stdout.splitlines()[-1])["statistics"]["unknown"] == 1
+
+
+@pytest.mark.parametrize("head", [OURS, COMMON, ALONE])
+def test_ones_own_dialect_is_generated_whatever_it_includes(tmp_path: Path, head: str) -> None:
+    mine = dialect(tmp_path, PROBE.format(57901, "PROBE", FIELDS), head)
+    said = say("wire", "dialect", "--lang", "c", tmp_path / "c", "--xml", mine, "--json")
+    written = {Path(name).name for name in json.loads(said.stdout)["files"]}
+    assert "mavlink_msg_probe.h" in written
+    assert ("mavlink_msg_robotree_gripper.h" in written) == ("robotree" in head)
+
+
+def test_wireshark_is_told_of_ones_own_messages(tmp_path: Path, mine: Path) -> None:
+    lua = tmp_path / "mine.lua"
+    assert say("wire", "dissector", lua, "--xml", mine).returncode == exit_codes.DONE
+    assert "ROBOTREE_JOINTS" in lua.read_text()
+    assert "PROBE" in lua.read_text()
+
+
+WRONG = {
+    "a field's type": (
+        PROBE.format(57901, "PROBE", FIELDS.replace("uint16_t", "word")),
+        "has the type 'word'",
+    ),
+    "an id of ours": (PROBE.format(57600, "PROBE", FIELDS), "Duplicate message id 57600"),
+    "no XML": ("<", "it is no XML"),
+}
+
+
+@pytest.mark.parametrize("verb", [("dialect", "--lang", "c", "out"), ("dissector",), ("decode", "-")])
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_with_it_is_said_in_one_sentence(
+    tmp_path: Path, verb: tuple[str, ...], wrong: str
+) -> None:
+    messages, told = WRONG[wrong]
+    said = say("wire", *verb, "--xml", dialect(tmp_path, messages), cwd=tmp_path, input=b"")
+    (sentence,) = said.stderr.decode().splitlines()
+    assert told in sentence
+    assert "mine.xml does not compile; correct the XML: " in sentence
+    assert said.returncode == exit_codes.REFUSED
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_message_that_is_ours_and_another_one_at_once_is_refused(tmp_path: Path) -> None:
+    """It stands alone, so its own file is right."""
+    mine = dialect(tmp_path, PROBE.format(0, "PROBE", FIELDS), ALONE)
+    said = say("wire", "decode", "-", "--xml", mine, input=b"")
+    assert "PROBE with id 0 is not the HEARTBEAT with id 0 of robotree" in said.stderr.decode()
+    assert said.returncode == exit_codes.REFUSED
+
+
+def test_a_dialect_that_is_not_there_is_named(tmp_path: Path) -> None:
+    said = say("wire", "dissector", "--xml", tmp_path / "mine.xml")
+    assert "mine.xml does not compile; correct the XML: there is no such file" in said.stderr.decode()
