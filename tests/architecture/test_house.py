@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -15,6 +16,8 @@ ROOMS = ("protocol", "sim", "vr", "proxy", "tui")
 MAPPED = (*ROOMS, "examples")
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
+IMPURE = {"asyncio", "random", "serial", "socket", "sqlite3", "subprocess", "threading", "time", "zenoh"}
+PROMISE = re.compile(r"\bPure\b[.:,]")
 
 
 def imported(path: Path) -> set[str]:
@@ -30,6 +33,16 @@ def imported(path: Path) -> set[str]:
 
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
+
+
+def promises_purity(path: Path) -> bool:
+    """Whether a module's docstring says that it does no input or output and reads no clock."""
+    return PROMISE.search(ast.get_docstring(ast.parse(path.read_text())) or "") is not None
+
+
+@pytest.mark.parametrize("path", filter(promises_purity, SOURCES), ids=relative)
+def test_who_says_pure_imports_nothing_that_waits_speaks_or_tells_the_time(path: Path) -> None:
+    assert not imported(path) & IMPURE
 
 
 def test_setuptools_is_told_of_every_subpackage() -> None:
