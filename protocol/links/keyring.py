@@ -1,8 +1,7 @@
 """Where signing keys lie: a file that only its owner can read, and beside it the time that was last signed.
 
 The file has one line per key, `PATTERN KEY`: the first pattern (`*` and `?` as in a shell) that matches the
-address of a link gives the key, 64 hexadecimal digits. Lines that begin with # are for people. A link that no
-line matches is not signed::
+address of a link gives the key, 64 hexadecimal digits. Lines that begin with # are for people::
 
     # the arm in the cell
     tcp:127.0.0.1:*   6f1b…
@@ -19,7 +18,17 @@ import secrets
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from robotree.protocol.links.keyfile import KeyFileError, alone, key_lines, read, replace, state_of, write
+from robotree.protocol.links.keyfile import (
+    KeyFileError,
+    UnmatchedLink,
+    alone,
+    key_lines,
+    read,
+    replace,
+    state_of,
+    write,
+)
+from robotree.protocol.links.names import names
 from robotree.protocol.signing import KEY_BYTES
 
 if TYPE_CHECKING:
@@ -27,7 +36,7 @@ if TYPE_CHECKING:
 
     from robotree.protocol.signing import Key
 
-__all__ = ["PERSIST_PERIOD", "KeyFileError", "Keyring", "create", "secret_of"]
+__all__ = ["PERSIST_PERIOD", "KeyFileError", "Keyring", "UnmatchedLink", "create", "secret_of"]
 
 PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
@@ -45,7 +54,7 @@ class Keyring:
         patience: [s] in which other programs must let go of it before `persist` gives up.
 
     Raises:
-        KeyFileError: others can read it, or a line makes no sense.
+        KeyFileError: others can read it, it holds no key, or a line makes no sense.
     """
 
     def __init__(self, path: Path, patience: float = PERSIST_PATIENCE) -> None:
@@ -55,14 +64,31 @@ class Keyring:
         self._state = content.state
         self.keys = [(line.pattern, line.key) for line in key_lines(path, content.text)]
         """Patterns and keys, in the order of the file."""
+        if not self.keys:
+            raise KeyFileError(path, "holds no key; make another file with `robotree wire key FILE`")
 
     def key_for(self, address: str) -> Key | None:
-        """The key of a link; None: it is not signed."""
+        """The key of a link; None: no line matches."""
         return next((key for pattern, key in self.keys if fnmatchcase(address, pattern)), None)
 
     def pattern_for(self, address: str) -> str:
-        """The pattern that gives a link its key; empty: it is not signed."""
+        """The pattern that gives a link its key; empty: no line matches."""
         return next((pattern for pattern, _ in self.keys if fnmatchcase(address, pattern)), "")
+
+    def require(self, address: str, *, listening: bool) -> None:
+        """See that the links of an address will have a key, before one is opened.
+
+        Args:
+            address: to be handed to `connect` or `listen`.
+            listening: whether it is for `listen`; then all links that may come have to have one.
+
+        Raises:
+            UnmatchedLink: they will have none.
+            BadUrl: the address means nothing.
+        """
+        found = [self.key_for(name) is not None for name in names(address, listening=listening)]
+        if found and not (all(found) if listening else any(found)):
+            raise UnmatchedLink(self._path, address, [pattern for pattern, _ in self.keys])
 
     def refresh(self) -> None:
         """Read the file again, if it was changed.

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Protocol, TypedDict
 
 from robotree.protocol.errors import KeyRefused
 from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError
 from robotree.protocol.links.url import is_private
-from robotree.protocol.signing import UNITS, Key, Signer, SigningTime, StreamTable, Verifier
+from robotree.protocol.signing import KEY_BYTES, UNITS, Key, Signer, SigningTime, StreamTable, Verifier
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
@@ -114,16 +115,18 @@ class Security:
             self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
         self._streams = StreamTable()
         self._links = first_link
+        self._nobodys = Key(secrets.token_bytes(KEY_BYTES))
+        """Of links that no line of the file matches: whoever wants keys wants no other links."""
         self._trouble = ""
 
     def seals(self, address: str) -> Seals:
         """What the link at an address needs. Every link of ours has an id of its own, modulo 256.
 
-        The key is the one that the file has now; if the file cannot be used, the one that it had before.
+        The key is the one that the file has now; if the file cannot be used, the one that it had before. A
+        link without one gets a key that nobody else has: it hears nobody, and nobody hears it.
         """
         self._refresh()
-        if (key := self._keyring.key_for(address)) is None:
-            return Seals(signer=None, verifier=None)
+        key = self._keyring.key_for(address) or self._nobodys
         link_id, self._links = self._links & 0xFF, self._links + 1
         return Seals(
             signer=Signer(key, self._time, link_id), verifier=Verifier(key, self._time, self._streams)
@@ -154,7 +157,7 @@ class Security:
         verifier = seals["verifier"]
         if not is_private(address):
             raise KeyRefused("A key is taken only over TCP or UDP from this machine; edit the key file.")
-        if verifier is None:
+        if verifier is None or not self.pattern(address):
             raise KeyRefused("This link has no key that could be replaced; edit the key file.")
         if not any(secret):
             raise KeyRefused("Signing is not switched off over the wire; edit the key file.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.protocol.links.keyring import KeyFileError, Keyring, create
+from robotree.protocol.links.keyring import KeyFileError, Keyring, UnmatchedLink, create
 from robotree.protocol.signing import Key
 
 if TYPE_CHECKING:
@@ -58,6 +58,55 @@ def test_a_line_that_makes_no_sense_is_named_but_not_shown(path: Path, line: str
         Keyring(path)
     assert ONE[:20] not in str(refused.value)
     assert refused.value.__cause__ is None
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "# tcp:* later\n"])
+def test_a_file_without_a_key_is_refused_for_it_would_switch_signing_off(path: Path, text: str) -> None:
+    path.write_text(text)
+    with pytest.raises(KeyFileError, match="holds no key; make another file"):
+        Keyring(path)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "address", "listening"),
+    [
+        ("udp:*", "tcp:127.0.0.1:0", True),
+        ("udp:*", "tcp:127.0.0.1:5760", False),
+        ("tcp:127.0.0.1:5760", "tcp:127.0.0.1:5760", True),  # who comes has another port
+        ("tcp:127.0.0.1:5761", "tcp:5760", False),
+        ("can:robotree/cell?node=1&host=130", "can:robotree/cell?node=1", True),
+        ("can:robotree/cell?node=1*", "can:robotree/cell?node=2", False),
+        ("serial:/dev/ttyA*", "serial:/dev/ttyB", True),
+    ],
+)
+def test_an_address_without_a_key_is_named_with_the_patterns_that_there_are(
+    path: Path, pattern: str, address: str, *, listening: bool
+) -> None:
+    path.write_text(f"{pattern} {ONE}\n")
+    with pytest.raises(UnmatchedLink) as refused:
+        Keyring(path).require(address, listening=listening)
+    assert f"no pattern matches the links of {address}; there is {pattern};" in str(refused.value)
+    assert "--key none" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "address", "listening"),
+    [
+        ("tcp:127.0.0.1:*", "tcp:0", True),
+        ("tcp:127.0.0.1:5760", "tcp:5760", False),
+        ("tcp:127.0.0.1:*", "tcp:localhost:5760", False),
+        ("udp:localhost:*", "udp:localhost:5760", False),
+        ("can:robotree/cell?node=1*", "can:robotree/cell", True),
+        ("can:robotree/cell?node=1&fd=0", "can:robotree/cell?fd=0", False),
+        ("serial:/dev/ttyA*", "serial:/dev/ttyA?baud=9600", False),
+        ("udp:*", "tcp:no.such.host.invalid:5760", False),  # that there is no such host is told by the dial
+    ],
+)
+def test_an_address_is_matched_as_its_links_will_be_called(
+    path: Path, pattern: str, address: str, *, listening: bool
+) -> None:
+    path.write_text(f"{pattern} {ONE}\n")
+    Keyring(path).require(address, listening=listening)
 
 
 def test_a_missing_file_is_told_in_one_sentence(tmp_path: Path) -> None:

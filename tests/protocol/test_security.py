@@ -84,9 +84,16 @@ async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> 
     await asyncio.sleep(0.005)
 
 
-def test_links_without_a_key_are_not_signed(keys: Path) -> None:
-    seals = Security(Keyring(keys), lambda: NOW).seals("udp:127.0.0.1:14550")
-    assert seals == {"signer": None, "verifier": None}
+def test_a_link_that_no_line_matches_hears_nobody_and_nobody_hears_it(keys: Path) -> None:
+    """Whoever gives a file wants no link without a key; that would be one by a slip of the pattern."""
+    ours, theirs = (Security(Keyring(keys), lambda: NOW) for _ in range(2))
+    for speaker, listener in (("tcp:127.0.0.1:1", "udp:127.0.0.1:1"), ("udp:127.0.0.1:1", "tcp:127.0.0.1:1")):
+        signer = ours.seals(speaker)["signer"]
+        said = encode(Timesync(1, 2), sequence=0, system=255, component=1, signer=signer)
+        plain = encode(Timesync(1, 2), sequence=1, system=255, component=1)
+        parser = Parser(theirs.seals(listener)["verifier"])
+        assert parser.feed(said + plain) == []
+        assert parser.statistics.refused == 2
 
 
 def test_links_of_one_process_are_different_streams(keys: Path) -> None:

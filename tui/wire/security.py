@@ -25,16 +25,25 @@ NOTHING = "none"
 async def securing(line: Line) -> AsyncGenerator[Sealing]:
     """Read the keys for what a line starts, and keep their time inside the block.
 
+    Whoever gives a file wants what it opens to be signed: an address that the file has no key for is refused.
+
     Yields:
         What signs the links; without a file, nothing does.
 
     Raises:
-        KeyFileError: the file cannot be used.
+        KeyFileError: the file cannot be used, or has no key for an address of the line.
+        BadUrl: an address means nothing.
     """
     given = line.text("--key") or os.environ.get(VARIABLE) or NOTHING
     if given == NOTHING:
         yield UNSIGNED
         return
-    keys, link = Keyring(Path(given)), secrets.randbelow(256)
+    keys = Keyring(Path(given))
+    for option in ("--listen", "--connect"):
+        if line.text(option):
+            keys.require(line.text(option), listening=option == "--listen")
+    for address in line.many("URL"):
+        keys.require(address, listening=False)
+    link = secrets.randbelow(256)
     async with persisting(Security(keys, time.time, first_link=link)) as security:
         yield security

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Generator
+from pathlib import Path
+from typing import Any
 
 import pytest
+
+from robotree.tui.cli import main
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 
@@ -19,3 +24,25 @@ def arm() -> Generator[str]:
         assert process.stdout is not None
         yield process.stdout.readline().split()[1]
         process.terminate()
+
+
+class Said:
+    """What one command line said, and its exit code."""
+
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self.code, self.out, self.err = code, out, err
+        self.lines = out.splitlines()
+
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.lines]
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Any:
+    def obey(*words: str | Path) -> Said:
+        code = main([str(word) for word in words])
+        told = capsys.readouterr()
+        return Said(code, told.out, told.err)
+
+    return obey

@@ -16,31 +16,9 @@ from robotree.protocol import encode
 from robotree.protocol.capture import Recording, tlog
 from robotree.protocol.messages import NamedValueFloat
 from robotree.tui import exit_codes
-from robotree.tui.cli import main
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOON = 1_700_000_000_000_000
-
-
-class Said:
-    """What one command line said, and its exit code."""
-
-    def __init__(self, code: int, out: str, err: str) -> None:
-        self.code, self.out, self.err = code, out, err
-        self.lines = out.splitlines()
-
-    @property
-    def objects(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.lines]
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Any:
-    def obey(*words: str | Path) -> Said:
-        code = main([str(word) for word in words])
-        return Said(code, *capsys.readouterr())
-
-    return obey
 
 
 def recording(path: Path, count: int = 10, *, period: int = 10_000) -> Path:
