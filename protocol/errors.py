@@ -1,7 +1,8 @@
 """Everything that can go wrong on the wire.
 
-Bytes that arrive never raise: they are counted (see statistics.py). What raises is our own mistake, or a
-link that cannot be had::
+Bytes that arrive never raise: they are counted, in the `statistics` of parsers, verifiers, links and buses.
+What raises is our own mistake, or a link or a file that cannot be had. The tree goes on in the `errors.py` of
+`capture`, `dialect` and `isotp`::
 
     ProtocolError
       DialectError          an XML file that does not compile
@@ -9,6 +10,8 @@ link that cannot be had::
         InvalidMessage      a message with a value that its field cannot hold
         UnknownMessage      a message that the dialect does not have
       KeyRefused            a signing key that came over the wire, and is not taken
+      KeyFileError          a file with signing keys that cannot be used
+        UnmatchedLink       it has keys, but none for a link that is wanted
       LinkError
         BadUrl              an address that means nothing
         LinkRefused         nobody listens there, or the port is taken
@@ -18,6 +21,12 @@ link that cannot be had::
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
 
 
 class ProtocolError(Exception):
@@ -56,6 +65,23 @@ class UnknownMessage(LocalProtocolError):
 
 class KeyRefused(ProtocolError):
     """A key that came over the wire is not taken. Its sentence is for who sent it, and shows no key."""
+
+
+class KeyFileError(ProtocolError):
+    """A key file cannot be used. Its content is never part of the message."""
+
+    def __init__(self, path: Path, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: {problem}")
+
+
+class UnmatchedLink(KeyFileError):
+    """The file has keys, but none for a link that is wanted."""
+
+    def __init__(self, path: Path, address: str, patterns: Iterable[str]) -> None:
+        self.address, self.patterns = address, tuple(patterns)
+        problem = f"no pattern matches the links of {address}; there is {', '.join(self.patterns)}"
+        super().__init__(path, f"{problem}; add a line for them, or say --key none to do without")
 
 
 class LinkError(ProtocolError):

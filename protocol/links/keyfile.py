@@ -9,32 +9,15 @@ import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotree.protocol.errors import ProtocolError
+from robotree.protocol.errors import KeyFileError
 from robotree.protocol.signing import KEY_BYTES, Key
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable
+    from collections.abc import Generator
     from pathlib import Path
 
 _LOOK = 0.002
 """[s] between two attempts to lock a file."""
-
-
-class KeyFileError(ProtocolError):
-    """A key file cannot be used. Its content is never part of the message."""
-
-    def __init__(self, path: Path, problem: str) -> None:
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
-
-
-class UnmatchedLink(KeyFileError):
-    """The file has keys, but none for a link that is wanted."""
-
-    def __init__(self, path: Path, address: str, patterns: Iterable[str]) -> None:
-        self.address, self.patterns = address, tuple(patterns)
-        problem = f"no pattern matches the links of {address}; there is {', '.join(self.patterns)}"
-        super().__init__(path, f"{problem}; add a line for them, or say --key none to do without")
 
 
 class State(NamedTuple):

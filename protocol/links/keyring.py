@@ -18,16 +18,8 @@ import secrets
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from robotree.protocol.links.keyfile import (
-    KeyFileError,
-    UnmatchedLink,
-    alone,
-    key_lines,
-    read,
-    replace,
-    state_of,
-    write,
-)
+from robotree.protocol.errors import KeyFileError, UnmatchedLink
+from robotree.protocol.links.keyfile import alone, key_lines, read, replace, state_of, write
 from robotree.protocol.links.names import names
 from robotree.protocol.signing import KEY_BYTES
 
@@ -35,8 +27,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from robotree.protocol.signing import Key
-
-__all__ = ["PERSIST_PERIOD", "KeyFileError", "Keyring", "UnmatchedLink", "create", "secret_of"]
 
 PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""

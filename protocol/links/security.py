@@ -13,8 +13,8 @@ import secrets
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Protocol, TypedDict
 
-from robotree.protocol.errors import KeyRefused
-from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError
+from robotree.protocol.errors import KeyFileError, KeyRefused
+from robotree.protocol.links.keyring import PERSIST_PERIOD
 from robotree.protocol.links.url import is_private
 from robotree.protocol.signing import KEY_BYTES, UNITS, Key, Signer, SigningTime, StreamTable, Verifier
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.protocol.links.keyring import KeyFileError, Keyring, UnmatchedLink, create
+from robotree.protocol.errors import KeyFileError, UnmatchedLink
+from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.signing import Key
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.errors import KeyRefused
-from robotree.protocol.links.keyring import PERSIST_PERIOD, KeyFileError, Keyring
+from robotree.protocol.errors import KeyFileError, KeyRefused
+from robotree.protocol.links.keyring import PERSIST_PERIOD, Keyring
 from robotree.protocol.links.security import UNSIGNED, Security, persisting
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
