@@ -3,8 +3,9 @@
 MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
 repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a second or two. So a request with
 the same content from the same peer is answered with the stored result when it says that it is a repetition,
-or when it comes within `REPETITION`; a command that moves should be a goal, which has a key. A refusal is not
-stored: nothing was done, and what was in the way may be gone when it is asked for again. While a command
+or when it comes within `REPETITION` of its success; a command that moves should be a goal, which has a key.
+One that was cancelled or has failed is not taken for a repetition by the time alone: who orders it again
+wants it. A refusal is not stored: nothing was done, and what was in the way may be gone. While a command
 is in progress the same request is answered with its progress, and another one of its kind is rejected for
 now. Questions and stops are carried out every time, whoever asks.
 """
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 REPETITION = 2.0
-"""[s] within which the same content is taken for a repetition."""
+"""[s] after its success within which the same content is taken for a repetition."""
 PROGRESS_PERIOD = 0.5
 """[s] between two words on a command in progress; clients give up after a few seconds of silence."""
 LARGEST_CROWD = 256
@@ -118,7 +119,8 @@ class CommandServer:
         record = self._records.get((peer, request.command))
         if record is not None and _same(record.params, request.params):
             going_on = record.ack.result == MavResult.IN_PROGRESS
-            if going_on or repeated or now - record.since < REPETITION:
+            lately = record.ack.result == MavResult.ACCEPTED and now - record.since < REPETITION
+            if going_on or lately or repeated:
                 return self._tell(record, now)
         if any(command == request.command for _, command in self.in_progress):
             return [_ack(peer, request.command, MavResult.TEMPORARILY_REJECTED)]

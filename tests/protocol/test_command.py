@@ -169,6 +169,17 @@ def test_a_cancel_stops_what_is_in_progress_and_may_be_repeated(robot: Robot) ->
     assert robot.server.receive(cancel, PEER, 0.3) == [send]
 
 
+@pytest.mark.parametrize("end", [MavResult.CANCELLED, MavResult.FAILED, MavResult.DENIED])
+def test_what_ended_badly_is_not_repeated_by_time_but_ordered_anew(robot: Robot, end: MavResult) -> None:
+    robot.server.receive(_long(MOVE), PEER, 0.0)
+    robot.server.finish(PEER, MOVE, end, 0.2)
+    told = robot.server.receive(_long(MOVE, confirmation=1), PEER, 0.3)
+    assert _acks([*told]) == [("link 1", end, 0)], "a repetition that says so is one"
+    told = robot.server.receive(_long(MOVE), PEER, 0.4)
+    assert _acks([*told]) == [("link 1", MavResult.IN_PROGRESS, 255)]
+    assert len(robot.done) == 2
+
+
 def test_stored_results_are_bounded_and_what_is_in_progress_stays(robot: Robot) -> None:
     robot.server.receive(_long(MOVE), PEER, 0.0)
     for system in range(2 * LARGEST_CROWD):
