@@ -170,6 +170,7 @@ class Session:
         self._opened_at = now
         self.trouble = self.disbelief or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
+        self._goals.hurry()
         return self.tick(now)
 
     def closed(self, trouble: str) -> list[Effect]:

@@ -1,16 +1,14 @@
 """The watchdog of the link: who must be heard, and for how long silence is borne.
 
-While a goal runs, it is its sender who must be heard: another voice on another link (a display, a logger)
-must not hide that the one who commands has died. While nothing runs, anybody will do. Times are controller
-time, so a simulation that runs faster or slower than the wall clock keeps its promises.
+While something moves at somebody's word, it is the one who gave it who must be heard: another voice, were it
+one with the same ids on another link, must not hide that the one who commands has died. While nothing moves
+nobody is missed. Times are controller time, so a simulation that runs faster or slower than the wall clock
+keeps its promises.
 
 Pure.
 """
 
-from typing import TypeAlias
-
-Voice: TypeAlias = tuple[int, int]
-"""System and component of a speaker; whichever link it uses."""
+from robotree.protocol.services.peer import Peer
 
 
 class Watchdog:
@@ -22,8 +20,8 @@ class Watchdog:
 
     def __init__(self, patience: int) -> None:
         self.patience = patience
-        self._commander: Voice | None = None
-        self._heard: int | None = None
+        self._commander: Peer | None = None
+        self._heard = 0
 
     @property
     def silence(self) -> float:
@@ -34,20 +32,19 @@ class Watchdog:
     def silence(self, seconds: float) -> None:
         self.patience = round(1000 * seconds)
 
-    def hear(self, voice: Voice, now: int) -> None:
+    def hear(self, voice: Peer, now: int) -> None:
         """Somebody was heard at `now` [ms]."""
-        if self._commander in {None, voice}:
+        if voice == self._commander:
             self._heard = now
 
-    def obey(self, voice: Voice, now: int) -> None:
+    def obey(self, voice: Peer, now: int) -> None:
         """From `now` [ms] on it is `voice` who must be heard."""
         self._commander, self._heard = voice, now
 
-    def rest(self, now: int) -> None:
-        """From `now` [ms] on anybody will do."""
-        if self._commander is not None:
-            self._commander, self._heard = None, now
+    def rest(self) -> None:
+        """From now on nobody is missed."""
+        self._commander = None
 
     def silent(self, now: int) -> bool:
-        """Whether it has been too quiet at `now` [ms]; never before the first word."""
-        return self._heard is not None and now - self._heard > self.patience
+        """Whether it has been too quiet at `now` [ms]."""
+        return self._commander is not None and now - self._heard > self.patience

@@ -28,7 +28,7 @@ struct goal {
 };
 static struct goal goals[GOALS];    /* a ring of the newest ones */
 static struct goal *running;        /* at most one */
-static bool stopped, silent, known; /* safe stop in force; link lost; anybody ever heard */
+static bool stopped, silent;        /* safe stop in force; silence ended the last goal */
 static uint32_t epoch;              /* the highest one obeyed */
 static uint64_t now, heard, progress_told, mode_due, heartbeat_due;
 
@@ -89,7 +89,6 @@ static void finish(int state, int reason, const char *text) { /* the goal that r
     if (!ended) return;
     robot_holds();
     running = NULL;
-    heard = now; /* from here on anybody will do */
     if (state == ROBOTREE_GOAL_STATE_SUCCEEDED) ended->status.progress = 1;
     change(ended, state, reason, text);
 }
@@ -188,11 +187,8 @@ static bool for_us(int system, int component) {
 
 static void rules_hear(const mavlink_message_t *m) {
     /* While a goal runs, it is its sender who must be heard: another voice must not hide its death. */
-    if (!running
-        || (running->status.target_system == m->sysid && running->status.target_component == m->compid)) {
+    if (running && running->status.target_system == m->sysid && running->status.target_component == m->compid)
         heard = now;
-        known = true;
-    }
     if (m->msgid == MAVLINK_MSG_ID_ROBOTREE_GOAL) {
         mavlink_robotree_goal_t goal;
         mavlink_msg_robotree_goal_decode(m, &goal);
@@ -216,7 +212,7 @@ static void rules_progress(double fraction) { /* of the goal that runs */
 }
 
 static void rules_tick(void) { /* before the robot moves, so that it does not move on after an end */
-    if (known && !silent && now - heard > SILENCE) {
+    if (running && now - heard > SILENCE) {
         finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_LINK_SILENT, "Nobody was heard for 2 s.");
         silent = true;
     }

@@ -4,6 +4,9 @@ One system is in control at a time (REQUEST_OPERATOR_CONTROL asks and gives back
 everyone). While nobody is, anyone may command. An owner who allows takeover loses control to whoever asks;
 another one is told of the wish and decides. An owner who falls silent loses control. Questions and stops are
 nobody's privilege.
+
+A peer is not believed to be a part of the controlled system because it says so: whoever speaks over a link
+is a client, its own system id or not. What is on board does not come over a link.
 """
 
 from __future__ import annotations
@@ -46,12 +49,11 @@ class OperatorControl:
     """Who is in control of one system.
 
     Args:
-        system: ours, and not to be taken for a ground station.
         silence: an owner who is not heard for so long loses control, [s].
     """
 
-    def __init__(self, system: int, silence: float = 3.0) -> None:
-        self._system, self._silence = system, silence
+    def __init__(self, silence: float = 3.0) -> None:
+        self._silence = silence
         self.owner: Peer | None = None
         self._takeover = False
         self._heard = 0.0
@@ -69,7 +71,7 @@ class OperatorControl:
 
     def may(self, peer: Peer) -> bool:
         """Whether a peer may command now."""
-        return self.owner is None or peer == self.owner or peer.system == self._system
+        return self.owner is None or peer == self.owner
 
     def handle(self, request: Request, now: float) -> Answer:
         """Carry out REQUEST_OPERATOR_CONTROL. For `CommandServer(always=…)`; then call `tick`."""

@@ -8,6 +8,7 @@ movement.
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -120,6 +121,11 @@ class GoalClient:
             pursuit.goal = msgspec.structs.replace(pursuit.goal, epoch=epoch)
         return [Send(GoalCancel(key, epoch, self.system, self.component), self.via)]
 
+    def hurry(self) -> None:
+        """Ask about every goal at the next tick: on a new link, the controller must hear who wants it."""
+        for pursuit in self._pursuits.values():
+            pursuit.asked = -inf
+
     def forget(self, key: int) -> None:
         """Ask no more about a goal."""
         self._pursuits.pop(key, None)
@@ -162,7 +168,7 @@ class GoalClient:
         unanswered = pursuit.cancelled or not pursuit.acknowledged
         if now - pursuit.asked < (self._resend if unanswered and not pursuit.silent else self._poll):
             return []
-        if not unanswered and now - pursuit.heard < self._poll:
+        if not unanswered and pursuit.asked > -inf and now - pursuit.heard < self._poll:
             return []
         pursuit.asked = now
         goal = pursuit.goal

@@ -97,6 +97,14 @@ class GoalServer:
         """The goals that are accepted or active, oldest first."""
         return [id_ for id_, record in self._records.items() if not record.state.final]
 
+    def asker(self, id_: GoalId) -> Peer:
+        """Who asked last for a goal that is kept: for itself, its status or its end. It is told of it.
+
+        Raises:
+            KeyError: its status is not kept (any more).
+        """
+        return self._records[id_].peer
+
     def fence(self, epoch: int) -> bool:
         """Obey an epoch from now on; False: it is older than one already obeyed."""
         if epoch < self.epoch:
@@ -113,10 +121,10 @@ class GoalServer:
             return self._answer(id_, peer)
         if (record := self._records.get(id_)) is None:
             return self._new(message, id_, peer, now)
-        record.peer = peer
         if record.content != _content(message):
             text = "The key was used before with other content; take a new one."
             return [self._refusal(id_, peer, Reason.KEY_REUSED, text)]
+        record.peer = peer
         self.epoch = max(self.epoch, message.epoch)
         return [self._status(id_, record)]
 

@@ -119,7 +119,7 @@ class Commands:
         effects = self._server.receive(message, peer, now / 1000)
         for effect in effects:
             if isinstance(effect, CommandAbandoned):
-                self._movement.leave((effect.peer, effect.command), now)
+                self._movement.leave((effect.peer, effect.command))
         news, self._news = self._news, []
         return sends(effects) + news
 
@@ -151,7 +151,7 @@ class Commands:
             out = sends(self._server.finish(peer, command, result, now / 1000, reason))
             return out + self._herald.tell(MavSeverity.NOTICE, text, peer.via) if text else out
 
-        job = Job((peer, command), (peer.system, peer.component), progress, finish)
+        job = Job((peer, command), peer, progress, finish)
         self._news += self._movement.begin(job, start, round(1000 * now))
         return Answer(MavResult.IN_PROGRESS)
 

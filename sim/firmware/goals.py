@@ -41,12 +41,21 @@ class Goals:
     def hear(self, message: Goal | GoalCancel, peer: Peer, now: int) -> list[Outgoing]:
         """Take a goal or the end of one."""
         out = self._carry_out(self._server.receive(message, peer, now / 1000), now)
+        self._hand_over(now)
         whichever = isinstance(message, GoalCancel) and not message.key and message.epoch >= self.epoch
         return out + self._movement.interrupt(Reason.OPERATOR, "", now) if whichever else out
 
     def tick(self, now: int) -> list[Outgoing]:
         """End the goals whose time to live is over."""
         return self._carry_out(self._server.tick(now / 1000), now)
+
+    def _hand_over(self, now: int) -> None:
+        """Who asks on another link for what runs, by its key, is the one who must be heard from then on."""
+        job = self._movement.job
+        if job is not None and isinstance(job.key, GoalId):
+            asker = self._server.asker(job.key)
+            if asker != job.speaker:
+                self._movement.adopt(asker, now)
 
     def _check(self, goal: Goal) -> Refusal | None:
         """Why a goal cannot be begun now; what was planned meanwhile is kept for its beginning."""
@@ -64,7 +73,7 @@ class Goals:
             if isinstance(effect, Begin):
                 out += self._begin(effect.id, now)
             elif isinstance(effect, Abandon):
-                self._movement.leave(effect.id, now)
+                self._movement.leave(effect.id)
             else:
                 out += sends([effect])
         return out
@@ -80,6 +89,6 @@ class Goals:
         def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
             return sends(self._server.finish(goal, state, now / 1000, reason, text))
 
-        job = Job(goal, (goal.system, goal.component), progress, finish)
+        job = Job(goal, self._server.asker(goal), progress, finish)
         out = self._movement.begin(job, start, now)
         return out + sends(self._server.activate(goal, now / 1000))

@@ -124,7 +124,7 @@ class Modes:
         """Tell who is in control; what others move ends when somebody takes it."""
         out, owner = self._rights.tick(now)
         job = self._movement.job
-        if owner is None or job is None or job.speaker == (owner.system, owner.component):
+        if owner is None or job is None or job.speaker == owner:
             return out
         text = f"System {owner.system} took operator control."
         return out + self._movement.interrupt(Reason.NOT_IN_CONTROL, text, now)

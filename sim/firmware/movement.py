@@ -1,8 +1,8 @@
 """What moves the robot now: one job at a time, the newest; and what ends it: a stop, a hold, silence.
 
 A job is a goal, a command or a stream of set-points; each has a service of its own that tells its sender how
-it goes. Every mode the controller can be in follows from three facts: is a stop in force, is the link silent,
-does a job run.
+it goes. Every mode the controller can be in follows from three facts: is a stop in force, does a job run, did
+silence end the last one.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -11,9 +11,10 @@ from collections.abc import Callable, Hashable
 from typing import Final, NamedTuple
 
 from robotree.protocol.messages import GoalState, ModeKind, Reason
+from robotree.protocol.services.peer import Peer
 from robotree.sim.device import Device, Start
 from robotree.sim.firmware.outgoing import Outgoing
-from robotree.sim.watchdog import Voice, Watchdog
+from robotree.sim.watchdog import Watchdog
 
 SUPERSEDED: Final = "A newer goal took its place."
 
@@ -29,7 +30,7 @@ class Job(NamedTuple):
     """
 
     key: Hashable
-    speaker: Voice
+    speaker: Peer
     progress: Callable[[float, int], list[Outgoing]]
     finish: Callable[[GoalState, Reason, str, int], list[Outgoing]]
 
@@ -88,7 +89,7 @@ class Movement:
         self.watchdog.obey(job.speaker, now)
         return out
 
-    def adopt(self, speaker: Voice, now: int) -> None:
+    def adopt(self, speaker: Peer, now: int) -> None:
         """What runs goes on at another speaker's word."""
         if self._job is not None:
             self._job = self._job._replace(speaker=speaker)
@@ -101,11 +102,11 @@ class Movement:
         self._device.hold()
         return self._finish(GoalState.CANCELLED, reason, text, now)
 
-    def leave(self, key: Hashable, now: int) -> None:
+    def leave(self, key: Hashable) -> None:
         """A job's own service has ended it: hold. Harmless when it does not run."""
         if self._job is not None and self._job.key == key:
             self._device.hold()
-            self._end(now)
+            self._end()
 
     def stop(self, now: int) -> list[Outgoing]:
         """Hold, and begin nothing until `release`."""
@@ -132,19 +133,19 @@ class Movement:
         return self._finish(state, progress.reason, progress.text, now)
 
     def fall_silent(self, now: int) -> str:
-        """What to tell people when the link has just fallen silent; else nothing. Then `interrupt`."""
-        if self._silent or not self.watchdog.silent(now):
+        """What to tell people when who commands has just fallen silent; else nothing. Then `interrupt`."""
+        if not self.watchdog.silent(now):
             return ""
         self._silent = True
-        return f"Nobody was heard for {self.watchdog.patience / 1000:g} s."
+        return f"Who commands was not heard for {self.watchdog.patience / 1000:g} s."
 
     def _finish(self, state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
         job = self._job
         if job is None:
             return []
-        self._end(now)
+        self._end()
         return job.finish(state, reason, text, now)
 
-    def _end(self, now: int) -> None:
+    def _end(self) -> None:
         self._job = None
-        self.watchdog.rest(now)
+        self.watchdog.rest()

@@ -101,7 +101,7 @@ class Firmware:
         self.gauges = Gauges()
         self._identity = identity or Identity()
         self._movement = Movement(device, round(1000 * silence))
-        self._rights = Rights(system, lambda: self._goals.epoch)
+        self._rights = Rights(lambda: self._goals.epoch)
         self._goals = Goals(device, self._movement, self._rights)
         self._streaming = Streaming(device, self._movement, self._rights, self._goals.fence)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
@@ -138,7 +138,7 @@ class Firmware:
             What to say.
         """
         peer = Peer(via, frame.system, frame.component)
-        self._movement.watchdog.hear((frame.system, frame.component), now)
+        self._movement.watchdog.hear(peer, now)
         self._rights.heard(peer, now)
         self._schedule.open(via)
         if (hear := self._hears.get(type(frame.message))) is None:
@@ -154,7 +154,8 @@ class Firmware:
     def leave(self, via: Hashable, now: int) -> None:
         """The link `via` has ended: its rates, lists and control are free.
 
-        What it moves goes on until the watchdog misses the one who asked, who may come back on another link.
+        What it moves goes on until the watchdog misses the one who asked, who may come back on another link
+        and ask for it there.
         """
         self._schedule.close(via)
         self._parameters.link_closed(via)

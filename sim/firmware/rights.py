@@ -20,12 +20,11 @@ class Rights:
     """Decides for one controller.
 
     Args:
-        system: its MAVLink system id.
         epoch: the highest that was obeyed.
     """
 
-    def __init__(self, system: int, epoch: Callable[[], int]) -> None:
-        self.control = OperatorControl(system)
+    def __init__(self, epoch: Callable[[], int]) -> None:
+        self.control = OperatorControl()
         self._epoch = epoch
 
     def guard(self, peer: Peer) -> Refusal | None:

@@ -59,15 +59,15 @@ class Streaming:
         if not self._receiver.receive(setpoint, seconds, speaker):
             return []
         if job is None:
-            return self._movement.begin(Job(KEY, speaker, _silence, self._finish), start, now)
+            return self._movement.begin(Job(KEY, peer, _silence, self._finish), start, now)
         start()
-        self._movement.adopt(speaker, now)
+        self._movement.adopt(peer, now)
         return []
 
     def tick(self, now: int) -> None:
         """Hold when the stream has dried up."""
         if self._receiver.active(now / 1000) is None:
-            self._movement.leave(KEY, now)
+            self._movement.leave(KEY)
 
     def _finish(self, _: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:  # noqa: ARG002
         self._receiver.drop()

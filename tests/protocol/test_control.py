@@ -24,7 +24,7 @@ OPEN = MANAGER | GcsControlStatusFlags.TAKEOVER_ALLOWED
 
 @pytest.fixture
 def control() -> OperatorControl:
-    control = OperatorControl(system=1)
+    control = OperatorControl()
     control.tick(0.0)
     return control
 
@@ -53,8 +53,13 @@ def test_who_asks_first_gets_it_and_everyone_is_told(control: OperatorControl) -
     assert effects == [ControlChanged(ANN), ControlStatus(MANAGER, 255)]
     assert control.may(ANN)
     assert not control.may(BOB)
-    assert control.may(SELF), "parts of the system itself may"
     assert control.tick(0.2) == []
+
+
+def test_who_claims_to_be_the_robot_itself_is_a_client_like_any_other(control: OperatorControl) -> None:
+    _ask(control, ANN, 0.1)
+    assert not control.may(SELF)
+    assert _ask(control, SELF, 0.2) == MavResult.FAILED
 
 
 def test_the_status_is_repeated(control: OperatorControl) -> None:

@@ -85,6 +85,15 @@ def test_other_content_under_a_used_key_is_refused_and_the_goal_goes_on(server: 
     status = _one([*server.receive(_goal(x=0.6), PROXY, 1.0)])
     assert (status.state, status.reason) == (GoalState.REFUSED, Reason.KEY_REUSED)
     assert server.unfinished == [ID]
+    assert server.asker(ID) == PROXY
+
+
+def test_who_reuses_a_key_on_another_link_is_not_told_of_the_goal_that_goes_on(server: GoalServer) -> None:
+    server.receive(_goal(), PROXY, 0.0)
+    server.receive(_goal(x=0.6), Peer("link 3", 255, 190), 0.1)
+    (told,) = server.finish(ID, GoalState.SUCCEEDED, 1.0)
+    assert isinstance(told, Send)
+    assert told.via == PROXY.via
 
 
 def test_a_goal_may_be_asked_for_again_under_a_newer_lease_and_on_another_link(server: GoalServer) -> None:

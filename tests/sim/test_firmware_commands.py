@@ -64,6 +64,25 @@ def test_a_repeated_command_moves_once(rover: RoverBench) -> None:
     assert rover.world.rover.state().position[0] - began == pytest.approx(0.1, abs=0.006)
 
 
+@pytest.mark.parametrize("end", ["cancel", "stop"])
+def test_a_command_that_was_ended_moves_when_it_is_ordered_again_at_once(arm: ArmBench, end: str) -> None:
+    operator = arm.operator
+    go(operator, speed=0.05)
+    operator.wait(0.3)
+    if end == "cancel":
+        operator.say(CommandCancel(1, 1, MavCmd.ROBOTREE_GO_TO))
+    else:
+        operator.set_mode(ModeKind.SAFE_STOP)
+        operator.wait(0.1)
+        operator.set_mode(ModeKind.READY, epoch=0)
+    operator.wait(0.1)
+    assert MavResult.CANCELLED in {ack.result for ack in operator.all(CommandAck)}
+    go(operator, speed=0.05)
+    operator.wait(0.3)
+    assert last(operator).result == MavResult.IN_PROGRESS
+    assert operator.mode()[0] == ModeKind.ACTIVE
+
+
 def test_a_command_int_says_the_same(rover: RoverBench) -> None:
     operator = rover.operator
     operator.say(CommandInt(1, 1, 0, MavCmd.ROBOTREE_MOVE, 0, 0, 0.1, 0.0, NAN, NAN, 0, 0, 0.5))

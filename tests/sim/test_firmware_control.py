@@ -63,6 +63,13 @@ def test_commands_and_set_points_of_others_do_nothing(rover: RoverBench, other: 
     assert rover.world.rover.state().position[0] == pytest.approx(0.0, abs=0.002)
 
 
+def test_the_robots_own_system_id_opens_no_door(rover: RoverBench) -> None:
+    impostor = rover.operator.another(component=191, system=1)
+    take(rover.operator)
+    assert impostor.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.NOT_IN_CONTROL
+    assert impostor.do(Verb.MOVE, 0.1, 0.0).reason == Reason.NOT_IN_CONTROL
+
+
 def test_who_takes_control_ends_what_others_move(rover: RoverBench, other: Operator) -> None:
     running = other.ask(Verb.MOVE, 1.0, 0.0, epoch=3)
     other.wait(0.3)

@@ -116,19 +116,71 @@ def test_another_voice_does_not_hide_that_the_commander_has_died(arm: ArmBench) 
     assert operator.status_of(running).reason == Reason.LINK_SILENT
 
 
-def test_a_commander_that_comes_back_on_another_link_is_the_same(arm: ArmBench) -> None:
-    operator = arm.operator
-    running = operator.ask(Verb.GO_TO, 0.35, -0.25, 0.35, 0.5, 0.05)
-    operator.wait(0.1)
-    operator.silent = True
-    for _ in range(6):
-        arm.controller.post(Frame.of(STRANGER, system=255, component=190), "another link")
-        operator.wait(0.5)
-    assert operator.status_of(running).state == GoalState.ACTIVE
+SLOWLY = (*AWAY, 0.02)
+
+
+def test_the_same_ids_on_another_link_do_not_hide_that_the_commander_has_died(arm: ArmBench) -> None:
+    namesake = arm.operator.another(component=190, system=255)
+    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
+    namesake.wait(0.1)
+    arm.operator.leave()
+    namesake.wait(2.2)
+    assert namesake.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+    namesake.ask(Verb.STATUS, key=running)
+    namesake.wait(0.1)
+    assert namesake.status_of(running).reason == Reason.LINK_SILENT
+
+
+@pytest.mark.parametrize("word", ["its status", "the goal again"])
+def test_a_commander_that_asks_for_its_goal_on_another_link_is_the_same_and_is_missed_there(
+    arm: ArmBench, word: str
+) -> None:
+    back = arm.operator.another(component=190, system=255)
+    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
+    back.wait(0.1)
+    arm.operator.silent = True
+    if word == "its status":
+        back.ask(Verb.STATUS, key=running)
+    else:
+        back.ask(Verb.GO_TO, *SLOWLY, key=running)
+    back.wait(4.0)
+    assert back.status_of(running).state == GoalState.ACTIVE
+    assert back.status_of(running).progress > 0.1, "it is told there how the goal goes"
+    arm.operator.silent, back.silent = False, True
+    back.wait(3.2)
+    assert back.status_of(running).reason == Reason.LINK_SILENT
+
+
+def test_another_goal_under_the_key_of_a_namesake_takes_nothing_over(arm: ArmBench) -> None:
+    namesake = arm.operator.another(component=190, system=255)
+    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
+    namesake.wait(0.1)
+    namesake.ask(Verb.GO_TO, 0.4, 0.0, 0.3, 0.0, key=running)
+    namesake.wait(0.1)
+    assert namesake.status_of(running).reason == Reason.KEY_REUSED
+    namesake.silent = True
+    namesake.wait(4.0)
+    assert arm.operator.status_of(running).state == GoalState.ACTIVE
+    arm.operator.leave()
+    namesake.wait(3.2)
+    assert namesake.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+
+
+def test_whom_an_idle_arm_has_heard_it_does_not_miss(arm: ArmBench) -> None:
+    visitor = arm.operator.another(system=77)
+    visitor.succeed(Verb.GRIP, 0.05)
+    visitor.leave()
+    arm.operator.silent = True
+    arm.operator.wait(5.0)
+    assert {(mode.mode, mode.reason) for mode in arm.operator.all(Mode)[-8:]} == {
+        (ModeKind.READY, Reason.NONE)
+    }
+    assert not [each for each in arm.operator.all(Statustext) if "heard" in each.text]
 
 
 def test_the_next_goal_ends_the_hold(arm: ArmBench) -> None:
     operator = arm.operator
+    operator.ask(Verb.GO_TO, *SLOWLY)
     operator.wait(0.1)
     operator.silent = True
     operator.wait(4.0)

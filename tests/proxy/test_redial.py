@@ -1,0 +1,105 @@
+"""A session that loses its link, and the simulated controller, which misses whom it does not hear."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import pytest
+
+from robotree.protocol.frame import Frame
+from robotree.protocol.messages import GoalState, ModeKind, Reason, Verb
+from robotree.protocol.services.goal_client import GoalEnded, GoalProgress
+from robotree.protocol.services.peer import Send
+from robotree.proxy.motion import Request
+from robotree.proxy.session import SUPERVISOR_SYSTEM, Effect, Session
+from robotree.sim.testing import RoverBench
+
+STEP = 0.1
+"""[s] between two ticks of a session."""
+KEY = 7
+NAN = float("nan")
+
+
+class Talk:
+    """A session and a controller in the world's time, and the link between them."""
+
+    def __init__(self) -> None:
+        self.controller = RoverBench().controller
+        self.session = Session()
+        self.told: list[Effect] = []
+        self._link: Hashable = None
+        self._tick_at = 0.0
+
+    @property
+    def now(self) -> float:
+        return self.controller.cell.time_ms / 1000
+
+    def open(self, link: Hashable) -> None:
+        self._link = link
+        self.controller.greet(link)
+        self._carry_out(self.session.opened(self.now))
+
+    def start(self, request: Request) -> None:
+        self._carry_out(self.session.start(KEY, request, epoch=1, ttl=0.0, now=self.now))
+
+    def cut(self) -> None:
+        self.controller.leave(self._link)
+        self._link = None
+        self._carry_out(self.session.closed("the cable was pulled"))
+
+    def wait(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self.now < end:
+            if self.now >= self._tick_at:
+                self._tick_at = self.now + STEP
+                self._carry_out(self.session.tick(self.now))
+            for outgoing in self.controller.advance():
+                if self._link is not None and outgoing.via in {None, self._link}:
+                    frame = Frame.of(outgoing.message, system=1, component=1)
+                    self._carry_out(self.session.hear(frame, self.now))
+
+    def _carry_out(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            if not isinstance(effect, Send):
+                self.told.append(effect)
+            elif self._link is not None:
+                frame = Frame.of(effect.message, system=SUPERVISOR_SYSTEM, component=self.session.component)
+                self.controller.post(frame, self._link)
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """A session whose robot moves slowly."""
+    talk = Talk()
+    talk.open("link 1")
+    talk.wait(0.5)
+    assert talk.session.online
+    request = Request(Verb.MOVE, (0.5, 0.0, 0.05, NAN, NAN, NAN, NAN))
+    talk.start(request)
+    talk.wait(0.6)  # a heartbeat has just been sent
+    assert any(isinstance(each, GoalProgress) for each in talk.told)
+    return talk
+
+
+@pytest.mark.parametrize("pause", [0.1, 0.7, 1.1, 1.6])
+def test_a_goal_goes_on_over_a_new_link_for_the_session_asks_for_it_at_once(talk: Talk, pause: float) -> None:
+    talk.cut()
+    talk.wait(pause)
+    talk.open("link 2")
+    talk.told.clear()
+    talk.wait(3.5)
+    assert talk.controller.firmware.mode == ModeKind.ACTIVE
+    assert any(isinstance(each, GoalProgress) for each in talk.told), "and is told there"
+    talk.wait(8.0)
+    (end,) = [each for each in talk.told if isinstance(each, GoalEnded)]
+    assert end.state == GoalState.SUCCEEDED
+
+
+def test_a_goal_whose_session_stays_away_is_held(talk: Talk) -> None:
+    talk.cut()
+    talk.wait(2.3)
+    assert talk.controller.firmware.mode == ModeKind.HOLD
+    talk.open("link 2")
+    talk.wait(0.3)
+    (end,) = [each for each in talk.told if isinstance(each, GoalEnded)]
+    assert (end.state, end.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
