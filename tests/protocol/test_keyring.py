@@ -306,7 +306,8 @@ def test_a_file_of_which_half_is_written_switches_no_signing_off(path: Path) -> 
 REPLACER = """
 import sys
 from pathlib import Path
-from robotree.protocol.links.keyring import KeyFileError, Keyring
+from robotree.protocol.errors import KeyFileError
+from robotree.protocol.links.keyring import Keyring
 from robotree.protocol.signing import Key
 ring, own = Keyring(Path(sys.argv[1])), int(sys.argv[2])
 for number in range(40):
