@@ -20,7 +20,7 @@ from asyncio.subprocess import PIPE
 
 from robotree.protocol.frame import encode
 from robotree.protocol.messages import CommandLong, Gripper, Heartbeat, Joints, MavCmd, Message, Tool
-from robotree.sim.server import Server, serving
+from robotree.sim.serving.server import Server, serving
 
 BOUND = 0.20
 TURNS = 3

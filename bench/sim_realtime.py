@@ -15,8 +15,8 @@ import time
 from collections.abc import Callable
 
 from robotree.protocol.messages import Verb
-from robotree.sim.camera import Studio, jpeg
-from robotree.sim.cell import Cell
+from robotree.sim.physics.camera import Studio, jpeg
+from robotree.sim.physics.cell import Cell
 from robotree.sim.testing import ArmBench, RoverBench
 
 BOUND = 10.0

@@ -9,7 +9,7 @@ Real frames cross protocol's loopback; nothing is mocked, and nothing sleeps.
 
 import itertools
 from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import Final, Generic, TypeVar
 
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
@@ -35,10 +35,11 @@ from robotree.protocol.messages import (
     SetMode,
     Verb,
 )
-from robotree.sim.controller import Controller
-from robotree.sim.firmware import SILENCE, Firmware
-from robotree.sim.telemetry import arm_streams, rover_streams
-from robotree.sim.worlds import arm_world, rover_world
+from robotree.sim.arm.world import ArmWorld
+from robotree.sim.firmware import SILENCE
+from robotree.sim.kinds import ARM, ROVER, Kind, W
+from robotree.sim.rover.world import RoverWorld
+from robotree.sim.serving.controller import Controller
 
 NAN: Final = float("nan")
 M = TypeVar("M", bound=Message)
@@ -236,35 +237,30 @@ class Operator:
             self._acks.append(message)
 
 
-class ArmBench:
-    """The arm's world, its controller and its operator.
+class Bench(Generic[W]):
+    """The world of a kind of robot, its controller and its operator.
 
     Args:
+        kind: of robot.
         delay: of every frame, each way [s].
         silence: of the link that the controller bears [s].
     """
 
-    def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
-        self.world = arm_world()
-        streams = arm_streams(self.world)
-        firmware = Firmware(self.world.arm, streams, system=1, mav_type=MavType.GENERIC, silence=silence)
-        self.controller = Controller(self.world.cell, firmware, {})
+    def __init__(self, kind: Kind[W], delay: float = 0.0, silence: float = SILENCE) -> None:
+        self.world = kind.world()
+        self.controller = kind.controller(self.world, 1, silence)
         self.operator = Operator(self.controller, delay)
 
 
-class RoverBench:
-    """The rover's world, its controller and its operator.
-
-    Args:
-        delay: of every frame, each way [s].
-        silence: of the link that the controller bears [s].
-    """
+class ArmBench(Bench[ArmWorld]):
+    """The arm's; see `Bench`."""
 
     def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
-        self.world = rover_world()
-        streams = rover_streams(self.world)
-        firmware = Firmware(
-            self.world.rover, streams, system=1, mav_type=MavType.GROUND_ROVER, silence=silence
-        )
-        self.controller = Controller(self.world.cell, firmware, {})
-        self.operator = Operator(self.controller, delay)
+        super().__init__(ARM, delay, silence)
+
+
+class RoverBench(Bench[RoverWorld]):
+    """The rover's; see `Bench`."""
+
+    def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
+        super().__init__(ROVER, delay, silence)

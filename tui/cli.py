@@ -158,7 +158,7 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 
 
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
-    from robotree.sim.server import serve
+    from robotree.sim.serving.server import serve
     from robotree.tui.wire.security import securing
 
     async with securing(line) as security:

@@ -26,13 +26,13 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services.command import Answer, CommandAbandoned, CommandServer, Handler, Request
 from robotree.protocol.services.peer import Peer
-from robotree.sim.device import Device
+from robotree.sim.arm.gripper import WIDEST
 from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.stops import PX4_HOLD, stop_commanded
-from robotree.sim.gripper import WIDEST
 
 _RESULTS: Final = {
     GoalState.SUCCEEDED: MavResult.ACCEPTED,

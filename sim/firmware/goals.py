@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
 from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalId, GoalServer, Refusal
 from robotree.protocol.services.peer import Peer
-from robotree.sim.device import Device, Start
 from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.device import Device, Start
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights

@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 
 from robotree.protocol.messages import GoalState, ModeKind, Reason
 from robotree.protocol.services.peer import Peer
-from robotree.sim.device import Device, Start
+from robotree.sim.firmware.device import Device, Start
 from robotree.sim.firmware.outgoing import Outgoing
-from robotree.sim.watchdog import Watchdog
+from robotree.sim.firmware.watchdog import Watchdog
 
 SUPERSEDED: Final = "A newer goal took its place."
 

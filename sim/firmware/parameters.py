@@ -12,13 +12,13 @@ from robotree.protocol.messages import ParamRequestList, ParamRequestRead, Param
 from robotree.protocol.services.parameter import Changed, ParameterServer
 from robotree.protocol.services.parameter import Parameter as OnTheWire
 from robotree.protocol.services.peer import Peer
-from robotree.sim.device import Device
+from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.parameters import Parameter
-from robotree.sim.watchdog import Watchdog
+from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.firmware.watchdog import Watchdog
 
-LINK_SILENCE: Final = Parameter(
+LINK_SILENCE: Final = Tunable(
     "LINK_SILENCE", "silence", 0.01, 3600.0, "s, silence of the link after which the robot holds"
 )
 """What every controller has, whatever it moves."""
@@ -34,7 +34,7 @@ class Parameters:
     """
 
     def __init__(self, device: Device, watchdog: Watchdog, rights: Rights) -> None:
-        self._owners: dict[str, tuple[object, Parameter]] = {
+        self._owners: dict[str, tuple[object, Tunable]] = {
             **{each.name: (device.tuning, each) for each in device.parameters},
             LINK_SILENCE.name: (watchdog, LINK_SILENCE),
         }

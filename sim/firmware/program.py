@@ -43,10 +43,10 @@ from robotree.protocol.messages import (
 from robotree.protocol.services import control, heartbeat, interval, ping, timesync
 from robotree.protocol.services.command import Answer, Handler
 from robotree.protocol.services.peer import Peer
-from robotree.sim.device import Device
 from robotree.sim.firmware import description
 from robotree.sim.firmware.commands import Commands
 from robotree.sim.firmware.description import Gauges, Identity
+from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.goals import Goals
 from robotree.sim.firmware.modes import Modes
 from robotree.sim.firmware.movement import Movement
@@ -55,7 +55,7 @@ from robotree.sim.firmware.parameters import Parameters
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.schedule import Schedule
 from robotree.sim.firmware.streaming import Streaming
-from robotree.sim.telemetry import Stream
+from robotree.sim.firmware.telemetry import Stream
 
 SILENCE: Final = 2.0
 """[s] of controller time after which a silent link makes the robot hold: two heartbeats missed."""

@@ -9,7 +9,7 @@ from typing import Final
 from robotree.protocol.messages import Message, NamedValueFloat
 from robotree.protocol.services.interval import Intervals
 from robotree.sim.firmware.outgoing import Outgoing
-from robotree.sim.telemetry import Stream
+from robotree.sim.firmware.telemetry import Stream
 
 FASTEST: Final = 0.005
 """[s] between two messages of a kind: one batch of the physics."""

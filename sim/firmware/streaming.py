@@ -12,8 +12,8 @@ from typing import Final
 from robotree.protocol.messages import GoalState, Reason, Setpoint
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.setpoint import SetpointReceiver, SetpointStatistics
-from robotree.sim.device import Device
 from robotree.sim.errors import GoalRefused
+from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Outgoing
 from robotree.sim.firmware.rights import Rights
@@ -36,7 +36,7 @@ class Streaming:
         self, device: Device, movement: Movement, rights: Rights, fence: Callable[[int], bool]
     ) -> None:
         self._device, self._movement, self._rights = device, movement, rights
-        self._receiver = SetpointReceiver(device.kinds, fence)
+        self._receiver = SetpointReceiver(device.setpoint_kinds, fence)
 
     @property
     def statistics(self) -> SetpointStatistics:
@@ -48,7 +48,7 @@ class Streaming:
         job, seconds = self._movement.job, now / 1000
         speaker = (peer.system, peer.component)
         over = bool(self._movement.bar) or (job is not None and job.key != KEY)
-        if over or setpoint.kind not in self._device.kinds or self._rights.guard(peer) is not None:
+        if over or setpoint.kind not in self._device.setpoint_kinds or self._rights.guard(peer) is not None:
             self._receiver.refuse(setpoint, seconds, speaker, over=over)
             return []
         try:

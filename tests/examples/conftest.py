@@ -13,8 +13,8 @@ import pytest
 
 from robotree.proxy import kinds
 from robotree.proxy.robot_proxy import RobotProxy
-from robotree.sim import realtime
-from robotree.sim.server import serving
+from robotree.sim.serving import realtime
+from robotree.sim.serving.server import serving
 from robotree.vr.address import Address
 from robotree.vr.bundle import Bundle
 from robotree.vr.host.agent import RobotAgent

@@ -15,7 +15,7 @@ from PIL import Image
 from robotree.proxy.agent import run_proxy, run_view, standing_for
 from robotree.proxy.arm import Arm
 from robotree.proxy.errors import BadController, UnknownKind
-from robotree.sim.server import Server, serving
+from robotree.sim.serving.server import Server, serving
 from robotree.vr.address import Address
 from robotree.vr.errors import BadName, DuplicateName, VrError
 from robotree.vr.host.client import RobotClient

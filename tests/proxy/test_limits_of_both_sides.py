@@ -17,9 +17,9 @@ from robotree.proxy.arm import GoTo, Grip
 from robotree.proxy.guard import Span, check
 from robotree.proxy.motion import Motion
 from robotree.proxy.rover import Move, check_arrival
-from robotree.sim import arm_tuning, gripper, planner
-from robotree.sim import rover as sim_rover
-from robotree.sim.models import scenery
+from robotree.sim.arm import gripper, planner
+from robotree.sim.arm import tuning as arm_tuning
+from robotree.sim.rover import tuning as sim_rover
 from robotree.sim.testing import ArmBench, RoverBench
 from robotree.vr.errors import BadArgument
 
@@ -37,11 +37,11 @@ ARM: dict[str, tuple[float, float] | str] = {
     "width": (0.0, gripper.WIDEST),
 }
 ROVER: dict[str, tuple[float, float] | str] = {
-    "x": (-2 * scenery.ARENA, 2 * scenery.ARENA),
-    "y": (-2 * scenery.ARENA, 2 * scenery.ARENA),
+    "x": (-2 * sim_rover.ARENA, 2 * sim_rover.ARENA),
+    "y": (-2 * sim_rover.ARENA, 2 * sim_rover.ARENA),
     "speed": (sim_rover.SLOWEST, sim_rover.TOP_SPEED),
-    "arena_x": (-scenery.ARENA, scenery.ARENA),
-    "arena_y": (-scenery.ARENA, scenery.ARENA),
+    "arena_x": (-sim_rover.ARENA, sim_rover.ARENA),
+    "arena_y": (-sim_rover.ARENA, sim_rover.ARENA),
 }
 
 

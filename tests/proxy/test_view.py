@@ -22,7 +22,7 @@ from robotree.protocol.services.picture import split
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import Session
 from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, Wish, WorkspaceView
-from robotree.sim.server import serving
+from robotree.sim.serving.server import serving
 from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.testing import until
 

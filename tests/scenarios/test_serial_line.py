@@ -11,7 +11,7 @@ import pytest
 from robotree.protocol.messages import Tool
 from robotree.proxy.connection import Connection
 from robotree.proxy.session import Session
-from robotree.sim.server import serving
+from robotree.sim.serving.server import serving
 from robotree.vr.testing import until
 
 pytestmark = pytest.mark.e2e

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from robotree.sim.camera import LARGEST, SMALLEST, Studio, fit, jpeg
+from robotree.sim.physics.camera import LARGEST, SMALLEST, Studio, fit, jpeg
+from robotree.sim.physics.vectors import Picture
 from robotree.sim.testing import ArmBench, RoverBench
-from robotree.sim.vectors import Picture
 
 SIZE = (160, 90)
 
@@ -78,7 +78,7 @@ def test_a_jpeg_has_the_size_asked_for_at_any_quality(width: int, height: int, q
 def test_no_opengl_is_asked_for_and_the_users_choice_is_left_alone() -> None:
     code = (
         "import os; os.environ['MUJOCO_GL'] = 'egl'\n"
-        "from robotree.sim.testing import RoverBench; from robotree.sim.camera import Studio\n"
+        "from robotree.sim.testing import RoverBench; from robotree.sim.physics.camera import Studio\n"
         "w = RoverBench().world; Studio(w.cell.model).picture(w.cell.published, 'cell', 32, 18)\n"
         "import sys; print(os.environ['MUJOCO_GL'], any('OpenGL' in name for name in sys.modules))"
     )

@@ -29,7 +29,7 @@ from robotree.protocol.messages import (
     Timesync,
     Verb,
 )
-from robotree.sim.arm_tuning import PARAMETERS
+from robotree.sim.arm.tuning import PARAMETERS
 from robotree.sim.testing import ArmBench
 
 BYTES = st.integers(0, 255)

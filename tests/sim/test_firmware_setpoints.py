@@ -17,7 +17,7 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
-from robotree.sim.planner import LOWEST, NEAREST
+from robotree.sim.arm.planner import LOWEST, NEAREST
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 
 PERIOD = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.sim.gripper import SPEED, WIDEST, Grip, Gripper
+from robotree.sim.arm.gripper import SPEED, WIDEST, Grip, Gripper
 
 DT = 0.001
 

@@ -19,7 +19,7 @@ from robotree.protocol.messages import (
     Setpoint,
     Verb,
 )
-from robotree.sim.intake import CREDIT, LARGEST_QUEUE, LARGEST_STOPS, Closed, Heard, Intake, Opened
+from robotree.sim.serving.intake import CREDIT, LARGEST_QUEUE, LARGEST_STOPS, Closed, Heard, Intake, Opened
 from robotree.sim.testing import ArmBench
 
 STOP = Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP))

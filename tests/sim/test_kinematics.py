@@ -8,10 +8,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robotree.sim.engine import mujoco
-from robotree.sim.kinematics import HOME, ROLL, Kinematics, tool_down, twist_of
-from robotree.sim.models import arm
-from robotree.sim.vectors import Vector
+from robotree.sim.arm import model as arm
+from robotree.sim.arm.kinematics import HOME, ROLL, Kinematics, tool_down, twist_of
+from robotree.sim.physics.engine import mujoco
+from robotree.sim.physics.vectors import Vector
 
 KINEMATICS = Kinematics()
 LOWER, UPPER = KINEMATICS.lower.tolist(), KINEMATICS.upper.tolist()

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from robotree.sim.motion import BLOCKED_AFTER, Arc, Follower, Limits, Line, Path, Setpoint
-from robotree.sim.vectors import Vector
+from robotree.sim.motion.follower import BLOCKED_AFTER, Follower
+from robotree.sim.motion.path import Arc, Limits, Line, Path, Reference
+from robotree.sim.physics.vectors import Vector
 
 LIMITS = Limits((0.2, 0.2, 0.2, 1.2), (0.8, 0.8, 0.8, 4.0), (6.0, 6.0, 6.0, 40.0))
 DT = 0.001
@@ -29,11 +30,11 @@ def velocities() -> st.SearchStrategy[Vector]:
     return st.tuples(*[st.floats(-0.15, 0.15)] * 3, st.floats(-1, 1)).map(np.array)
 
 
-def at_rest(pose: Vector) -> Setpoint:
-    return Setpoint(pose, np.zeros(4))
+def at_rest(pose: Vector) -> Reference:
+    return Reference(pose, np.zeros(4))
 
 
-def samples(path: Path, count: int = 200) -> list[Setpoint]:
+def samples(path: Path, count: int = 200) -> list[Reference]:
     return [path.at(path.duration * i / count) for i in range(count + 1)]
 
 
@@ -42,7 +43,7 @@ def samples(path: Path, count: int = 200) -> list[Setpoint]:
 def test_a_path_leads_from_the_start_as_it_moves_to_the_goal_at_rest(
     shape: type[Line | Arc], start: Vector, goal: Vector, velocity: Vector
 ) -> None:
-    path = shape(Setpoint(start, velocity), goal, LIMITS)
+    path = shape(Reference(start, velocity), goal, LIMITS)
     begin, end = path.at(0.0), path.at(path.duration)
     np.testing.assert_allclose(begin.pose, start, atol=1e-9)
     np.testing.assert_allclose(begin.velocity, velocity, atol=1e-9)
@@ -89,7 +90,7 @@ def test_a_slack_leash_changes_nothing() -> None:
         follower.advance(DT, load=0.5)
         steps += 1
     assert steps * DT == pytest.approx(path.duration, abs=2 * DT)
-    np.testing.assert_allclose(follower.setpoint.pose, path.goal)
+    np.testing.assert_allclose(follower.reference.pose, path.goal)
 
 
 def test_a_taut_leash_stands_still_and_after_a_while_counts_as_blocked() -> None:
@@ -98,7 +99,7 @@ def test_a_taut_leash_stands_still_and_after_a_while_counts_as_blocked() -> None
     follower.follow(path)
     for _ in range(300):
         follower.advance(DT, load=0.0)
-    before = follower.setpoint.pose.copy()
+    before = follower.reference.pose.copy()
     for _ in range(round(BLOCKED_AFTER / DT) - 1):
         setpoint = follower.advance(DT, load=1.2)
     np.testing.assert_allclose(setpoint.pose, before, atol=1e-12)
@@ -114,7 +115,7 @@ def test_however_the_leash_is_pulled_the_set_point_never_jumps(loads: list[float
     path = Line(at_rest(np.array((0.3, 0.0, 0.3, 0.0))), np.array((0.3, 0.2, 0.4, 1.0)), LIMITS)
     follower = Follower(path.at(0.0).pose)
     follower.follow(path)
-    last, progress = follower.setpoint.pose, follower.progress
+    last, progress = follower.reference.pose, follower.progress
     for load in loads:
         setpoint = follower.advance(DT, load)
         assert (np.abs(setpoint.pose - last) <= np.array(LIMITS.velocity) * DT + 1e-9).all()
@@ -132,7 +133,7 @@ def test_a_new_path_continues_the_motion_of_the_old(
     follower.follow(path)
     for _ in range(int(when * path.duration / DT)):
         follower.advance(DT, load=0.0)
-    before = follower.setpoint
+    before = follower.reference
     follower.follow(Line(before, other, LIMITS))
     after = follower.advance(DT, load=0.0)
     assert (

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from robotree.sim.arm.kinematics import HOME, Kinematics, tool_down
+from robotree.sim.arm.planner import JOINT_MARGIN, NEAREST, Planner
 from robotree.sim.errors import GoalRefused, OutOfReach, PathBlocked
-from robotree.sim.kinematics import HOME, Kinematics, tool_down
-from robotree.sim.motion import Arc, Line, Path, Setpoint
-from robotree.sim.planner import JOINT_MARGIN, NEAREST, Planner
-from robotree.sim.vectors import Vector
+from robotree.sim.motion.path import Arc, Line, Path, Reference
+from robotree.sim.physics.vectors import Vector
 
 KINEMATICS = Kinematics()
 PLANNER = Planner(KINEMATICS)
@@ -25,7 +25,7 @@ def posture(*pose: float) -> Vector:
 
 
 def plan(start: tuple[float, ...], goal: tuple[float, ...]) -> Path:
-    return PLANNER.plan(Setpoint(np.array(start), np.zeros(4)), posture(*start), np.array(goal))
+    return PLANNER.plan(Reference(np.array(start), np.zeros(4)), posture(*start), np.array(goal))
 
 
 def test_where_nothing_is_in_the_way_the_path_is_a_line() -> None:
@@ -73,7 +73,7 @@ def test_a_refusal_fits_the_text_of_a_status(refusal: GoalRefused) -> None:
 
 def test_an_arm_that_was_pushed_to_a_stop_can_leave_it() -> None:
     start = np.array((0.6455, 0.0, 0.2, 0.0))
-    path = PLANNER.plan(Setpoint(start, np.zeros(4)), posture(*start), np.array((0.4, 0.1, 0.3, 0.0)))
+    path = PLANNER.plan(Reference(start, np.zeros(4)), posture(*start), np.array((0.4, 0.1, 0.3, 0.0)))
     assert path.duration > 0.0
 
 

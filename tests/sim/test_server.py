@@ -32,7 +32,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.sim.errors import CannotListen, UnknownKind
-from robotree.sim.server import serve, serving
+from robotree.sim.serving.server import serve, serving
 
 ANY = "tcp:127.0.0.1:0"
 PATIENCE = 30.0

@@ -19,7 +19,7 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Ping, SetupSigning
 from robotree.protocol.services.statustext import Listener
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
-from robotree.sim.server import Server, serving
+from robotree.sim.serving.server import Server, serving
 
 ANY = "tcp:127.0.0.1:0"
 PATIENCE = 20.0

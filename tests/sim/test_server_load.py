@@ -32,8 +32,8 @@ from robotree.protocol.messages import (
     SetMode,
     Statustext,
 )
-from robotree.sim.pacer import LARGEST_DEBT
-from robotree.sim.server import LARGEST_CROWD, Server, serving
+from robotree.sim.serving.pacer import LARGEST_DEBT
+from robotree.sim.serving.server import LARGEST_CROWD, Server, serving
 
 ANY = "tcp:127.0.0.1:0"
 PATIENCE = 20.0

@@ -13,7 +13,7 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Joints, PictureRequest, Timesync
 from robotree.protocol.services.picture import Picture, PictureReceiver
-from robotree.sim.server import serving
+from robotree.sim.serving.server import serving
 
 SIZE = (640, 360)
 

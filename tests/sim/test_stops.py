@@ -27,7 +27,7 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.sim.firmware.stops import stop_asked_by
-from robotree.sim.intake import Heard, Intake
+from robotree.sim.serving.intake import Heard, Intake
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 
 STOP, READY = ModeKind.SAFE_STOP, ModeKind.READY

@@ -13,9 +13,9 @@ from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Mode, ModeKind, SetMode, SysStatus
-from robotree.sim.allowance import Allowance
 from robotree.sim.kinds import kind
-from robotree.sim.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled
+from robotree.sim.serving.allowance import Allowance
+from robotree.sim.serving.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled
 
 
 class Listener:

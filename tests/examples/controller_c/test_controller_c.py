@@ -32,8 +32,8 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.parser import Parser
 from robotree.protocol.testing import random_values
-from robotree.sim import worlds
 from robotree.sim.firmware import Firmware
+from robotree.sim.rover import world
 
 Operator = Any
 LIFE = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
@@ -149,7 +149,7 @@ def test_its_rules_are_those_of_the_simulated_controller(
 ) -> None:
     """Seeded messages to both; then both must say the same of every key."""
     chance = random.Random(seed)
-    firmware = Firmware(worlds.rover_world().rover, (), system=1, mav_type=MavType.GROUND_ROVER)
+    firmware = Firmware(world.build().rover, (), system=1, mav_type=MavType.GROUND_ROVER)
     parser, keys = Parser(), (0, 1, 2, 3, 4)
 
     def reference(message: AnyMessage) -> list[AnyMessage]:

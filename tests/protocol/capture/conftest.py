@@ -15,7 +15,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
-from robotree.sim.server import serving
+from robotree.sim.serving.server import serving
 
 ENOUGH = 200
 """Frames; more than a second of the arm's telemetry."""

@@ -1,0 +1,65 @@
+"""What the arm tells about itself. Pure: readings in, messages out."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import pinocchio as pin
+
+from robotree.protocol.messages import Gripper, GripperState, Joints, Message, NamedValueFloat, Tool
+from robotree.sim.arm.gripper import Grip
+from robotree.sim.arm.world import ArmWorld
+from robotree.sim.firmware.telemetry import HOT, WARM, Stream
+from robotree.sim.physics.vectors import Matrix, Vector
+
+_JOINT_PLACES: Final = 8
+_GRIPPER_STATES: Final = {
+    Grip.AT_WIDTH: GripperState.AT_WIDTH,
+    Grip.MOVING: GripperState.MOVING,
+    Grip.HOLDING: GripperState.HOLDING,
+}
+
+
+def streams(world: ArmWorld) -> tuple[Stream, ...]:
+    """JOINTS and TOOL often; GRIPPER, the lever's angle (`lever`, rad) and `peak_f` (N) less so.
+
+    `peak_f` is `ArmState.peak_force`: the largest true net contact force on the hand since the start.
+    """
+
+    def joints(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+        q = world.arm.state().q
+        return (Joints(time_boot_ms=now, position=_padded(q), count=len(q)),)
+
+    def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001
+        state = world.arm.state()
+        x, y, z = state.position.tolist()
+        fx, fy, fz, tx, ty, tz = state.wrench.tolist()
+        return (Tool(now, x, y, z, fx, fy, fz, tx, ty, tz, quaternion(state.rotation), int(busy)),)
+
+    def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+        state = world.arm.state()
+        grip = _GRIPPER_STATES[state.grip]
+        return (Gripper(now, state.width, state.width_commanded, state.grip_force, grip),)
+
+    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+        return (
+            NamedValueFloat(now, "lever", world.lever_angle),
+            NamedValueFloat(now, "peak_f", world.arm.state().peak_force),
+        )
+
+    return (
+        Stream(Joints, HOT, joints),
+        Stream(Tool, HOT, tool),
+        Stream(Gripper, WARM, gripper),
+        Stream(NamedValueFloat, WARM, values),
+    )
+
+
+def quaternion(rotation: Matrix) -> tuple[int, int, int, int]:
+    """w, x, y, z of a rotation (3, 3), w not negative, each times 32767."""
+    x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
+    sign = -32767.0 if w < 0.0 else 32767.0
+    return round(w * sign), round(x * sign), round(y * sign), round(z * sign)
+
+
+def _padded(joints: Vector) -> tuple[float, ...]:
+    return (*joints.tolist(), *(0.0,) * (_JOINT_PLACES - len(joints)))

@@ -1,0 +1,76 @@
+"""The arm's cell: a table with the arm, and the lever within its reach; compiled, and put in its first place.
+
+World frame W: x forward, y left, z up, its origin the arm's foot on the table top.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+from robotree.sim.arm import lever as lever_model
+from robotree.sim.arm import model as arm_model
+from robotree.sim.arm.device import Arm
+from robotree.sim.arm.kinematics import HOME
+from robotree.sim.physics import scenery
+from robotree.sim.physics.cell import Cell
+from robotree.sim.physics.engine import mujoco
+
+FINGERS_AT_FIRST: Final = 0.03
+"""[m] slide of each finger: the gripper is three quarters open."""
+LEVER_FOOT: Final = (0.42, 0.045, 0.0)
+"""[m] in W: where the lever's stand is bolted to the table."""
+TABLE_HEIGHT: Final = 0.72
+"""[m] of the table top above the floor."""
+
+_WOOD: Final = (0.80, 0.68, 0.52, 1.0)
+_STEEL: Final = (0.42, 0.45, 0.50, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmWorld:
+    """The arm at its table, with the lever open."""
+
+    cell: Cell
+    arm: Arm
+    lever: lever_model.LeverPorts
+
+    @property
+    def lever_angle(self) -> float:
+        """[rad] below 0: open, towards the arm; above 0: closed."""
+        return float(self.lever.angle[0])
+
+
+def cell() -> mujoco.MjSpec:
+    """A table with the arm, and the lever within its reach."""
+    world = scenery.floor(height=-TABLE_HEIGHT)
+    _table(world)
+    scenery.attach(world, arm_model.spec(), arm_model.PREFIX, (0.0, 0.0, 0.0))
+    scenery.attach(world, lever_model.spec(), lever_model.PREFIX, LEVER_FOOT)
+    scenery.camera(world, eye=(1.42, -1.22, 0.80), target=(0.17, 0.03, 0.27), fovy=36.0)
+    return world
+
+
+def build() -> ArmWorld:
+    """Build the arm's cell: arm at home, fingers open, lever open."""
+    model = cell().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ports = arm_model.bind(model, data)
+    lever = lever_model.bind(model, data)
+    ports.q[:] = HOME
+    for finger in ("finger_l", "finger_r"):
+        data.qpos[model.joint(arm_model.PREFIX + finger).qposadr[0]] = FINGERS_AT_FIRST
+    ports.finger_target[:] = FINGERS_AT_FIRST
+    lever.angle[:] = lever_model.OPEN
+    mujoco.mj_forward(model, data)
+    arm = Arm(ports)
+    return ArmWorld(Cell(model, data, arm), arm, lever)
+
+
+def _table(cell: mujoco.MjSpec) -> None:
+    scenery.box(cell, "table", (0.26, 0.0, -0.02), (0.52, 0.48, 0.02), _WOOD)
+    scenery.box(cell, "apron", (0.26, 0.0, -0.065), (0.47, 0.43, 0.025), _STEEL)
+    for name, x, y in (("fl", 1, 1), ("fr", 1, -1), ("rl", -1, 1), ("rr", -1, -1)):
+        half = (TABLE_HEIGHT - 0.04) / 2
+        scenery.box(
+            cell, f"leg_{name}", (0.26 + 0.45 * x, 0.41 * y, -0.04 - half), (0.03, 0.03, half), _STEEL
+        )

@@ -1,0 +1,98 @@
+"""What the firmware and the cell expect of any simulated robot, and the values they exchange."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.firmware.tunable import Tunable
+
+Start: TypeAlias = Callable[[], None]
+"""Begins the movement that was prepared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the running goal is.
+
+    Attributes:
+        fraction: 0 to 1.
+        done: whether it has ended.
+        reason: NONE when it ended well or still runs, else why it failed.
+        text: the reason as one sentence; of a goal that ended well, what is worth knowing about it.
+    """
+
+    fraction: float
+    done: bool = False
+    reason: Reason = Reason.NONE
+    text: str = ""
+
+
+ENDED = Progress(1.0, done=True)
+"""Nothing runs."""
+
+
+class Device(Protocol):
+    """One robot of a cell: a control law below, verbs above."""
+
+    @property
+    def verbs(self) -> Collection[Verb]:
+        """What it can be asked to do."""
+        ...
+
+    @property
+    def setpoint_kinds(self) -> Collection[SetpointKind]:
+        """The set-points that it can follow."""
+        ...
+
+    @property
+    def parameters(self) -> Collection[Tunable]:
+        """What can be tuned on it, in an order that stays."""
+        ...
+
+    @property
+    def tuning(self) -> object:
+        """What `parameters` are attributes of."""
+        ...
+
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
+
+        Args:
+            verb: what to do.
+            args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
+
+        Returns:
+            What begins the movement, in place of whatever runs; good until time passes.
+
+        Raises:
+            GoalRefused: with the reason; nothing has changed.
+        """
+        ...
+
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        """Check one set-point; nothing changes yet.
+
+        Args:
+            kind: what it says, one of `setpoint_kinds`.
+            args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
+
+        Returns:
+            What follows it from then on, smoothly and within the limits, in place of whatever runs.
+
+        Raises:
+            GoalRefused: it lies outside the limits; nothing has changed.
+        """
+        ...
+
+    def progress(self) -> Progress:
+        """How far the movement is that was begun last; a set-point is never done."""
+        ...
+
+    def hold(self) -> None:
+        """Drop the movement and rest where the robot is, compliantly."""
+        ...
+
+    def control(self, dt: float) -> None:
+        """One step of the control law [s], before the world moves on."""
+        ...

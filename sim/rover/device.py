@@ -1,0 +1,198 @@
+"""The rover as one robot: a jerk-limited set-point, a servo on its drive, and the verb MOVE."""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.errors import BadArgument, OutOfReach, UnknownVerb
+from robotree.sim.firmware.device import ENDED, Progress, Start
+from robotree.sim.firmware.limits import require
+from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.motion.follower import Follower
+from robotree.sim.motion.path import Limits, Line
+from robotree.sim.motion.pursuit import Group, Pursuit
+from robotree.sim.physics.vectors import Vector
+from robotree.sim.rover.model import RoverPorts
+from robotree.sim.rover.tuning import ARENA, PARAMETERS, SLOWEST, RoverTuning
+
+STIFFNESS: Final = 800.0
+"""[N/m] of the drive servo; 1 N of friction leaves 1.3 mm."""
+DAMPING: Final = 110.0
+"""[N s/m]; 0.95 of critical for 4.2 kg."""
+JERK: Final = 8.0
+"""[m/s3]"""
+REACHED: Final = 0.004
+"""[m] from the goal, along each axis together."""
+SETTLED: Final = 0.005
+"""[m/s] that counts as standing."""
+SETTLE_WITHIN: Final = 3.0
+"""[s] after the end of a path by which the rover must be there, or something holds it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoverState:
+    """One reading: `position` (2,) [m] and `velocity` (2,) [m/s], x and y in W."""
+
+    position: Vector
+    velocity: Vector
+
+
+class Rover:
+    """The rover in its cell.
+
+    Args:
+        ports: of the rover in the cell.
+    """
+
+    def __init__(self, ports: RoverPorts) -> None:
+        self._ports = ports
+        self.tuning = RoverTuning()
+        """What `parameters` change; it is read in every control period."""
+        self._pursuit: Pursuit | None = None
+        self._follower = Follower(ports.position)
+        self._load = self._waited = 0.0
+        self._running: Callable[[], Progress] = _ended
+        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
+            Verb.MOVE: self._move,
+            Verb.HOLD: self._stay,
+        }
+
+    @property
+    def verbs(self) -> Collection[Verb]:
+        """What it can be asked to do."""
+        return self._verbs.keys()
+
+    @property
+    def setpoint_kinds(self) -> Collection[SetpointKind]:
+        """The set-points that it can follow."""
+        return (SetpointKind.BASE_VELOCITY,)
+
+    @property
+    def parameters(self) -> Collection[Tunable]:
+        """What can be tuned on it."""
+        return PARAMETERS
+
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
+
+        Args:
+            verb: MOVE or HOLD.
+            args: (7,) as in robotree.xml.
+
+        Returns:
+            What begins the movement, in place of whatever runs.
+
+        Raises:
+            GoalRefused: with the reason; nothing has changed.
+        """
+        if verb not in self._verbs:
+            raise UnknownVerb(verb, [known.name for known in self._verbs])
+        return self._verbs[Verb(verb)](args)
+
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
+        """Check one set-point; nothing changes yet.
+
+        Args:
+            kind: BASE_VELOCITY.
+            args: (7,) as in robotree.xml; the turn rate must be 0 or NaN, this base does not turn.
+
+        Returns:
+            What follows it, within the limits of speed and of the floor.
+
+        Raises:
+            BadArgument: it should turn, or a number is infinite.
+        """
+        if args[2] and not math.isnan(args[2]):
+            raise BadArgument("turn rate", args[2], "0: this base does not turn")
+        now = [0.0, 0.0] if self._pursuit is None else self._pursuit.rate.tolist()
+        for name, value in zip(("vx", "vy"), args, strict=False):
+            if math.isinf(value):
+                raise BadArgument(name, value, "finite")
+        rate = np.array([old if math.isnan(new) else new for new, old in zip(args, now, strict=False)])
+        return lambda: self._pursue().along(rate)
+
+    def progress(self) -> Progress:
+        """How far the movement is that was begun last."""
+        return self._running()
+
+    def hold(self) -> None:
+        """Drop the movement and rest here."""
+        self._follower.rest(self._ports.position)
+        self._running, self._pursuit = _ended, None
+
+    def control(self, dt: float) -> None:
+        """One period [s] of the drive servo: spring, bounded, and damper on the set-point's velocity."""
+        ports = self._ports
+        setpoint = self._follower.advance(dt, self._load)
+        self._waited = 0.0 if self._follower.moving else self._waited + dt
+        pull = STIFFNESS * (setpoint.pose - ports.position)
+        self._load = math.hypot(pull[0], pull[1]) / self.tuning.force_limit
+        if self._load > 1.0:
+            pull /= self._load
+        ports.force[:] = pull + DAMPING * (setpoint.velocity - ports.velocity)
+
+    def state(self) -> RoverState:
+        """One reading, not changed by later steps."""
+        return RoverState(np.array(self._ports.position), np.array(self._ports.velocity))
+
+    def _move(self, args: tuple[float, ...]) -> Start:
+        for name, value in zip(("dx", "dy"), args, strict=False):
+            if not math.isfinite(value):
+                raise BadArgument(name, value, "a finite number of metres")
+        tuning = self.tuning
+        speed = min(tuning.speed, tuning.top_speed) if math.isnan(args[2]) else args[2]
+        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
+        start = self._follower.reference
+        # From a set-point at rest, so that the errors of many moves do not add up.
+        origin = self._ports.position if self._follower.moving else start.pose
+        goal = origin + np.array(args[:2])
+        if float(np.abs(goal).max()) > ARENA:
+            raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
+        limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2)
+        path = Line(start, goal, limits)
+
+        def begin() -> None:
+            self._follower.follow(path)
+            self._running, self._pursuit = self._travelling, None
+
+        return begin
+
+    def _stay(self, _: tuple[float, ...]) -> Start:
+        return self.hold
+
+    def _pursue(self) -> Pursuit:
+        """The pursuit that runs, else a new one from where the set-point is."""
+        groups = (Group(slice(0, 2), self.tuning.top_speed, self.tuning.acceleration),)
+        if self._pursuit is None:
+            self._pursuit = Pursuit(self._follower.reference, groups, _on_the_floor)
+            self._follower.chase(self._pursuit)
+            self._running = self._pursuing
+        self._pursuit.limit(groups)
+        return self._pursuit
+
+    def _pursuing(self) -> Progress:
+        return Progress(0.0)
+
+    def _travelling(self) -> Progress:
+        fraction = self._follower.progress
+        short = float(np.linalg.norm(self._follower.reference.pose - self._ports.position))
+        if self._follower.blocked or self._waited > SETTLE_WITHIN:
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text="Something stands in the way.")
+        standing = float(np.abs(self._ports.velocity).max()) < SETTLED
+        if self._follower.moving:
+            return Progress(fraction)
+        if short < REACHED and standing:
+            return Progress(1.0, done=True)
+        return Progress(min(fraction, 0.99))
+
+
+def _on_the_floor(place: Vector) -> bool:
+    return float(np.abs(place).max()) <= ARENA
+
+
+def _ended() -> Progress:
+    return ENDED

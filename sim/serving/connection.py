@@ -1,0 +1,180 @@
+"""One client of the controller: what it says is heard, what it asks to see is drawn.
+
+It has at most one picture in the making; of further requests the newest per camera waits, and pieces go out
+no faster than the client reads them.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Final
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import KeyRefused, LinkError
+from robotree.protocol.frame import Frame
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
+from robotree.protocol.services.picture import split
+from robotree.protocol.services.statustext import Speaker
+from robotree.sim.firmware import COMPONENT, Outgoing
+from robotree.sim.serving.controller import Controller
+from robotree.sim.serving.darkroom import Darkroom
+
+_log = logging.getLogger(__name__)
+
+WINDOW: Final = 2048
+"""Bytes that may wait for a client before a piece of a picture waits, too: so a slow line delays what else is
+said by no more than these."""
+BREATH: Final = 0.005
+"""Between two looks whether they still wait [s]."""
+
+
+class Connection:
+    """One client: what it says goes to the controller, the pictures it asks for come back.
+
+    Args:
+        link: to the client.
+        system: our MAVLink system id.
+        controller: hears the client.
+        darkroom: draws for it.
+        leave: told when the client has gone.
+        rotated: told when the client has changed a key: who it was, whose links, and the client's system id.
+        security: signs what we say, and decides whom we hear.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        system: int,
+        controller: Controller,
+        darkroom: Darkroom,
+        leave: Callable[["Connection"], None],
+        rotated: Callable[["Connection", str, int], None],
+        security: Sealing = UNSIGNED,
+    ) -> None:
+        self._security, self._seals = security, security.seals(link.address)
+        self.endpoint = Endpoint(
+            link,
+            system=system,
+            component=COMPONENT,
+            on_frame=self._hear,
+            on_closed=self._closed,
+            **self._seals,
+        )
+        self._controller, self._darkroom, self._leave, self._rotated = controller, darkroom, leave, rotated
+        self._stops: int | None = None
+        self.spoken = False
+        """Whether an intact frame has come."""
+        self._wanted: dict[int, PictureRequest] = {}
+        self._drawing: asyncio.Task[None] | None = None
+        self._keys_refused = 0
+        self._said: set[str] = set()
+        controller.greet(self.endpoint)
+
+    @property
+    def garbled(self) -> int:
+        """What it said in vain: no frame, no message that we know, not signed as it must be, or a key."""
+        heard = self.endpoint.statistics
+        return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused + self._keys_refused
+
+    @property
+    def pattern(self) -> str:
+        """Names the links that have their key together with this one; empty: it has none."""
+        return self._security.pattern(self.endpoint.link.address)
+
+    def received(self, data: bytes, stops: int | None) -> None:
+        """Bytes came; where they waited, how many stops had arrived when they began to."""
+        self._stops = stops
+        self.endpoint.received(data)
+
+    def closed(self, reason: LinkError) -> None:
+        """The link has ended."""
+        self.endpoint.closed(reason)
+
+    def reseal(self) -> None:
+        """Sign, and hear, with the key that the link has now."""
+        self._seals = self._security.seals(self.endpoint.link.address)
+        self.endpoint.reseal(**self._seals)
+
+    def send(self, outgoing: Outgoing) -> None:
+        """Say something to this client."""
+        self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
+
+    def refuse(self, text: str) -> None:
+        """Tell the client why it is not served (any more), and end the link."""
+        self.say(MavSeverity.ERROR, text)
+        self.endpoint.link.close()
+
+    def say(self, severity: MavSeverity, text: str) -> None:
+        """Tell the client a sentence."""
+        for chunk in Speaker().say(severity, text):
+            self.endpoint.send(chunk)
+
+    def _hear(self, frame: Frame) -> None:
+        self.spoken = True
+        message = frame.message
+        if isinstance(message, SetupSigning):
+            self._set_up(frame, message)
+            return
+        if not isinstance(message, PictureRequest):
+            self._controller.post(frame, self.endpoint, self._stops)
+            return
+        ours = (
+            message.target_system == self.endpoint.system
+            and message.target_component in self._controller.cameras
+        )
+        if ours:
+            self._wanted[message.target_component] = message
+            if self._drawing is None:
+                self._drawing = asyncio.create_task(
+                    self._draw_wanted(), name=f"pictures for {self.endpoint.link.address}"
+                )
+
+    def _set_up(self, frame: Frame, message: SetupSigning) -> None:
+        """Take a key from who has the present one; the message is neither logged nor passed on.
+
+        MAVLink answers it with nothing; why a key is not taken is said once.
+        """
+        if not frame.is_for(self.endpoint.system, COMPONENT):
+            return
+        address, secret, moment = self.endpoint.link.address, message.secret_key, message.initial_timestamp
+        try:
+            pattern = self._security.rotate(address, self._seals, secret, moment)
+        except KeyRefused as error:
+            self._keys_refused += 1
+            if (text := str(error)) not in self._said:
+                self._said.add(text)
+                self.say(MavSeverity.WARNING, text)
+        else:
+            if pattern:
+                self._rotated(self, pattern, frame.system)
+
+    async def _draw_wanted(self) -> None:
+        try:
+            while self._wanted:
+                await self._room()
+                request = self._wanted.pop(next(iter(self._wanted)))
+                data, width, height = await self._darkroom.develop(request)
+                for message in split(data, width=width, height=height, quality=request.quality):
+                    await self._room()
+                    self.endpoint.send(message, component=request.target_component)
+        finally:
+            self._drawing = None
+
+    async def _room(self) -> None:
+        """Wait until a piece of a picture would leave soon. What else is said goes in between."""
+        while self.endpoint.link.statistics.waiting > WINDOW:  # noqa: ASYNC110  links do not tell
+            await asyncio.sleep(BREATH)
+
+    def _closed(self, _: LinkError) -> None:
+        if self._drawing is not None:
+            self._drawing.cancel()
+        self._controller.leave(self.endpoint)
+        self._leave(self)
+        if refused := self.endpoint.statistics.refused:
+            _log.warning(
+                "%s: %d frames were refused, for they were not signed with our key",
+                self.endpoint.link.address,
+                refused,
+            )

@@ -1,0 +1,77 @@
+"""Keeping a controller in step with the wall clock, in a thread of its own.
+
+Deadlines are absolute, one per batch (`pacer`). Physics and control run in lock step on simulated time, so
+jitter of the thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is
+dropped and counted, not caught up.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from robotree.sim.firmware import Outgoing
+from robotree.sim.physics.cell import BATCH
+from robotree.sim.serving.controller import Controller
+from robotree.sim.serving.pacer import Pacer
+
+LOAD_SHARE: Final = 0.01
+"""Share of the latest batch in the load that is told: a time constant of half a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """One reading of how real time is kept: controller time [ms], and debt that was dropped [s]."""
+
+    time_ms: int
+    dropped: float
+
+
+class RealTime:
+    """Runs a controller in a thread until it is closed.
+
+    Args:
+        controller: from now on touched by that thread alone, but for `post`.
+        tell: called in that thread with what there is to say after a batch.
+        fail: called in that thread with what ended it, if something did.
+        hurry: seconds of the world in a second.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        tell: Callable[[list[Outgoing]], None],
+        fail: Callable[[Exception], None],
+        hurry: float = 1.0,
+    ) -> None:
+        self._controller, self._tell, self._fail = controller, tell, fail
+        self._over = threading.Event()
+        self._period = period = BATCH * float(controller.cell.model.opt.timestep) / hurry
+        self._pacer = Pacer(period, time.monotonic())
+        self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
+        self._thread.start()
+
+    @property
+    def pace(self) -> Pace:
+        """How real time is kept."""
+        return Pace(self._controller.cell.time_ms, self._pacer.dropped)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._over.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        gauges, began = self._controller.firmware.gauges, time.thread_time()
+        try:
+            while not self._over.is_set():
+                out = self._controller.advance()
+                if out:
+                    self._tell(out)
+                now = time.thread_time()
+                gauges.load += LOAD_SHARE * ((now - began) / self._period - gauges.load)
+                began = now
+                time.sleep(self._pacer.wait(time.monotonic()))
+        except Exception as error:  # noqa: BLE001  the thread's last fence: whoever owns it must hear
+            self._fail(error)

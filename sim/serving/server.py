@@ -1,0 +1,218 @@
+"""The controller's socket: several connections, each answered where it asked, none forwarded to another.
+
+The loop carries frames, the cell's own thread computes (`realtime`), one more thread draws (`darkroom`).
+"""
+
+import asyncio
+import logging
+import sys
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from typing import Final
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import LinkRefused
+from robotree.protocol.links.link import Handler, Link
+from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.url import listen
+from robotree.protocol.messages import MavSeverity
+from robotree.sim.errors import CannotListen
+from robotree.sim.firmware import SILENCE, Outgoing
+from robotree.sim.kinds import kind as kind_of
+from robotree.sim.serving.connection import Connection
+from robotree.sim.serving.controller import Controller
+from robotree.sim.serving.darkroom import Darkroom
+from robotree.sim.serving.realtime import Pace, RealTime
+from robotree.sim.serving.throttle import TOTAL, Throttled
+
+_log = logging.getLogger(__name__)
+
+LARGEST_CROWD: Final = 32
+"""Clients that are served at a time; each costs its telemetry."""
+SWITCH: Final = 0.001
+"""[s] after which a thread that computes lets another one go on. CPython's own 5 ms are a whole batch of the
+physics, which would be late whenever the loop has much to read."""
+SYSTEM: Final = 1
+"""MAVLink system id that ground stations expect of the first robot on a link."""
+
+
+class Server:
+    """A controller on the wire. Made by `serving`."""
+
+    def __init__(self, controller: Controller, hurry: float, security: Sealing = UNSIGNED) -> None:
+        self._controller, self._security = controller, security
+        self._loop = asyncio.get_running_loop()
+        self._connections: dict[Endpoint, Connection] = {}
+        self._garbled = self._lost = 0
+        self._darkroom = Darkroom(controller)
+        self.address = ""
+        """Where it listens, with the port that was really taken."""
+        self.rotations = 0
+        """Keys that were changed over the wire."""
+        self.failure: asyncio.Future[None] = self._loop.create_future()
+        """Raises what ended the physics, if something does."""
+        self._realtime = RealTime(controller, self._tell, self._fail, hurry)
+
+    @property
+    def pace(self) -> Pace:
+        """How real time is kept."""
+        return self._realtime.pace
+
+    def accept(self, link: Link) -> Handler:
+        """A client has come.
+
+        Where `LARGEST_CROWD` are served already, the one that has been silent from the beginning for the
+        longest time makes room; where all have spoken, the newcomer is told so and sent away.
+        """
+        silent = next((each for each in self._connections.values() if not each.spoken), None)
+        full = len(self._connections) >= LARGEST_CROWD
+        if full and silent is not None:
+            del self._connections[silent.endpoint]
+            silent.refuse("Somebody else came, and you have said nothing; send a heartbeat at once.")
+        connection = Connection(
+            link,
+            self._controller.firmware.system,
+            self._controller,
+            self._darkroom,
+            self._left,
+            self._rotated,
+            self._security,
+        )
+        if full and silent is None:
+            connection.refuse(f"{LARGEST_CROWD} clients are served already; end one of them.")
+        else:
+            self._connections[connection.endpoint] = connection
+        return Throttled(link, connection, self._share, lambda: self._controller.stops, self._lose)
+
+    def _share(self) -> float:
+        """[bytes/s] that one of the clients may send for long."""
+        return TOTAL / max(len(self._connections), 1)
+
+    def close(self) -> None:
+        """End the threads."""
+        self._realtime.close()
+        self._darkroom.close()
+
+    def _lose(self) -> None:
+        self._lost += 1
+
+    def _left(self, connection: Connection) -> None:
+        self._connections.pop(connection.endpoint, None)
+        self._garbled += connection.garbled
+
+    def _rotated(self, by: Connection, pattern: str, system: int) -> None:
+        """A key was changed: all who had it are told so with it, and need the new one from now on.
+
+        Who changed it is told with the new one, and so knows that it is obeyed.
+        """
+        self.rotations += 1
+        text = f"The signing key was changed by system {system}."
+        _log.warning("links %s: %s (%s)", pattern, text[:-1].lower(), by.endpoint.link.address)
+        for each in [*self._connections.values()]:
+            if each.pattern == pattern:
+                if each is not by:
+                    each.say(MavSeverity.NOTICE, text)
+                each.reseal()
+        by.say(MavSeverity.NOTICE, text)
+
+    def _tell(self, out: list[Outgoing]) -> None:
+        self._loop.call_soon_threadsafe(self._deliver, out)
+
+    def _deliver(self, out: list[Outgoing]) -> None:
+        now = sum(connection.garbled for connection in self._connections.values())
+        gauges = self._controller.firmware.gauges
+        gauges.garbled, gauges.lost = self._garbled + now, self._lost
+        for outgoing in out:
+            if outgoing.via is None:
+                for connection in self._connections.values():
+                    connection.send(outgoing)
+            elif isinstance(outgoing.via, Endpoint) and outgoing.via in self._connections:
+                self._connections[outgoing.via].send(outgoing)
+
+    def _fail(self, error: Exception) -> None:
+        self._loop.call_soon_threadsafe(self._break, error)
+
+    def _break(self, error: Exception) -> None:
+        if not self.failure.done():
+            self.failure.set_exception(error)
+
+
+@asynccontextmanager
+async def serving(
+    kind: str,
+    url: str,
+    *,
+    system: int = SYSTEM,
+    silence: float = SILENCE,
+    hurry: float = 1.0,
+    exposed: bool = False,
+    security: Sealing = UNSIGNED,
+) -> AsyncGenerator[Server]:
+    """A simulated controller that is up inside the block.
+
+    Args:
+        kind: of robot, one of `kinds.KINDS`.
+        url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
+        system: MAVLink system id.
+        silence: of the link after which the robot holds by itself [s].
+        hurry: seconds of the world in a second; 1 is real time.
+        exposed: allow an address that other machines reach.
+        security: the keys of our links.
+
+    Yields:
+        The server; `address` tells where it really listens.
+
+    Raises:
+        UnknownKind: no such robot can be simulated.
+        CannotListen: the port is taken.
+        BadUrl: the address means nothing, or can be reached from outside.
+    """
+    server = Server(kind_of(kind).build(system, silence), hurry, security)
+    try:
+        try:
+            listener = await listen(url, server.accept, exposed=exposed)
+        except LinkRefused as error:
+            raise CannotListen(url, error.cause) from error
+        server.address = listener.address
+        try:
+            yield server
+        finally:
+            await listener.close()
+    finally:
+        server.close()
+
+
+async def serve(
+    kind: str,
+    url: str,
+    *,
+    ready: Callable[[str], None],
+    system: int = SYSTEM,
+    silence: float = SILENCE,
+    hurry: float = 1.0,
+    exposed: bool = False,
+    security: Sealing = UNSIGNED,
+) -> None:
+    """Simulate a controller until cancelled.
+
+    Args:
+        kind: of robot, one of `kinds.KINDS`.
+        url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
+        ready: told the address once it listens there.
+        system: MAVLink system id.
+        silence: of the link after which the robot holds by itself [s].
+        hurry: seconds of the world in a second; 1 is real time.
+        exposed: allow an address that other machines reach.
+        security: the keys of our links.
+
+    Raises:
+        UnknownKind: no such robot can be simulated.
+        CannotListen: the port is taken.
+        BadUrl: the address means nothing, or can be reached from outside.
+    """
+    sys.setswitchinterval(SWITCH)
+    async with serving(
+        kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed, security=security
+    ) as server:
+        ready(server.address)
+        await server.failure
