@@ -40,7 +40,7 @@ def promises_purity(path: Path) -> bool:
     return PROMISE.search(ast.get_docstring(ast.parse(path.read_text())) or "") is not None
 
 
-@pytest.mark.parametrize("path", filter(promises_purity, SOURCES), ids=relative)
+@pytest.mark.parametrize("path", list(filter(promises_purity, SOURCES)), ids=relative)
 def test_who_says_pure_imports_nothing_that_waits_speaks_or_tells_the_time(path: Path) -> None:
     assert not imported(path) & IMPURE
 
