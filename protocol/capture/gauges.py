@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.protocol.capture.attendance import Attendance, PeerReading
 from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.messages import Timesync, Untyped
 from robotree.protocol.parser import Parser
@@ -90,6 +91,7 @@ class LinkReading(msgspec.Struct, frozen=True):
     """[s] that a frame takes one way; None: nobody answers TIMESYNC."""
     offset: float | None
     """[s] to add to our clock to get the far one."""
+    peers: list[PeerReading]
     messages: list[MessageReading]
 
 
@@ -122,6 +124,7 @@ class LinkGauge:
         self._bytes, self._frames, self._lost = Rate(now), Rate(now), Rate(now)
         self._lost_before = 0
         self._rows: dict[tuple[int, int, int, str], _Row] = {}
+        self._attendance = Attendance()
 
     def receive(self, data: bytes, now: float) -> None:
         """The link tells: bytes came."""
@@ -129,6 +132,7 @@ class LinkGauge:
         for frame in self._parser.feed(data):
             self._frames.add(now)
             message = frame.message
+            self._attendance.receive(frame, now)
             if isinstance(message, Timesync):
                 self._synchroniser.receive(message, now)
             key = frame.system, frame.component, frame.msgid, _instance(message)
@@ -161,6 +165,7 @@ class LinkGauge:
             skipped=parser.skipped,
             delay=None if estimate is None else estimate.delay,
             offset=None if estimate is None else estimate.offset,
+            peers=self._attendance.reading(now),
             messages=[
                 MessageReading(
                     sysid=row.last.system,

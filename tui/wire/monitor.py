@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from enum import IntEnum
 from pathlib import Path
 
 import msgspec
 
+from robotree.protocol.capture.attendance import PeerReading
 from robotree.protocol.capture.gauges import LinkGauge, LinkReading
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
@@ -16,6 +18,7 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
+from robotree.protocol.messages import MavState, MavType
 from robotree.tui import values
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import clear, put
@@ -119,7 +122,23 @@ def table(link: LinkReading) -> str:
         )
         for one in link.messages
     ]
-    return "\n".join([head, *(_cut(row) for row in columns(rows).splitlines())])
+    return "\n".join([head, *_present(link.peers), *(_cut(row) for row in columns(rows).splitlines())])
+
+
+def _present(peers: list[PeerReading]) -> list[str]:
+    """Who is there, and who was: a line, unless nobody ever was."""
+    told = [
+        f"{each.sysid}/{each.compid} {_named(MavType, each.type)} {_named(MavState, each.state)}"
+        if each.there
+        else f"{each.sysid}/{each.compid} gone for {each.age:.0f} s"
+        for each in peers
+    ]
+    return [_cut(f"there: {', '.join(told)}")] if told else []
+
+
+def _named(kind: type[IntEnum], number: int) -> str:
+    """What an enumeration calls a number, or the number."""
+    return kind(number).name if number in {each.value for each in kind} else str(number)
 
 
 def _cut(row: str) -> str:
