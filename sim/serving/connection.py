@@ -7,6 +7,7 @@ no faster than the client reads them.
 import asyncio
 import logging
 from collections.abc import Callable
+from math import inf
 from typing import Final
 
 from robotree.protocol.endpoint import Endpoint
@@ -64,8 +65,8 @@ class Connection:
         )
         self._controller, self._darkroom, self._leave, self._rotated = controller, darkroom, leave, rotated
         self._stops: int | None = None
-        self.spoken = False
-        """Whether an intact frame has come."""
+        self.heard = -inf
+        """When the last intact frame came, [s] on the loop's clock."""
         self._wanted: dict[int, PictureRequest] = {}
         self._drawing: asyncio.Task[None] | None = None
         self._keys_refused = 0
@@ -112,7 +113,7 @@ class Connection:
             self.endpoint.send(chunk)
 
     def _hear(self, frame: Frame) -> None:
-        self.spoken = True
+        self.heard = asyncio.get_running_loop().time()
         message = frame.message
         if isinstance(message, SetupSigning):
             self._set_up(frame, message)

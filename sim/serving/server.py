@@ -19,6 +19,7 @@ from robotree.protocol.messages import MavSeverity
 from robotree.sim.errors import CannotListen
 from robotree.sim.firmware import SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
+from robotree.sim.serving.bystander import Bystander
 from robotree.sim.serving.connection import Connection
 from robotree.sim.serving.controller import Controller
 from robotree.sim.serving.darkroom import Darkroom
@@ -29,6 +30,10 @@ _log = logging.getLogger(__name__)
 
 LARGEST_CROWD: Final = 32
 """Clients that are served at a time; each costs its telemetry."""
+LINGER: Final = 3.0
+"""[s] that a silent client keeps a place that another one needs: three heartbeats missed."""
+LARGEST_ROW: Final = 32
+"""Bystanders at a time; who comes when there are as many is not even told."""
 SWITCH: Final = 0.001
 """[s] after which a thread that computes lets another one go on. CPython's own 5 ms are a whole batch of the
 physics, which would be late whenever the loop has much to read."""
@@ -43,6 +48,7 @@ class Server:
         self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
+        self._bystanders: dict[Endpoint, Bystander] = {}
         self._garbled = self._lost = 0
         self._darkroom = Darkroom(controller)
         self.address = ""
@@ -61,14 +67,12 @@ class Server:
     def accept(self, link: Link) -> Handler:
         """A client has come.
 
-        Where `LARGEST_CROWD` are served already, the one that has been silent from the beginning for the
-        longest time makes room; where all have spoken, the newcomer is told so and sent away.
+        Where `LARGEST_CROWD` are served already, the one that has been silent for the longest time makes
+        room: at once if it never spoke, else after `LINGER`. Where all speak, the newcomer is told so and
+        sent away; only its stops are heard.
         """
-        silent = next((each for each in self._connections.values() if not each.spoken), None)
-        full = len(self._connections) >= LARGEST_CROWD
-        if full and silent is not None:
-            del self._connections[silent.endpoint]
-            silent.refuse("Somebody else came, and you have said nothing; send a heartbeat at once.")
+        if len(self._connections) >= LARGEST_CROWD and not self._make_room():
+            return self._turn_away(link)
         connection = Connection(
             link,
             self._controller.firmware.system,
@@ -78,11 +82,32 @@ class Server:
             self._rotated,
             self._security,
         )
-        if full and silent is None:
-            connection.refuse(f"{LARGEST_CROWD} clients are served already; end one of them.")
-        else:
-            self._connections[connection.endpoint] = connection
+        self._connections[connection.endpoint] = connection
         return Throttled(link, connection, self._share, lambda: self._controller.stops, self._lose)
+
+    def _make_room(self) -> bool:
+        """Whether who has been silent for the longest time has made room."""
+        silent = min(self._connections.values(), key=lambda each: each.heard)
+        if self._loop.time() - silent.heard < LINGER:
+            return False
+        del self._connections[silent.endpoint]
+        silent.refuse("Somebody else came, and you said nothing; send a heartbeat at once and every second.")
+        return True
+
+    def _turn_away(self, link: Link) -> Handler:
+        """Refuse a newcomer."""
+        system = self._controller.firmware.system
+        bystander = Bystander(link, system, self._controller, self._forget, self._security)
+        self._bystanders[bystander.endpoint] = bystander
+        if len(self._bystanders) > LARGEST_ROW:
+            self._lost += 1
+            link.close()
+        else:
+            bystander.say(f"{LARGEST_CROWD} clients are served already; end one of them.")
+        return bystander
+
+    def _forget(self, bystander: Bystander) -> None:
+        del self._bystanders[bystander.endpoint]
 
     def _share(self) -> float:
         """[bytes/s] that one of the clients may send for long."""
@@ -126,8 +151,10 @@ class Server:
             if outgoing.via is None:
                 for connection in self._connections.values():
                     connection.send(outgoing)
-            elif isinstance(outgoing.via, Endpoint) and outgoing.via in self._connections:
-                self._connections[outgoing.via].send(outgoing)
+            elif isinstance(outgoing.via, Endpoint):
+                hearer = self._connections.get(outgoing.via) or self._bystanders.get(outgoing.via)
+                if hearer is not None:
+                    hearer.send(outgoing)
 
     def _fail(self, error: Exception) -> None:
         self._loop.call_soon_threadsafe(self._break, error)

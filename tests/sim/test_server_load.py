@@ -13,17 +13,21 @@ from collections.abc import AsyncIterator
 from itertools import count
 from pathlib import Path
 
+import pytest
+
 from robotree.protocol import Endpoint, Frame
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import (
     AnyMessage,
+    CommandAck,
     CommandLong,
     ControlStatus,
     Heartbeat,
     MavAutopilot,
     MavCmd,
+    MavResult,
     MavState,
     MavType,
     Mode,
@@ -32,10 +36,13 @@ from robotree.protocol.messages import (
     SetMode,
     Statustext,
 )
+from robotree.protocol.testing import until
+from robotree.sim.serving import server as server_module
 from robotree.sim.serving.pacer import LARGEST_DEBT
-from robotree.sim.serving.server import LARGEST_CROWD, Server, serving
+from robotree.sim.serving.server import LARGEST_CROWD, LARGEST_ROW, Server, serving
 
 ANY = "tcp:127.0.0.1:0"
+UDP = "udp:127.0.0.1:0"
 PATIENCE = 20.0
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 
@@ -185,6 +192,107 @@ async def test_where_all_places_are_taken_by_speakers_the_newcomer_is_told_so() 
         crowd[0].link.close()
         await crowd[0].ended
         await (await Client(251).dial(server.address)).ping()
+
+
+@contextlib.asynccontextmanager
+async def beating(crowd: list[Client]) -> AsyncIterator[None]:
+    """All of a crowd say a heartbeat twice a second inside the block."""
+
+    async def beat() -> None:
+        while True:
+            for each in crowd:
+                each.say(BEAT)
+            await asyncio.sleep(0.5)
+
+    task = asyncio.create_task(beat())
+    yield
+    task.cancel()
+
+
+@contextlib.asynccontextmanager
+async def clients(address: str, count: int, first: int = 1) -> AsyncIterator[list[Client]]:
+    """Some clients with system ids in a row, who leave at the end."""
+    crowd = [await Client(first + i).dial(address) for i in range(count)]
+    yield crowd
+    for each in crowd:
+        each.link.close()
+    async with asyncio.timeout(PATIENCE):
+        for each in crowd:
+            await each.ended
+
+
+@contextlib.asynccontextmanager
+async def full_house(address: str) -> AsyncIterator[list[Client]]:
+    """As many clients as are served, all served."""
+    async with clients(address, LARGEST_CROWD) as crowd:
+        for each in crowd:
+            await each.ping()
+        yield crowd
+
+
+@pytest.mark.parametrize("url", ["tcp:127.0.0.1:0", "udp:127.0.0.1:0"])
+async def test_a_stop_of_who_is_not_served_is_obeyed_and_answered(url: str) -> None:
+    async with (
+        serving("rover", url) as server,
+        full_house(server.address) as crowd,
+        beating(crowd),
+        clients(server.address, 1, first=250) as (newcomer,),
+    ):
+        await newcomer.until(Statustext)
+        newcomer.say(CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7))
+        await newcomer.until(CommandAck, result=MavResult.ACCEPTED)
+        await crowd[0].until(Mode, mode=ModeKind.SAFE_STOP)
+        newcomer.say(Ping(0, 77))
+        newcomer.say(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
+        await newcomer.until(Mode, mode=ModeKind.SAFE_STOP)
+        assert not [each for each in newcomer.heard if isinstance(each, Ping)], "nothing else is heard"
+
+
+async def test_a_flood_of_datagrams_of_who_is_not_served_costs_nobody_anything_that_lasts() -> None:
+    async with (
+        serving("rover", UDP) as server,
+        full_house(server.address) as crowd,
+        beating(crowd),
+        clients(server.address, 1, first=250) as (newcomer,),
+    ):
+        began = time.monotonic()
+        async with keeping_pace(server):
+            for _ in range(1500):
+                newcomer.say(BEAT)
+                await asyncio.sleep(0.002)
+        told = [each for each in newcomer.heard if isinstance(each, Statustext)]
+        assert 1 <= len(told) <= 2 * (1 + time.monotonic() - began), "once a second, in two pieces at most"
+        await until(lambda: not server._bystanders)
+        await crowd[0].ping()
+        links = server._controller.firmware._schedule.links
+        await until(lambda: len(links) == LARGEST_CROWD)
+
+
+async def test_short_clients_over_datagrams_leave_their_places_to_those_who_come_after_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(server_module, "LINGER", 0.5)
+    async with serving("rover", UDP) as server:
+        async with full_house(server.address):
+            pass  # that they have left nobody hears
+        async with clients(server.address, 1, first=250) as (newcomer,), beating([newcomer]):
+            await newcomer.until(Mode)
+            await newcomer.ping()
+            assert len(server._connections) == LARGEST_CROWD
+
+
+async def test_more_who_are_not_served_than_can_be_told_so_leave_nothing_behind() -> None:
+    async with (
+        serving("rover", ANY) as server,
+        full_house(server.address) as crowd,
+        beating(crowd),
+        clients(server.address, LARGEST_ROW + 8, first=200) as others,
+    ):
+        async with asyncio.timeout(PATIENCE):
+            for each in others:
+                await each.ended
+        await until(lambda: not server._bystanders)
+        assert len(server._connections) == LARGEST_CROWD
 
 
 async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -> None:
