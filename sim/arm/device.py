@@ -19,9 +19,8 @@ from robotree.sim.arm.model import ArmPorts
 from robotree.sim.arm.planner import TWIST, Planner
 from robotree.sim.arm.tuning import PARAMETERS, SLOWEST, ArmTuning
 from robotree.sim.arm.wrist import WristSensor
-from robotree.sim.errors import BadArgument, UnknownVerb
-from robotree.sim.firmware.device import ENDED, Progress, Start
-from robotree.sim.firmware.limits import require
+from robotree.sim.firmware.device import Plan, Progress, Start, ended, planned, pursuing
+from robotree.sim.firmware.limits import or_now, require
 from robotree.sim.firmware.tunable import Tunable
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.pursuit import Group, Pursuit
@@ -98,18 +97,18 @@ class Arm:
         self._wrench: Vector = np.zeros(6)
         self._error: Vector = np.zeros(3)
         self._load = self._waited = self._still = self._peak = 0.0
-        self._running: Callable[[], Progress] = _ended
+        self._running: Callable[[], Progress] = ended
         self._pursuit: Pursuit | None = None
-        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
+        self._plans: Mapping[Verb, Plan] = {
             Verb.GO_TO: self._go_to,
             Verb.GRIP: self._grip,
-            Verb.HOLD: self._stay,
+            Verb.HOLD: lambda _: self.hold,
         }
 
     @property
     def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
-        return self._verbs.keys()
+        return self._plans.keys()
 
     @property
     def setpoint_kinds(self) -> Collection[SetpointKind]:
@@ -134,9 +133,7 @@ class Arm:
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
-        if verb not in self._verbs:
-            raise UnknownVerb(verb, [known.name for known in self._verbs])
-        return self._verbs[Verb(verb)](args)
+        return planned(self._plans, verb, args)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:
         """Check one set-point; nothing changes yet.
@@ -153,12 +150,12 @@ class Arm:
         """
         if kind == SetpointKind.TOOL_POSE:
             here = self._follower.reference.pose.tolist()
-            target = np.array([_or_now(*each) for each in zip(AXES, args, here, strict=False)])
+            target = np.array([or_now(*each) for each in zip(AXES, args, here, strict=False)])
             target[3] = here[3] + math.remainder(target[3] - here[3], math.tau)
             self._planner.check(target, np.array(self._ports.q))
             return lambda: self._pursue().toward(target)
         now = [0.0] * len(AXES) if self._pursuit is None else self._pursuit.rate.tolist()
-        rate = np.array([_or_now(*each) for each in zip(AXES, args, now, strict=False)])
+        rate = np.array([or_now(*each) for each in zip(AXES, args, now, strict=False)])
         return lambda: self._pursue().along(rate)
 
     def progress(self) -> Progress:
@@ -169,7 +166,7 @@ class Arm:
         """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
         self._follower.rest(self._here())
         self._gripper.halt(2.0 * float(self._ports.finger[0]))
-        self._running, self._pursuit = _ended, None
+        self._running, self._pursuit = ended, None
 
     def control(self, dt: float) -> None:
         """One period [s] of the control law."""
@@ -212,9 +209,9 @@ class Arm:
 
     def _go_to(self, args: tuple[float, ...]) -> Start:
         start = self._follower.reference
-        goal = np.array([_or_now(*each) for each in zip(AXES, args, start.pose.tolist(), strict=False)])
+        goal = np.array([or_now(*each) for each in zip(AXES, args, start.pose.tolist(), strict=False)])
         tuning = self.tuning
-        speed = _or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
+        speed = or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
         path = self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
 
@@ -225,7 +222,7 @@ class Arm:
         return begin
 
     def _grip(self, args: tuple[float, ...]) -> Start:
-        width = _or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
+        width = or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
         require("width", width, 0.0, WIDEST, "m")
 
         def begin() -> None:
@@ -234,9 +231,6 @@ class Arm:
             self._running = self._gripping
 
         return begin
-
-    def _stay(self, _: tuple[float, ...]) -> Start:
-        return self.hold
 
     def _pursue(self) -> Pursuit:
         """The pursuit that runs, else a new one from where the attractor is."""
@@ -248,15 +242,12 @@ class Arm:
         if self._pursuit is None:
             self._pursuit = Pursuit(self._follower.reference, groups, self._stands)
             self._follower.chase(self._pursuit)
-            self._running = self._pursuing
+            self._running = pursuing
         self._pursuit.limit(groups)
         return self._pursuit
 
     def _stands(self, pose: Vector) -> bool:
         return self._planner.stands(pose, np.array(self._ports.q))
-
-    def _pursuing(self) -> Progress:
-        return Progress(0.0)
 
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
@@ -282,18 +273,3 @@ class Arm:
         force = float(np.linalg.norm(self._wrench[:3]))
         short = 1e3 * float(np.linalg.norm(self._error))
         return f"Something holds the tool with {force:.0f} N, {short:.0f} mm short."
-
-
-def _ended() -> Progress:
-    return ENDED
-
-
-def _or_now(name: str, value: float, now: float) -> float:
-    """`value`, or `now` where it is NaN.
-
-    Raises:
-        BadArgument: it is infinite.
-    """
-    if math.isinf(value):
-        raise BadArgument(name, value, "finite")
-    return now if math.isnan(value) else value

@@ -1,14 +1,17 @@
 """What the firmware and the cell expect of any simulated robot, and the values they exchange."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.errors import UnknownVerb
 from robotree.sim.firmware.tunable import Tunable
 
 Start: TypeAlias = Callable[[], None]
 """Begins the movement that was prepared."""
+Plan: TypeAlias = Callable[[tuple[float, ...]], Start]
+"""Checks and plans a verb with its (7,) arguments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +31,26 @@ class Progress:
     text: str = ""
 
 
-ENDED = Progress(1.0, done=True)
-"""Nothing runs."""
+def ended() -> Progress:
+    """Nothing runs."""
+    return Progress(1.0, done=True)
+
+
+def pursuing() -> Progress:
+    """A set-point is followed, which has no end."""
+    return Progress(0.0)
+
+
+def planned(plans: Mapping[Verb, Plan], verb: int, args: tuple[float, ...]) -> Start:
+    """What begins the movement that a verb means, by a device's table of its verbs.
+
+    Raises:
+        UnknownVerb: it is not in the table.
+        GoalRefused: with the reason, by the verb's own plan.
+    """
+    if verb not in plans:
+        raise UnknownVerb(verb, [known.name for known in plans])
+    return plans[Verb(verb)](args)
 
 
 class Device(Protocol):

@@ -42,10 +42,16 @@ _CORNERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 def fit(width: int, height: int) -> tuple[int, int]:
-    """The size that is drawn when `width` x `height` pixels are asked for: that, within the bounds above."""
-    width, height = max(width, SMALLEST), max(height, SMALLEST)
-    scale = min(1.0, math.sqrt(LARGEST / (width * height)))
-    return max(int(width * scale), SMALLEST), max(int(height * scale), SMALLEST)
+    """The size that is drawn when `width` x `height` pixels are asked for: that, or one of its shape.
+
+    A camera shows more to the sides the wider its picture is, so another shape would be another view. Only
+    where both bounds above cannot be kept at once is the longer side cut.
+    """
+    sides = max(width, 1), max(height, 1)
+    scale = min(max(1.0, SMALLEST / min(sides)), math.sqrt(LARGEST / (sides[0] * sides[1])))
+    drawn = tuple(max(int(side * scale), SMALLEST) for side in sides)
+    longest = LARGEST // min(drawn)
+    return min(drawn[0], longest), min(drawn[1], longest)
 
 
 def jpeg(picture: Picture, quality: int) -> bytes:

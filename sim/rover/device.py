@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
-from robotree.sim.errors import BadArgument, OutOfReach, UnknownVerb
-from robotree.sim.firmware.device import ENDED, Progress, Start
-from robotree.sim.firmware.limits import require
+from robotree.sim.errors import BadArgument, OutOfReach
+from robotree.sim.firmware.device import Plan, Progress, Start, ended, planned, pursuing
+from robotree.sim.firmware.limits import or_now, require
 from robotree.sim.firmware.tunable import Tunable
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
@@ -55,16 +55,16 @@ class Rover:
         self._pursuit: Pursuit | None = None
         self._follower = Follower(ports.position)
         self._load = self._waited = 0.0
-        self._running: Callable[[], Progress] = _ended
-        self._verbs: Mapping[Verb, Callable[[tuple[float, ...]], Start]] = {
+        self._running: Callable[[], Progress] = ended
+        self._plans: Mapping[Verb, Plan] = {
             Verb.MOVE: self._move,
-            Verb.HOLD: self._stay,
+            Verb.HOLD: lambda _: self.hold,
         }
 
     @property
     def verbs(self) -> Collection[Verb]:
         """What it can be asked to do."""
-        return self._verbs.keys()
+        return self._plans.keys()
 
     @property
     def setpoint_kinds(self) -> Collection[SetpointKind]:
@@ -89,9 +89,7 @@ class Rover:
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
-        if verb not in self._verbs:
-            raise UnknownVerb(verb, [known.name for known in self._verbs])
-        return self._verbs[Verb(verb)](args)
+        return planned(self._plans, verb, args)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
         """Check one set-point; nothing changes yet.
@@ -109,10 +107,7 @@ class Rover:
         if args[2] and not math.isnan(args[2]):
             raise BadArgument("turn rate", args[2], "0: this base does not turn")
         now = [0.0, 0.0] if self._pursuit is None else self._pursuit.rate.tolist()
-        for name, value in zip(("vx", "vy"), args, strict=False):
-            if math.isinf(value):
-                raise BadArgument(name, value, "finite")
-        rate = np.array([old if math.isnan(new) else new for new, old in zip(args, now, strict=False)])
+        rate = np.array([or_now(*each) for each in zip(("vx", "vy"), args, now, strict=False)])
         return lambda: self._pursue().along(rate)
 
     def progress(self) -> Progress:
@@ -122,7 +117,7 @@ class Rover:
     def hold(self) -> None:
         """Drop the movement and rest here."""
         self._follower.rest(self._ports.position)
-        self._running, self._pursuit = _ended, None
+        self._running, self._pursuit = ended, None
 
     def control(self, dt: float) -> None:
         """One period [s] of the drive servo: spring, bounded, and damper on the set-point's velocity."""
@@ -144,7 +139,7 @@ class Rover:
             if not math.isfinite(value):
                 raise BadArgument(name, value, "a finite number of metres")
         tuning = self.tuning
-        speed = min(tuning.speed, tuning.top_speed) if math.isnan(args[2]) else args[2]
+        speed = or_now("speed", args[2], min(tuning.speed, tuning.top_speed))
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
         start = self._follower.reference
         # From a set-point at rest, so that the errors of many moves do not add up.
@@ -161,21 +156,15 @@ class Rover:
 
         return begin
 
-    def _stay(self, _: tuple[float, ...]) -> Start:
-        return self.hold
-
     def _pursue(self) -> Pursuit:
         """The pursuit that runs, else a new one from where the set-point is."""
         groups = (Group(slice(0, 2), self.tuning.top_speed, self.tuning.acceleration),)
         if self._pursuit is None:
             self._pursuit = Pursuit(self._follower.reference, groups, _on_the_floor)
             self._follower.chase(self._pursuit)
-            self._running = self._pursuing
+            self._running = pursuing
         self._pursuit.limit(groups)
         return self._pursuit
-
-    def _pursuing(self) -> Progress:
-        return Progress(0.0)
 
     def _travelling(self) -> Progress:
         fraction = self._follower.progress
@@ -192,7 +181,3 @@ class Rover:
 
 def _on_the_floor(place: Vector) -> bool:
     return float(np.abs(place).max()) <= ARENA
-
-
-def _ended() -> Progress:
-    return ENDED

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -60,9 +60,23 @@ def test_any_size_is_brought_within_bounds(width: int, height: int) -> None:
     w, h = fit(width, height)
     assert w >= SMALLEST
     assert h >= SMALLEST
-    assert w * h <= LARGEST * 1.05 or min(w, h) == SMALLEST
+    assert w * h <= LARGEST
     if min(width, height) >= SMALLEST and width * height <= LARGEST:
         assert (w, h) == (width, height)
+
+
+@given(width=st.integers(1, 8000), height=st.integers(1, 8000))
+def test_whatever_size_is_asked_for_the_picture_keeps_its_shape(width: int, height: int) -> None:
+    assume(max(width, height) * SMALLEST**2 <= min(width, height) * LARGEST)
+    w, h = fit(width, height)
+    assert abs(w * height - h * width) <= max(width, height), "no side is off by more than a pixel"
+
+
+@given(width=st.integers(0, 10**6), height=st.integers(0, 10**6))
+def test_a_picture_that_cannot_keep_its_shape_is_still_within_bounds(width: int, height: int) -> None:
+    w, h = fit(width, height)
+    assert min(w, h) >= SMALLEST
+    assert w * h <= LARGEST
 
 
 @given(width=st.integers(16, 90), height=st.integers(16, 60), quality=st.integers(-5, 300))
