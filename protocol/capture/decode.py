@@ -9,7 +9,7 @@ import msgspec
 
 from robotree.protocol.capture import mcap
 from robotree.protocol.capture.candump import CandumpReader, CandumpStatistics
-from robotree.protocol.capture.captured import Captured
+from robotree.protocol.capture.captured import Captured, plausible_time
 from robotree.protocol.capture.mcap import McapReader
 from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.capture.tlog import STAMP_BYTES, TlogReader, plausible
@@ -130,6 +130,10 @@ class DecoderStatistics(msgspec.Struct, frozen=True, omit_defaults=True):
     """Frames by the name of their message."""
     speakers: dict[str, int]
     """Frames by system and component."""
+    bad_times: int = 0
+    """Frames whose time was damaged; they are handed out without one."""
+    broken: int = 0
+    """Frames in parts of the file that cannot be read."""
     can: CandumpStatistics | None = None
 
 
@@ -152,6 +156,7 @@ class Decoder:
         self._bytes = self._signed = 0
         self._first: int | None = None
         self._last: int | None = None
+        self._bad_times = 0
 
     @property
     def statistics(self) -> DecoderStatistics:
@@ -175,6 +180,8 @@ class Decoder:
             last=None if self._last is None else self._last / 1e6,
             messages=dict(self._messages.most_common()),
             speakers=dict(self._speakers.most_common()),
+            bad_times=self._bad_times,
+            broken=reader.broken if isinstance(reader, McapReader) else 0,
             can=reader.statistics if isinstance(reader, CandumpReader) else None,
         )
 
@@ -198,10 +205,13 @@ class Decoder:
         parser = self._parsers.get(route)
         if parser is None:
             parser = self._parsers[route] = Parser(self._verifier)
-        frames = parser.feed(captured.data)
-        if captured.time is not None:  # what was captured at one moment is whole
+        frames, time = parser.feed(captured.data), captured.time
+        if time is not None:  # what was captured at one moment is whole
             frames += parser.flush()
-        return [self._count(frame, captured.time, route) for frame in frames]
+            if not plausible_time(time):
+                self._bad_times += len(frames)
+                time = None
+        return [self._count(frame, time, route) for frame in frames]
 
     def _count(self, frame: Frame, time: int | None, route: str) -> Decoded:
         speaker = f"{frame.system}/{frame.component}"

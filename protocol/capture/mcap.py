@@ -8,19 +8,21 @@ what Foxglove plots. Times are [ns] since 1970.
 from __future__ import annotations
 
 import json
+import re
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from robotree.protocol.capture.captured import Captured
+from robotree.protocol.capture.framing import claimed_size
 from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.parser import Parser
 
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    from mcap.records import Chunk
+    from mcap.records import Chunk, Message
 
     from robotree.protocol.dialect import Definition, Field
     from robotree.protocol.frame import Frame
@@ -29,11 +31,17 @@ MAGIC = b"\x89MCAP0\r\n"
 TOPIC = "/mavlink"
 ENCODING = "mavlink"
 """How the messages of our own channel are encoded: each is one frame."""
-CHUNK = 128 * 1024
-"""[bytes] that are compressed and written together."""
+CHUNK = 32 * 1024
+"""[bytes] that are compressed and written together, and that one flipped bit may take with it."""
 LARGEST_RECORD = 8 * 1024 * 1024
 """[bytes] of a record that we read, compressed or not: a forged length must not fill the memory."""
 _RECORD_HEADER = 9
+_LAST_OPCODE = 0x0F
+_FRAMES = 1
+"""The channel of the frames: the first that a writer registers."""
+_CHUNK_HEAD = re.compile(rb"\x06.{6}\0\0.{28}\x04\0\0\0zstd", re.DOTALL)
+"""How a compressed chunk begins: opcode, length, two times, size and checksum, name of the compression."""
+_CHUNK_HEAD_BYTES = 45
 _LARGEST_CROWD = 4096
 
 
@@ -58,6 +66,10 @@ class McapWriter:
             channel = self._channel(each)
             said = msgspec.json.encode(plain_fields(each))
             self._writer.add_message(channel, nanoseconds, said, nanoseconds, each.sequence)
+
+    def flush(self) -> None:
+        """End the chunk, so that whoever reads the file while it grows, or after we were killed, has it."""
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined] # noqa: SLF001  the library's gap
 
     def close(self) -> None:
         """Write the index; without it the file can still be read from its beginning."""
@@ -100,62 +112,92 @@ def _type_of(field: Field) -> dict[str, Any]:
 class McapReader:
     """Reads the frames of a recording of ours, whatever it is. Keeps at most one record.
 
-    What lies behind a broken record is skipped: lengths and places can no longer be believed.
+    Where a length cannot be believed it goes on with the next chunk. How much a chunk held that cannot be
+    inflated is known from the index behind it.
     """
 
     def __init__(self) -> None:
         self._rest = b""
-        self._begun = self._broken = False
+        self._begun = False
+        self._seeking = False
+        """Whether the next record has to be looked for."""
+        self._in_broken_chunk = False
         self._ours: set[int] = set()
         self.skipped = 0
         """[bytes] of a file that is broken, or none at all."""
+        self.broken = 0
+        """Frames in chunks that cannot be read."""
 
     def feed(self, data: bytes) -> list[Captured]:
         """Take some bytes and hand out the frames that they complete."""
         buffer, i, found = self._rest + data, 0, list[Captured]()
         if not self._begun and len(buffer) >= len(MAGIC):
-            self._begun, self._broken = True, not buffer.startswith(MAGIC)
-        while self._begun and not self._broken and len(buffer) - i >= _RECORD_HEADER:
+            self._begun, self._seeking = True, not buffer.startswith(MAGIC)
+        while self._begun and len(buffer) - i >= _RECORD_HEADER:
+            if self._seeking:
+                i = self._seek(buffer, i)
+                if len(buffer) - i < _CHUNK_HEAD_BYTES:
+                    break
             if buffer.startswith(MAGIC, i):  # the beginning, or another file behind this one
                 i += len(MAGIC)
                 continue
             start = i + _RECORD_HEADER
             length = int.from_bytes(buffer[i + 1 : start], "little")
-            if length > LARGEST_RECORD or not buffer[i]:
-                self._broken = True
-            elif len(buffer) < start + length:
+            believed = length <= LARGEST_RECORD and 0 < buffer[i] <= _LAST_OPCODE
+            if believed and len(buffer) < start + length:
                 break
+            if not (believed and _consistent(buffer, i, length)):
+                self._seeking = True
+                self.skipped += 1
+                i += 1
             else:
+                self._seeking = False
                 found += self._record(buffer[i], buffer[start : start + length])
                 i = start + length
         self._rest = buffer[i:]
-        if self._broken:
-            self.skipped += len(self._rest)
-            self._rest = b""
         return found
 
     def flush(self) -> list[Captured]:
-        """The file ended."""
-        if self._rest != MAGIC:
-            self.skipped += len(self._rest)
+        """The file ended; a length that reached beyond it was none."""
+        found = list[Captured]()
+        while self._rest and self._rest != MAGIC:
+            rest, self._rest = self._rest[1:], b""
+            self.skipped += 1
+            self._seeking = True
+            found += self.feed(rest)
+            if len(self._rest) < _CHUNK_HEAD_BYTES:  # no chunk begins in what is left
+                self.skipped += len(self._rest)
+                self._rest = b""
         self._rest = b""
-        return []
+        return found
+
+    def _seek(self, buffer: bytes, i: int) -> int:
+        """Where the next chunk begins, or may begin."""
+        chunk = _CHUNK_HEAD.search(buffer, i)
+        after = chunk.start() if chunk else max(len(buffer) - _CHUNK_HEAD_BYTES + 1, i)
+        self.skipped += after - i
+        return after
 
     def _record(self, code: int, body: bytes) -> list[Captured]:
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
-        from mcap.records import Channel, Chunk, McapRecord, Message
+        from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex
         from mcap.stream_reader import breakup_chunk
 
         stream, records = ReadDataStream(BytesIO(body)), list[McapRecord]()
         try:
             match code:
                 case Opcode.CHUNK:
+                    self._in_broken_chunk = True
                     records = breakup_chunk(_inflated(Chunk.read(stream)))
+                    self._in_broken_chunk = False
                 case Opcode.CHANNEL:
                     records = [Channel.read(stream)]
                 case Opcode.MESSAGE:
                     records = [Message.read(stream, len(body))]
+                case Opcode.MESSAGE_INDEX if self._in_broken_chunk:
+                    index = MessageIndex.read(stream)
+                    self.broken += len(index.records) * (index.channel_id == _FRAMES)
                 case _:
                     pass
         except Exception:  # noqa: BLE001  the library raises what it likes at forged bytes
@@ -166,8 +208,22 @@ class McapReader:
         return [
             Captured(record.data, record.log_time // 1000)
             for record in records
-            if isinstance(record, Message) and record.channel_id in self._ours
+            if isinstance(record, Message) and self._is_ours(record)
         ]
+
+    def _is_ours(self, message: Message) -> bool:
+        """Whether it is a frame; the channel is declared only once, and that chunk may be the broken one."""
+        if self._ours:
+            return message.channel_id in self._ours
+        return claimed_size(message.data, 0) == len(message.data)
+
+
+def _consistent(buffer: bytes, i: int, length: int) -> bool:
+    """Whether a compressed chunk, which says its length twice, does not contradict itself."""
+    if _CHUNK_HEAD.match(buffer, i) is None:
+        return True
+    inner = i + _CHUNK_HEAD_BYTES
+    return int.from_bytes(buffer[inner : inner + 8], "little") == length - (inner + 8 - i - _RECORD_HEADER)
 
 
 def _inflated(chunk: Chunk) -> Chunk:

@@ -21,6 +21,10 @@ class Writer(Protocol):
         """Append one whole frame that came at `time`, [us] since 1970."""
         ...
 
+    def flush(self) -> None:
+        """Hand all that was written to the stream, so that it can be read; call it about once a second."""
+        ...
+
     def close(self) -> None:
         """Write what belongs to the end; the stream stays open."""
         ...
@@ -69,6 +73,10 @@ class Recorder:
                 self.frames += 1
             else:
                 self.skipped += len(piece.data)
+
+    def flush(self) -> None:
+        """Hand what was recorded to the stream; who is killed afterwards leaves a file that can be read."""
+        self._writer.flush()
 
     def close(self) -> None:
         """The link ended."""

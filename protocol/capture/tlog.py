@@ -59,6 +59,9 @@ class TlogWriter:
         """Append one frame that came at `time`, [us] since 1970."""
         self._stream.write(encode(time, frame))
 
+    def flush(self) -> None:
+        """Nothing is kept."""
+
     def close(self) -> None:
         """Nothing more follows; a tlog has no end mark."""
 

@@ -80,6 +80,8 @@ def summary(statistics: DecoderStatistics) -> str:
         f"bad checksum {s.bad_crc}, unknown id {s.unknown}, incompatible {s.incompatible}, "
         f"refused {s.refused}, MAVLink 1 {s.version_1}, skipped {s.skipped} bytes"
     )
+    damage = [(s.bad_times, "frames with a damaged time"), (s.broken, "frames in parts that cannot be read")]
+    wrong += "".join(f", {count} {what}" for count, what in damage if count)
     can = ""
     if s.can is not None:
         c = s.can

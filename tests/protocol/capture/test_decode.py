@@ -14,15 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import encode
-from robotree.protocol.capture import BadRecording, Captured, Decoder, Recording
+from robotree.protocol.capture import BadRecording, Captured, Decoder, Recording, tlog
 from robotree.protocol.capture.decode import LARGEST_CROWD, READERS
-from robotree.protocol.capture.replay import schedule
+from robotree.protocol.capture.replay import LONGEST_GAP, schedule
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import Gripper, NamedValueFloat, make
+from robotree.protocol.messages import Gripper, NamedValueFloat, Timesync, make
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 
 NOISE = 10_000_000
 """[bytes]"""
+NOON = 1_700_000_000_000_000
 PIECE = 64 * 1024
 GRIP = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
 
@@ -126,3 +127,27 @@ def test_a_replay_keeps_the_recording_s_time_divided_by_the_speed() -> None:
     records = [Captured(b"", time) for time in (5_000_000, 5_500_000, 4_000_000, 4_250_000)]
     assert [due for due, _ in schedule(records, 2.0)] == [0.0, 0.25, 0.25, 0.375]
     assert [due for due, _ in schedule(records, math.inf)] == [0.0] * 4
+
+
+def test_a_flipped_bit_in_a_time_is_damage_and_the_frame_is_kept() -> None:
+    raw = [encode(Timesync(n, 0), sequence=n, system=1, component=1) for n in range(9)]
+    for bit in (53, 55, 62, 63):
+        data = bytearray(b"".join(tlog.encode(NOON + 1000 * n, one) for n, one in enumerate(raw)))
+        data[4 * (8 + len(raw[0])) + 7 - bit // 8] ^= 1 << bit % 8
+        decoder = Decoder("tlog")
+        found = decoder.feed(bytes(data)) + decoder.flush()
+        assert [one.frame.sequence for one in found] == [*range(9)]
+        assert [n for n, one in enumerate(found) if one.time is None] == [4]
+        statistics = decoder.statistics
+        assert statistics.bad_times == 1
+        assert (statistics.first, statistics.last) == (NOON / 1e6, (NOON + 8000) / 1e6)
+
+
+@given(bit=st.integers(0, 63), number=st.integers(0, 9))
+def test_a_flipped_bit_in_a_time_delays_a_replay_by_no_more_than_a_gap(bit: int, number: int) -> None:
+    times = [NOON + 1_000_000 * n for n in range(10)]
+    times[number] ^= 1 << bit
+    moments = [due for due, _ in schedule([Captured(b"", time) for time in times])]
+    assert moments == sorted(moments)
+    assert moments[-1] <= 10 + LONGEST_GAP / 1e6
+    assert moments[-1] >= 8 - (1 if number in {0, 9} else 0) - 1

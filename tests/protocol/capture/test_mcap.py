@@ -5,12 +5,18 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
+from mcap.records import McapRecord, Message
+from mcap.stream_reader import StreamReader
 
 from robotree.protocol.capture import Decoder, Recording, detect
 from robotree.protocol.capture.mcap import MAGIC, McapReader, McapWriter, schema_of
@@ -112,3 +118,50 @@ def test_a_forged_length_is_not_waited_for_in_memory(length: int) -> None:
     reader.flush()
     assert reader.skipped > 299 * 64 * 1024
     assert detect(MAGIC + b"\0") == "mcap"
+
+
+def test_what_was_flushed_is_in_the_file_though_it_is_never_closed(frames: list[Frame]) -> None:
+    """Kill -9 keeps what our reader, and Foxglove's in the order of the file, can read."""
+    file, kept = io.BytesIO(), len(frames) // 2
+    writer = McapWriter(file)
+    for number, frame in enumerate(frames):
+        if number == kept:
+            writer.flush()
+        writer.write(NOON + 10_000 * number, frame.raw)
+    decoder = Decoder("mcap")
+    assert [one.frame for one in decoder.feed(file.getvalue()) + decoder.flush()] == frames[:kept]
+    assert decoder.statistics.skipped == decoder.statistics.broken == 0
+    theirs = StreamReader(io.BytesIO(file.getvalue()), emit_chunks=False).records
+    said = [record for record in until_the_end(theirs) if isinstance(record, Message)]
+    assert len(said) == 2 * kept
+
+
+def until_the_end(records: Iterable[McapRecord]) -> Iterator[McapRecord]:
+    with suppress(EndOfFile):
+        yield from records
+
+
+def chunks_of(data: bytes) -> list[int]:
+    """Where the chunks of a recording begin."""
+    return [found.start() for found in re.finditer(rb"\x06.{6}\0\0.{28}\x04\0\0\0zstd", data, re.DOTALL)]
+
+
+@pytest.mark.parametrize("place", [3, 46, 53], ids=["its length", "the length of its data", "its data"])
+def test_a_flipped_bit_takes_one_chunk_with_it_and_tells_how_much_it_was(
+    frames: list[Frame], place: int
+) -> None:
+    many = frames * 5
+    whole = recorded(many)
+    first, *others = chunks_of(whole)
+    assert len(others) >= 2
+    for chunk in (first, others[-1]):
+        data = bytearray(whole)
+        data[chunk + place] ^= 0x10
+        decoder = Decoder("mcap")
+        left = [one.frame for one in decoder.feed(bytes(data)) + decoder.flush()]
+        share = 1 / (1 + len(others))
+        assert len(many) * (1 - 2 * share) < len(left) < len(many)
+        assert all(frame in frames for frame in left)
+        assert decoder.statistics.skipped > 0
+        if place == 53:
+            assert decoder.statistics.broken == len(many) - len(left)
