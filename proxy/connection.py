@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
+from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import Accept, Handler, Link
 from robotree.protocol.links.security import UNSIGNED, Sealing, Seals
 from robotree.protocol.links.url import connect
@@ -166,11 +167,11 @@ class Connection:
     async def _tick(self) -> None:
         while True:
             if self._endpoint is not None:
-                disbelief = self._disbelief(self._endpoint)
-                if disbelief and not self.session.disbelief:
-                    _log.warning("%s: %s", self.url, disbelief)
-                self.session.disbelief = disbelief
-                if disbelief == KEY_CHANGED:
+                doubt = self._disbelief(self._endpoint)
+                if doubt and not self.session.disbelief:
+                    _log.warning("%s: %s", self.url, doubt)
+                self.session.disbelief = doubt
+                if doubt == KEY_CHANGED:
                     self._endpoint.link.close()
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
@@ -178,13 +179,9 @@ class Connection:
     def _disbelief(self, endpoint: Endpoint) -> str:
         """Why what comes over the present link is not heard."""
         refused = endpoint.statistics.refused
-        if self._signed:
-            return f"its controller signs what it says and this link has no key ({self._signed} refused)"
         if refused and self._security.renewed(endpoint.link.address, self._seals):
             return KEY_CHANGED
-        if refused and self._seals["verifier"] is not None:
-            return f"frames arrive but none is signed with our key ({refused} refused)"
-        return ""
+        return disbelief(refused=refused, keyless=self._signed)
 
     def _send(self, message: AnyMessage) -> None:
         if self._endpoint is None:

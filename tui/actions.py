@@ -207,7 +207,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire decode flight.tlog", "wire decode - --json"),
     ),
     Action(
-        usage="wire record --connect URL FILE [--for TIME]",
+        usage="wire record --connect URL FILE [--for TIME] [--key FILE]",
         help="Keep what a link says in a FILE.tlog, or FILE.mcap for Foxglove.",
         group=WIRE,
         where=Where.SHELL,

@@ -37,9 +37,19 @@ def one_line(text: str) -> str:
 
 
 def put(text: str) -> None:
-    """Write a result, at once: the reader may be a pipe that waits for it."""
-    sys.stdout.write(f"{harmless(text)}\n")
-    sys.stdout.flush()
+    """Write a result, at once: the reader may be a pipe that waits for it.
+
+    Raises:
+        OSError: it cannot be written; it names standard output, and what follows is written nowhere.
+    """
+    try:
+        sys.stdout.write(f"{harmless(text)}\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        forget_the_reader()
+        raise OSError(error.errno, error.strerror, "standard output") from error
 
 
 def note(text: str) -> None:

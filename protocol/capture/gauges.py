@@ -9,6 +9,7 @@ import msgspec
 
 from robotree.protocol.capture.attendance import Attendance, PeerReading
 from robotree.protocol.capture.plain import plain_fields
+from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.messages import Timesync, Untyped
 from robotree.protocol.parser import Parser
 from robotree.protocol.services.timesync import Synchroniser
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from robotree.protocol.frame import Frame
     from robotree.protocol.messages import AnyMessage
+    from robotree.protocol.parser import ParserStatistics, Verifier
 
 WINDOW = 2.0
 """[s] over which rates are taken."""
@@ -85,6 +87,10 @@ class LinkReading(msgspec.Struct, frozen=True):
     """Share of the frames of the last few seconds that never came."""
     bad_crc: int
     unknown: int
+    refused: int
+    """Intact frames that are not signed with our key; nothing of them is in the table."""
+    disbelief: str
+    """What is wrong with the keys; empty: nothing."""
     skipped: int
     """[bytes] that belong to no intact frame."""
     delay: float | None
@@ -115,11 +121,13 @@ class LinkGauge:
     Args:
         address: names it.
         now: [s], of the clock that all other calls use.
+        verifier: decides which frames count; None: all do, signed or not.
     """
 
-    def __init__(self, address: str, now: float) -> None:
+    def __init__(self, address: str, now: float, verifier: Verifier | None = None) -> None:
         self._address, self._began = address, now
-        self._parser = Parser()
+        self._parser = Parser(verifier)
+        self._keyless = 0
         self._synchroniser = Synchroniser()
         self._bytes, self._frames, self._lost = Rate(now), Rate(now), Rate(now)
         self._lost_before = 0
@@ -131,6 +139,7 @@ class LinkGauge:
         self._bytes.add(now, len(data))
         for frame in self._parser.feed(data):
             self._frames.add(now)
+            self._keyless += frame.signed and self._parser.verifier is None
             message = frame.message
             self._attendance.receive(frame, now)
             if isinstance(message, Timesync):
@@ -149,6 +158,11 @@ class LinkGauge:
         """What to ask now to learn how long a frame takes."""
         return self._synchroniser.tick(now)
 
+    def _disbelief(self, parser: ParserStatistics) -> str:
+        if self._keyless:
+            return f"{self._keyless} frames are signed while this link has no key: nobody vouches for them"
+        return "" if parser.received else disbelief(refused=parser.refused, keyless=0)
+
     def reading(self, now: float) -> LinkReading:
         """The gauges now."""
         parser, estimate = self._parser.statistics, self._synchroniser.estimate
@@ -162,6 +176,8 @@ class LinkGauge:
             loss=lost / (frames + lost) if lost else 0.0,
             bad_crc=parser.bad_crc,
             unknown=parser.unknown,
+            refused=parser.refused,
+            disbelief=self._disbelief(parser),
             skipped=parser.skipped,
             delay=None if estimate is None else estimate.delay,
             offset=None if estimate is None else estimate.offset,

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from robotree.protocol.messages import Heartbeat, MavAutopilot, MavState, MavType
+
 SYSTEM = 255
 """The system of ground stations."""
 COMPONENT = 155
 """MAV_COMP_ID_LOG. A voice of its own: a controller that waits for its commander must not take us for it."""
+
+
+def heartbeat() -> Heartbeat:
+    """What tells who listens on a port, or on a bus, that we are there."""
+    return Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)

@@ -8,7 +8,7 @@ from collections.abc import AsyncGenerator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
-from robotree.protocol.errors import LinkClosed, LinkError
+from robotree.protocol.errors import LinkClosed
 from robotree.tui import exit_codes, values
 from robotree.tui.grammar import Line
 from robotree.tui.terminal import complain, note
@@ -21,15 +21,15 @@ class Lasting:
 
     def __init__(self) -> None:
         """Begin to last."""
-        self._over: asyncio.Future[LinkError | None] = asyncio.get_running_loop().create_future()
+        self._over: asyncio.Future[Exception | None] = asyncio.get_running_loop().create_future()
 
     @property
     def over(self) -> bool:
         """Whether the end has come."""
         return self._over.done()
 
-    def end(self, reason: LinkError | None = None) -> None:
-        """End it, with what ended a link; only the first reason counts."""
+    def end(self, reason: Exception | None = None) -> None:
+        """End it, with what ended a link, or went wrong beside it; only the first reason counts."""
         if not self._over.done():
             self._over.set_result(reason)
 
@@ -44,13 +44,19 @@ class Lasting:
         task.cancel()
 
     def exit_code(self) -> int:
-        """Say what ended a link, if something did, and return the exit code."""
+        """Say what ended a link, if something did, and return the exit code.
+
+        Raises:
+            OSError: it was no link, but what is written to.
+        """
         reason = self._over.result() if self._over.done() else None
         if reason is None:
             return exit_codes.DONE
         if isinstance(reason, LinkClosed):
             note(str(reason))
             return exit_codes.DONE
+        if isinstance(reason, OSError):
+            raise reason
         complain(reason)
         return exit_codes.REFUSED
 

@@ -38,11 +38,12 @@ class Watched:
     """A handler that watches its link; the delay is learnt by asking for the far clock."""
 
     def __init__(self, link: Link, here: Lasting, security: Sealing = UNSIGNED) -> None:
-        """Watch until `here` is over; what is asked is signed, what comes is shown, signed or not."""
+        """Watch until `here` is over; with a key, ask signed and show only what is signed."""
         self._here = here
         self._clock = asyncio.get_running_loop().time
-        self.gauge = LinkGauge(link.address, self._clock())
-        signer = security.seals(link.address)["signer"]
+        seals = security.seals(link.address)
+        self.gauge = LinkGauge(link.address, self._clock(), seals["verifier"])
+        signer = seals["signer"]
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard, signer=signer)
 
     def received(self, data: bytes) -> None:
@@ -108,8 +109,10 @@ def table(link: LinkReading) -> str:
     delay = "unknown" if link.delay is None else f"{link.delay * 1e3:.2f} ms"
     head = (
         f"{link.address}   {link.frames_per_second:.1f} frames/s   {link.bytes_per_second:.0f} bytes/s   "
-        f"loss {link.loss:.1%}   delay {delay}   bad checksum {link.bad_crc}   unknown {link.unknown}"
+        f"loss {link.loss:.1%}   delay {delay}   bad checksum {link.bad_crc}   unknown {link.unknown}   "
+        f"refused {link.refused}"
     )
+    doubt = [f"{link.address}: {link.disbelief}"] if link.disbelief else []
     rows: list[tuple[str, ...]] = [("FROM", "MESSAGE", "RATE/S", "AGE/S", "COUNT", "LAST")]
     rows += [
         (
@@ -122,7 +125,9 @@ def table(link: LinkReading) -> str:
         )
         for one in link.messages
     ]
-    return "\n".join([head, *_present(link.peers), *(_cut(row) for row in columns(rows).splitlines())])
+    return "\n".join(
+        [head, *doubt, *_present(link.peers), *(_cut(row) for row in columns(rows).splitlines())]
+    )
 
 
 def _present(peers: list[PeerReading]) -> list[str]:

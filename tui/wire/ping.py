@@ -11,7 +11,9 @@ import msgspec
 from robotree.protocol.capture.trips import Trips, summary
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
+from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Ping, Timesync
 from robotree.protocol.services.peer import Peer
@@ -103,20 +105,28 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
     every = values.duration(line.text("--every")) if line.text("--every") else EVERY
     times: dict[int, float] = {}
     asked = 0
+    keyless = 0
     async with lasting(line) as here, securing(line) as security:
 
         def hear(frame: Frame) -> None:
+            nonlocal keyless
+            keyless += frame.signed and seals["verifier"] is None
             answer = asker.heard(frame, None, clock())
             if answer is None or answer[0] in times:  # several may answer; the first one counts
                 return
             times[answer[0]] = answer[1]
-            tell(frame, *answer, as_json=line.flag("--json"))
+            try:
+                tell(frame, *answer, as_json=line.flag("--json"))
+            except OSError as error:  # it is about standard output; the link must not take it for its own
+                here.end(error)
             if len(times) == count:
                 here.end()
 
         mouth: list[Endpoint] = []
+        seals = UNSIGNED.seals("")
 
         def accept(link: Link) -> Endpoint:
+            nonlocal seals
             seals = security.seals(link.address)
             ears = Endpoint(
                 link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end, **seals
@@ -131,13 +141,18 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
             await here.wait(every if asked < count else PATIENCE)
         here.end()
         link.close()
-    return _result(line, summary(asked, list(times.values())), here.exit_code())
+    heard = mouth[0].statistics
+    doubt = disbelief(refused=0 if heard.received else heard.refused, keyless=keyless)
+    return _result(line, summary(asked, list(times.values())), here.exit_code(), doubt)
 
 
-def _result(line: Line, trips: Trips, code: int) -> int:
+def _result(line: Line, trips: Trips, code: int, doubt: str) -> int:
     put(msgspec.json.encode({"statistics": trips}).decode() if line.flag("--json") else text(trips))
     if trips.answered or code:
         return code
+    if doubt:
+        complain(f"nobody at {line.text('--connect')} answers: {doubt}")
+        return exit_codes.NOBODY
     hint = "; try --by timesync" if line.text("--by", "ping") == "ping" else ""
     complain(f"nobody at {line.text('--connect')} answers{hint}")
     return exit_codes.NOBODY

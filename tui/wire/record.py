@@ -1,65 +1,135 @@
-"""`robotree wire record --connect URL FILE`: listen to a link and keep every frame, silently."""
+"""`robotree wire record --connect URL FILE`: keep every frame that a link brings."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from robotree.protocol.capture.errors import BadRecording
 from robotree.protocol.capture.recorder import Recorder, writer_of
+from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
+from robotree.protocol.links.disbelief import disbelief
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import Sealing
 from robotree.protocol.links.url import connect
+from robotree.protocol.services.heartbeat import PERIOD
+from robotree.tui import exit_codes
 from robotree.tui.grammar import Line
-from robotree.tui.terminal import note, put
+from robotree.tui.terminal import complain, note, put
+from robotree.tui.wire.identity import COMPONENT, SYSTEM, heartbeat
 from robotree.tui.wire.lasting import Lasting, lasting
+from robotree.tui.wire.security import securing
 
 
 class Tape:
-    """A handler that records."""
+    """A handler that records what comes, believed or not, and says once a second that we are there."""
 
-    def __init__(self, recorder: Recorder, here: Lasting) -> None:
-        """Record until `here` is over."""
-        self._recorder, self._here = recorder, here
+    def __init__(self, link: Link, here: Lasting, security: Sealing) -> None:
+        """Keep what comes until there is a recorder."""
+        self._here, self._early = here, bytearray()
+        self._recorder: Recorder | None = None
+        seals = security.seals(link.address)
+        self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **seals)
+
+    @property
+    def disbelief(self) -> str:
+        """What is wrong with the keys; empty: nothing."""
+        heard = self._mouth.statistics
+        return "" if heard.received else disbelief(refused=heard.refused, keyless=0)
+
+    def begin(self, recorder: Recorder) -> None:
+        """Record from now on, and what came before."""
+        self._recorder = recorder
+        self._keep(bytes(self._early))
+
+    def speak(self) -> None:
+        """Say that we are there; a robot that listens on a port has to be told."""
+        self._mouth.send(heartbeat(), telemetry=True)
 
     def received(self, data: bytes) -> None:
         """Keep what came."""
-        if not self._here.over:
-            self._recorder.take(data, time.time())
+        if self._here.over:
+            return
+        self._mouth.received(data)
+        if self._recorder is None:
+            self._early += data
+        else:
+            self._keep(data)
 
     def closed(self, reason: LinkError) -> None:
         """Nothing more will come."""
         self._here.end(reason)
 
+    def _keep(self, data: bytes) -> None:
+        try:
+            if self._recorder is not None:
+                self._recorder.take(data, time.time())
+        except OSError as error:  # the link must not take it for its own
+            self._here.end(error)
+
 
 def run(line: Line) -> int:
     """Record until the end, and say how much it was."""
     name = line.text("FILE")
-    make = writer_of(name)
-    with _created(name) as file:
-        return asyncio.run(_record(line, Recorder(make(file))))
+    writer_of(name)
+    if Path(name).exists():
+        raise _exists(name)
+    return asyncio.run(_record(line))
+
+
+def _exists(name: str) -> BadRecording:
+    return BadRecording(name, "exists already, and recordings are not overwritten")
 
 
 def _created(name: str) -> BinaryIO:
     try:
         return Path(name).open("xb")
     except FileExistsError as error:
-        raise BadRecording(name, "exists already, and recordings are not overwritten") from error
+        raise _exists(name) from error
     except OSError as error:
         raise BadRecording(name, f"cannot be written: {error.strerror}") from error
 
 
-async def _record(line: Line, recorder: Recorder) -> int:
-    began = time.monotonic()
-    async with lasting(line) as here:
-        link = await connect(line.text("--connect"), lambda _: Tape(recorder, here))
-        note(f"recording {link.address}; Ctrl-C ends it")
-        await here.wait()
-        link.close()
-    recorder.close()
-    seconds = time.monotonic() - began
+async def _record(line: Line) -> int:
+    name = line.text("FILE")
+    tapes: list[Tape] = []
+    async with lasting(line) as here, securing(line) as security:
+
+        def accept(link: Link) -> Tape:
+            tapes.append(Tape(link, here, security))
+            return tapes[-1]
+
+        link = await connect(line.text("--connect"), accept)
+        file = _created(name)  # only now: a link that cannot be had leaves no file behind
+        try:
+            began, recorder = time.monotonic(), Recorder(writer_of(name)(file))
+            tapes[0].begin(recorder)
+            note(f"recording {link.address}; Ctrl-C ends it")
+            while not here.over:
+                tapes[0].speak()
+                recorder.flush()
+                file.flush()
+                await here.wait(PERIOD)
+            link.close()
+            code = here.exit_code()
+            recorder.close()
+            file.close()
+        except OSError as error:
+            raise BadRecording(name, f"cannot be written: {error.strerror}") from error
+        finally:
+            with suppress(OSError):  # what could not be written was told already
+                file.close()
+    tell(line, recorder, time.monotonic() - began)
+    return code or _worth(line, recorder, tapes[0].disbelief)
+
+
+def tell(line: Line, recorder: Recorder, seconds: float) -> None:
+    """Say how much it was."""
     if line.flag("--json"):
         told = {"frames": recorder.frames, "skipped": recorder.skipped, "withheld": recorder.withheld}
         put(json.dumps({"file": line.text("FILE"), **told, "seconds": round(seconds, 3)}))
@@ -67,4 +137,13 @@ async def _record(line: Line, recorder: Recorder) -> int:
         skipped = f"; {recorder.skipped} bytes were no frame" if recorder.skipped else ""
         withheld = f"; {recorder.withheld} with keys were left out" if recorder.withheld else ""
         put(f"{line.text('FILE')}: {recorder.frames} frames in {seconds:.1f} s{skipped}{withheld}")
-    return here.exit_code()
+
+
+def _worth(line: Line, recorder: Recorder, doubt: str) -> int:
+    """Whether anything was recorded; complain if not."""
+    if doubt:
+        note(f"{line.text('--connect')}: {doubt}")
+    if recorder.frames:
+        return exit_codes.DONE
+    complain(f"nobody at {line.text('--connect')} said anything that could be recorded")
+    return exit_codes.NOBODY

@@ -6,24 +6,51 @@ import json
 import subprocess
 import sys
 from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
+from robotree.protocol.links.keyring import create
 from robotree.tui.cli import main
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 
 
-@pytest.fixture(scope="session")
-def arm() -> Generator[str]:
-    """The address of a simulated arm."""
-    words = [*ROBOTREE, "sim", "arm", "--listen", "tcp:127.0.0.1:0"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+@contextmanager
+def simulated(*words: str) -> Generator[str]:
+    """The address of an arm, simulated in a process of its own."""
+    command = [*ROBOTREE, "sim", "arm", "--listen", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         yield process.stdout.readline().split()[1]
         process.terminate()
+
+
+@pytest.fixture(scope="session")
+def arm() -> Generator[str]:
+    """An arm that hears everybody."""
+    with simulated("tcp:127.0.0.1:0") as address:
+        yield address
+
+
+class Guarded(NamedTuple):
+    """An arm behind datagrams that hears only who has its key."""
+
+    address: str
+    key: Path
+    wrong: Path
+
+
+@pytest.fixture(scope="session")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Generator[Guarded]:
+    """Such an arm, its key, and another one."""
+    folder = tmp_path_factory.mktemp("keys")
+    for name in ("right.key", "wrong.key"):
+        create(folder / name)
+    with simulated("udp:127.0.0.1:0", "--key", str(folder / "right.key")) as address:
+        yield Guarded(address, folder / "right.key", folder / "wrong.key")
 
 
 class Said:
