@@ -19,12 +19,12 @@ import time
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.address import Address
+from robotree.vr.agents.run import run_lookup
 from robotree.vr.description import Listing, Template
-from robotree.vr.host.asking import ask
-from robotree.vr.host.run import run_lookup
-from robotree.vr.host.zenoh import ZenohTransport, join
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.network.zenoh import ZenohTransport, join
 from robotree.vr.requests import Done, Found, Query, Register, Registered, Withdraw
 from robotree.vr.transport import Respond
 

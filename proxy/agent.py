@@ -16,10 +16,10 @@ from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.view import WorkspaceView
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.view_agent import ViewAgent
-from robotree.vr.host.zenoh import join
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.network.zenoh import join
 from robotree.vr.space.contract import Space
 from robotree.vr.space.sqlite import SqliteSpace
 from robotree.vr.transport import Transport

@@ -13,7 +13,7 @@ from robotree.tui.grammar import Line, Shape
 from robotree.tui.verbs import Outcome, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
 

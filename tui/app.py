@@ -37,7 +37,7 @@ from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 log = logging.getLogger(__name__)
 

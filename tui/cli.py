@@ -186,14 +186,14 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
     from robotree.tui.state_files import space_file
-    from robotree.vr.host.run import run_host
+    from robotree.vr.agents.run import run_host
 
     space = space_file(line.text("--space"), realm)
     await run_host(line.text("NAME"), realm=realm, space_path=space, ready=ready)
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:
-    from robotree.vr.host.run import run_lookup
+    from robotree.vr.agents.run import run_lookup
 
     await run_lookup(line.text("NAME"), realm=realm, ready=ready)
 

@@ -15,8 +15,8 @@ from robotree.tui.store import Store
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.fleet import Fleet
     from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
     from robotree.vr.transport import Registration
 
 PAUSE = 0.4

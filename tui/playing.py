@@ -23,8 +23,8 @@ from robotree.tui.verbs import Teller
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
     from robotree.vr.description import RobotDescription
-    from robotree.vr.fleet import Fleet
     from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
     from robotree.vr.transport import Registration
 
 LOOK_AGAIN = 0.1

@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 
 def chosen(given: str) -> str:
@@ -16,14 +16,14 @@ def chosen(given: str) -> str:
     Raises:
         BadName: it cannot be a name.
     """
-    from robotree.vr.host.rendezvous import realm_name
+    from robotree.vr.network.rendezvous import realm_name
 
     return realm_name(given or None)
 
 
 def anybody_met(realm: str) -> bool:
     """Whether anybody is in a realm or has been: joining it would make its folder where nobody has."""
-    from robotree.vr.host.rendezvous import met
+    from robotree.vr.network.rendezvous import met
 
     return met(realm)
 
@@ -35,8 +35,8 @@ async def joined(realm: str) -> AsyncGenerator[Fleet]:
     Raises:
         TransportError: the realm cannot be joined.
     """
-    from robotree.vr.fleet import Fleet
-    from robotree.vr.host.zenoh import join
+    from robotree.vr.network.zenoh import join
+    from robotree.vr.supervision.fleet import Fleet
 
     transport = await join(realm)
     try:

@@ -20,7 +20,7 @@ from robotree.tui.terminal import complain, note, over, put
 from robotree.tui.verbs import Outcome
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 BAR = 24
 """Width of the progress bar in characters."""

@@ -16,7 +16,7 @@ from robotree.tui.store import Store
 from robotree.tui.terminal import complain
 
 if TYPE_CHECKING:
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 LOG_FILE = "supervisor.log"
 """In `$XDG_STATE_HOME/robotree/REALM`."""

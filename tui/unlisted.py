@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import Listing, RobotDescription
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 
 async def known(fleet: Fleet, role: Literal["robot", "view"]) -> Sequence[Listing]:

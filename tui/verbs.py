@@ -19,8 +19,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
 
     from robotree.vr.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.fleet import Fleet
     from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""

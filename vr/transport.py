@@ -1,7 +1,7 @@
 """What agents need from a network, and nothing more.
 
 Four verbs: ask (`request`), answer (`serve`), tell everybody (`publish`, `subscribe`), and be seen to be
-alive (`announce`, `watch`). `host/` has the one over Zenoh; `memory.py` one within a process for tests.
+alive (`announce`, `watch`). `network/` has the one over Zenoh, `rehearsal/` one within a process for tests.
 `testing.py` examines any implementation (`check_transport`).
 
 All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them

@@ -16,10 +16,10 @@ from robotree.proxy.robot_proxy import RobotProxy
 from robotree.sim.serving import realtime
 from robotree.sim.serving.server import serving
 from robotree.vr.address import Address
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.bundle import Bundle
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -17,11 +17,11 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invaria
 
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
-from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
-from robotree.vr.host.virtual_time import VirtualTimeLoop
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.rehearsal.virtual_time import VirtualTimeLoop
 
 SETTLED = 20.0
 """[s] Longer than retry, renewal and comparison together."""

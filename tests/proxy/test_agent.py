@@ -18,12 +18,12 @@ from robotree.proxy.errors import BadController, UnknownKind
 from robotree.sim.serving.server import Server, serving
 from robotree.vr.address import Address
 from robotree.vr.errors import BadName, DuplicateName, VrError
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.memory import MemoryNetwork
-from robotree.vr.host.view_agent import ViewClient
-from robotree.vr.host.zenoh import join
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.zenoh import join
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 from robotree.vr.transport import Transport
 

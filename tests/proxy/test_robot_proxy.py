@@ -18,6 +18,7 @@ from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
 from robotree.proxy.translate import goal_key
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import (
     BadArgument,
     CommandCancelled,
@@ -26,9 +27,8 @@ from robotree.vr.errors import (
     StaleEpoch,
     Stopped,
 )
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 
 Controller = Any

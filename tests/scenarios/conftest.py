@@ -23,7 +23,7 @@ from robotree.tui.screens.main import MainPage
 from robotree.tui.screens.panel import PanelPage
 from robotree.tui.screens.teleop import TeleopPage
 from robotree.tui.widgets.robot_table import RobotTable
-from robotree.vr.fleet import Fleet
+from robotree.vr.supervision.fleet import Fleet
 
 
 class Stage:

@@ -22,7 +22,7 @@ from robotree.tui import exit_codes
 from robotree.tui.demo import Wire, cast
 from robotree.tui.processes import Crew
 from robotree.tui.realm import joined
-from robotree.vr.fleet import Fleet
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]

@@ -15,13 +15,13 @@ import pytest
 from PIL import Image, ImageDraw
 
 from robotree.vr import CommandFailed, Range, Robot, Unit, VrError, command
-from robotree.vr.fleet import Fleet
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
-from robotree.vr.host.server import Host
-from robotree.vr.host.view_agent import ViewAgent
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.host import Host
+from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -12,7 +12,7 @@ from robotree.tui.action import Where
 from robotree.tui.actions import shapes
 from robotree.tui.grammar import parse
 from robotree.tui.shell import Console, obey
-from robotree.vr.fleet import Fleet
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
 if TYPE_CHECKING:

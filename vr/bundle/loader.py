@@ -18,10 +18,10 @@ from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
-from robotree.vr.bundle.naming import file_in_tracebacks
 from robotree.vr.errors import BadName, BrokenSource
-from robotree.vr.host.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.robot import Robot
+from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
+from robotree.vr.running.naming import file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0

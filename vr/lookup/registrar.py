@@ -17,7 +17,7 @@ import msgspec
 from robotree.vr.address import Address, everyone
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
-from robotree.vr.host.asking import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.table import REMEMBERED
 from robotree.vr.requests import Done, Register, Registered, Withdraw
 from robotree.vr.transport import Registration, Transport

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from robotree.vr.address import Address, Role, everyone
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
-from robotree.vr.host.answering import answering, not_for
-from robotree.vr.host.asking import ask
-from robotree.vr.host.claim import claim, new_address
+from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, News
 from robotree.vr.requests import Done, Found, Query, Register, Registered, Reply, Request, Withdraw, encode
 from robotree.vr.transport import Registration, Transport

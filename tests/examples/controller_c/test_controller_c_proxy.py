@@ -15,8 +15,8 @@ from robotree.proxy.agent import standing_for
 from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, Stopped
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 
 Operator = Any

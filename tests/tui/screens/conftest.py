@@ -16,7 +16,7 @@ from textual.widgets import Input
 from robotree.tui.app import Supervisor
 
 if TYPE_CHECKING:
-    from robotree.vr.fleet import Fleet
+    from robotree.vr.supervision.fleet import Fleet
 
 KEYS = {
     " ": "space", ".": "full_stop", "_": "underscore", "-": "minus", ":": "colon", "/": "slash",

@@ -326,8 +326,8 @@ async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -
 
 
 async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
-    from robotree.vr.fleet import Fleet
-    from robotree.vr.host.memory import MemoryNetwork
+    from robotree.vr.rehearsal.memory import MemoryNetwork
+    from robotree.vr.supervision.fleet import Fleet
 
     fleet = Fleet(MemoryNetwork().join("operator"))
     await fleet.start()

@@ -13,7 +13,7 @@ from robotree.tui.screens.teleop import TeleopPage
 from robotree.tui.widgets.cameras import Cameras
 from robotree.tui.widgets.picture import PictureView
 from robotree.tui.widgets.robot_tree import Place
-from robotree.vr.fleet import Fleet
+from robotree.vr.supervision.fleet import Fleet
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator

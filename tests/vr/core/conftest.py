@@ -17,14 +17,14 @@ from typing import Any
 import pytest
 
 from robotree.vr import Robot
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.units import read_quantity
 
 HUNG = 0.3

@@ -11,6 +11,7 @@ import pytest
 
 from robotree.vr import Child, Robot, Unit, VirtualRobot, VrError, command
 from robotree.vr.address import Address
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import (
     CommandCancelled,
     CycleOfBonds,
@@ -24,10 +25,9 @@ from robotree.vr.errors import (
     Unreachable,
     WrongKind,
 )
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.execution import LONGEST_END
-from robotree.vr.host.memory import MemoryNetwork
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
+from robotree.vr.running.execution import LONGEST_END
 
 TERM = 5.0
 

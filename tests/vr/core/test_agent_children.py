@@ -32,8 +32,8 @@ from robotree.vr.errors import (
     NotInControl,
     Stopped,
 )
-from robotree.vr.host.execution import ChildCall
 from robotree.vr.mailbox import LONGEST_QUEUE
+from robotree.vr.running.execution import ChildCall
 
 Metres = Annotated[float, Unit("m"), Range(-5, 5), "ahead"]
 

@@ -25,10 +25,10 @@ from robotree.vr.errors import (
     NotVirtual,
     StillRunning,
 )
-from robotree.vr.host.client import RobotClient, fresh_key
-from robotree.vr.host.execution import ATTEMPTS, GRACE
+from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.mailbox import LONGEST_QUEUE
 from robotree.vr.requests import DescribeHost, Failed, State, decode_event, decode_reply, encode
+from robotree.vr.running.execution import ATTEMPTS, GRACE
 
 
 class Where(msgspec.Struct):

@@ -11,9 +11,9 @@ from typing import get_type_hints
 import pytest
 
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.naming import authors_file
 from robotree.vr.command import commands_of
 from robotree.vr.errors import BadName, BrokenSource, BundleError, VrError
+from robotree.vr.running.naming import authors_file
 
 SQUARE = '''
 """Move in a square."""

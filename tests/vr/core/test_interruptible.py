@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 
-from robotree.vr.host.interruptible import Interrupted, InterruptibleThread
+from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
 
 PROFILED = """
 import sys, threading

@@ -10,7 +10,7 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.errors import NoAnswer
-from robotree.vr.host.memory import MemoryTransport
+from robotree.vr.rehearsal.memory import MemoryTransport
 from robotree.vr.requests import Petition, decode_request
 
 

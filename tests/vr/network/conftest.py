@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.host.memory import MemoryNetwork
-from robotree.vr.host.zenoh import ZenohTransport, join
+from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.transport import Transport
 
 

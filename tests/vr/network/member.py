@@ -11,10 +11,10 @@ from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 
 from robotree.vr import Robot, command
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.run import run_host, run_lookup
-from robotree.vr.host.zenoh import ZenohTransport, join
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.run import run_host, run_lookup
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.network.zenoh import ZenohTransport, join
 from robotree.vr.transport import Respond
 
 

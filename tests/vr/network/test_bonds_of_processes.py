@@ -17,14 +17,14 @@ import zenoh
 
 from robotree.vr import Child, VirtualRobot
 from robotree.vr.address import Address
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
-from robotree.vr.fleet import Fleet
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.asking import ask
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.network.zenoh import ZenohTransport
 from robotree.vr.requests import Call, Describe, Described, encode
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 from tests.vr.network.member import BRIEF
 

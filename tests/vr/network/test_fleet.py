@@ -11,6 +11,9 @@ import pytest
 
 from robotree.vr import Robot, command
 from robotree.vr.address import Address
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.host import Host
+from robotree.vr.agents.view import ViewAgent
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import (
     BadName,
@@ -34,14 +37,11 @@ from robotree.vr.errors import (
     VrError,
     WrongKind,
 )
-from robotree.vr.fleet import Fleet, from_the_top
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.memory import MemoryNetwork
-from robotree.vr.host.server import Host
-from robotree.vr.host.view_agent import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import State
+from robotree.vr.supervision.fleet import Fleet, from_the_top
 from robotree.vr.testing import until
 
 SOURCE = """

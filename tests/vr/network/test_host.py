@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.vr.agents.host import Host
 from robotree.vr.bundle import Bundle
 from robotree.vr.errors import (
     BadName,
@@ -21,14 +22,13 @@ from robotree.vr.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.host.asking import ask
-from robotree.vr.host.client import RobotClient
-from robotree.vr.host.host_client import HostClient
-from robotree.vr.host.memory import MemoryNetwork
-from robotree.vr.host.server import Host
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.exchange.host_client import HostClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import DescribeView, ViewDescribed
 from robotree.vr.testing import until
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.fleet import Fleet
-from robotree.vr.host.promises import PATIENCE
-from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.rehearsal.promises import PATIENCE
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
 Start = Callable[[str, str], Awaitable[Any]]

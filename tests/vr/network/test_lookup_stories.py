@@ -10,11 +10,11 @@ import pytest
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import NoSuchHost, NoSuchRobot, NoSuchView
-from robotree.vr.host.claim import new_address
-from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.exchange.claim import new_address
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.transport import Registration, Respond
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from robotree.vr.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
-from robotree.vr.fleet import Fleet
-from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
 Start = Callable[[str, str], Awaitable[Any]]

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
-from robotree.vr.host.inbox import Inbox
-from robotree.vr.host.pattern import matches
-from robotree.vr.host.presence import Presence
-from robotree.vr.host.promises import replies_of
-from robotree.vr.host.replies import Replies
-from robotree.vr.host.turns import Turns
+from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.pattern import matches
+from robotree.vr.network.presence import Presence
+from robotree.vr.network.replies import Replies
+from robotree.vr.network.turns import Turns
+from robotree.vr.rehearsal.promises import replies_of
 from robotree.vr.testing import in_virtual_time
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.host.promises import replies_of, until
-from robotree.vr.host.zenoh import ZenohTransport
+from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.rehearsal.promises import replies_of, until
 
 Start = Callable[..., Awaitable[Any]]
 Enter = Callable[[], Awaitable[ZenohTransport]]

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.errors import BadName, RealmUnusable
-from robotree.vr.host.rendezvous import LONGEST_SOCKET, Rendezvous, realm_name, runtime_directory
-from robotree.vr.host.zenoh import join
+from robotree.vr.network.rendezvous import LONGEST_SOCKET, Rendezvous, realm_name, runtime_directory
+from robotree.vr.network.zenoh import join
 
 
 def test_a_newcomer_sees_all_who_came_before_and_none_who_left(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr.host.memory import MemoryNetwork, MemoryTransport
+from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.testing import TRANSPORT_CHECKS, Join, check_transport, run_in_virtual_time
 from robotree.vr.transport import PresenceHandler, Registration, Transport
 

@@ -9,14 +9,15 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 import pytest
 from PIL import Image
 
+from robotree.vr.agents.jpeg import jpeg_size
+from robotree.vr.agents.view import ViewAgent
 from robotree.vr.description import Template
 from robotree.vr.errors import BadArgument, DuplicateName, VrError
-from robotree.vr.host.asking import ask
-from robotree.vr.host.jpeg import jpeg_size
-from robotree.vr.host.memory import MemoryNetwork
-from robotree.vr.host.view_agent import ViewAgent, ViewClient
+from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import DescribeHost, HostDescribed
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.transport import Transport

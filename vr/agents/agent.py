@@ -12,22 +12,21 @@ import logging
 import time
 from collections.abc import Callable
 
+from robotree.vr.agents.agent_requests import AgentRequests
+from robotree.vr.agents.bonds import BondKeeper
+from robotree.vr.agents.call_counter import CallCounter
+from robotree.vr.agents.commands import CommandDesk
+from robotree.vr.agents.lease import LeaseKeeper
+from robotree.vr.agents.listed import Listed, Listings
+from robotree.vr.agents.portrait import Portrait
+from robotree.vr.agents.state_news import StateNews
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import VrError
-from robotree.vr.host.agent_bonds import BondKeeper
-from robotree.vr.host.agent_commands import CommandDesk
-from robotree.vr.host.agent_lease import LeaseKeeper
-from robotree.vr.host.agent_requests import AgentRequests
-from robotree.vr.host.answering import conversing
-from robotree.vr.host.call_counter import CallCounter
-from robotree.vr.host.claim import claim, new_address
-from robotree.vr.host.execution import LONGEST_END
-from robotree.vr.host.hooks import Hooks
-from robotree.vr.host.listed import Listed, Listings
-from robotree.vr.host.portrait import Portrait
-from robotree.vr.host.state_news import StateNews
+from robotree.vr.exchange.answering import conversing
+from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lease import DEFAULT_TERM, Lessor, Tenure
 from robotree.vr.robot import Robot
+from robotree.vr.running.execution import LONGEST_END
 from robotree.vr.space.contract import Space
 from robotree.vr.transport import Registration, Transport
 from robotree.vr.virtual_robot import VirtualRobot
@@ -90,7 +89,6 @@ class RobotAgent:
                 on_change=self.changed,
                 term=term,
             )
-        self._hooks = Hooks(robot)
         self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
         self._listed = Listed(registrar, self.address)
         self._news = StateNews(transport, self.address.key, self._portrait.state)
@@ -100,15 +98,7 @@ class RobotAgent:
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
         self._last_words: list[Callable[[str], None]] = []
-        self._requests = AgentRequests(
-            robot,
-            self,
-            lease=self._lease,
-            desk=self._desk,
-            bonds=self._bonds,
-            hooks=self._hooks,
-            portrait=self._portrait,
-        )
+        self._requests = AgentRequests(robot, self, self._lease, self._desk, self._portrait)
 
     # -- life -------------------------------------------------------------------------------------
 

@@ -17,13 +17,13 @@ from typing import TypeVar
 import zenoh
 
 from robotree.vr.errors import RealmUnusable, TransportClosed
-from robotree.vr.host.inbox import Inbox
-from robotree.vr.host.pattern import matches
-from robotree.vr.host.presence import Presence
-from robotree.vr.host.rendezvous import Rendezvous, realm_name
-from robotree.vr.host.replies import Replies
-from robotree.vr.host.turns import Turns
-from robotree.vr.host.zenoh_session import LEASE, Session
+from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.pattern import matches
+from robotree.vr.network.presence import Presence
+from robotree.vr.network.rendezvous import Rendezvous, realm_name
+from robotree.vr.network.replies import Replies
+from robotree.vr.network.turns import Turns
+from robotree.vr.network.zenoh_session import LEASE, Session
 from robotree.vr.transport import (
     PresenceHandler,
     Registration,

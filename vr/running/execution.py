@@ -21,7 +21,7 @@ from robotree.vr import context as contexts
 from robotree.vr.child import Record
 from robotree.vr.context import CallFuture, CommandContext
 from robotree.vr.errors import CommandCancelled, VrError
-from robotree.vr.host.interruptible import InterruptibleThread
+from robotree.vr.running.interruptible import InterruptibleThread
 
 GRACE = 1.0
 """[s] between a cancel and the interruption of code that does not listen."""

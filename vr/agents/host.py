@@ -11,13 +11,13 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from robotree.vr.address import check_name
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.listed import Listings
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.errors import DuplicateName, Unreachable
-from robotree.vr.host.agent import RobotAgent
-from robotree.vr.host.answering import answering, not_for
-from robotree.vr.host.claim import claim, expect_free, new_address
-from robotree.vr.host.listed import Listings
+from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
 from robotree.vr.space.contract import Space

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from robotree.vr.address import Address
 from robotree.vr.description import Arguments, RobotDescription
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
-from robotree.vr.host.asking import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import (
     PATIENCE,

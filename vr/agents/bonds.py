@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from robotree.vr.address import Address
+from robotree.vr.agents.bond_link import Link
 from robotree.vr.bond import Bond, Slots
 from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.context import CommandContext
@@ -22,8 +23,7 @@ from robotree.vr.errors import (
     TransportError,
     VrError,
 )
-from robotree.vr.host.bond_link import Link
-from robotree.vr.host.client import OnProgress, RobotClient, fresh_key
+from robotree.vr.exchange.client import OnProgress, RobotClient, fresh_key
 from robotree.vr.lease import DEFAULT_TERM, Lessee
 from robotree.vr.transport import Transport
 

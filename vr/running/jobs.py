@@ -12,10 +12,10 @@ from robotree.vr.calls import CallTable
 from robotree.vr.context import CommandContext
 from robotree.vr.description import CommandSpec
 from robotree.vr.errors import CommandCancelled, DeadlineExceeded, StillRunning, VrError
-from robotree.vr.host.execution import Run
-from robotree.vr.host.outcome import failed, returned
 from robotree.vr.mailbox import Mailbox
 from robotree.vr.requests import Failed, Progress, Returned
+from robotree.vr.running.execution import Run
+from robotree.vr.running.outcome import failed, returned
 
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two words about a command's progress."""

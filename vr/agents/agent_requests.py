@@ -6,14 +6,14 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from robotree.vr.address import Address
+from robotree.vr.agents.bonds import BondKeeper
+from robotree.vr.agents.commands import CommandDesk
+from robotree.vr.agents.hooks import Hooks
+from robotree.vr.agents.lease import LeaseKeeper
+from robotree.vr.agents.portrait import Portrait
 from robotree.vr.description import CommandSpec
 from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachable, WrongKind
-from robotree.vr.host.agent_bonds import BondKeeper
-from robotree.vr.host.agent_commands import CommandDesk
-from robotree.vr.host.agent_lease import LeaseKeeper
-from robotree.vr.host.answering import Say, not_for
-from robotree.vr.host.hooks import Hooks
-from robotree.vr.host.portrait import Portrait
+from robotree.vr.exchange.answering import Say, not_for
 from robotree.vr.requests import (
     Call,
     Cancel,
@@ -71,15 +71,7 @@ class AgentRequests:
     """Answers for one robot."""
 
     def __init__(
-        self,
-        robot: Robot,
-        life: Life,
-        *,
-        lease: LeaseKeeper,
-        desk: CommandDesk,
-        bonds: BondKeeper | None,
-        hooks: Hooks,
-        portrait: Portrait,
+        self, robot: Robot, life: Life, lease: LeaseKeeper, desk: CommandDesk, portrait: Portrait
     ) -> None:
         """Take what the answers are made of.
 
@@ -87,14 +79,12 @@ class AgentRequests:
             robot: that is asked.
             life: its agent's.
             lease: the right to command it.
-            desk: its commands.
-            bonds: its children; None: it is no virtual robot.
-            hooks: its author's code.
+            desk: its commands, and its children if it is a virtual robot.
             portrait: its looks.
         """
         self._robot, self._life = robot, life
-        self._lease, self._desk, self._bonds = lease, desk, bonds
-        self._hooks, self._portrait = hooks, portrait
+        self._lease, self._desk, self._bonds = lease, desk, desk.bonds
+        self._hooks, self._portrait = Hooks(robot), portrait
         self._told: tuple[CommandSpec, ...] = ()
         self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
             Describe: self._describe,

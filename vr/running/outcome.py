@@ -10,10 +10,10 @@ from typing import Annotated, Any, get_args, get_origin
 
 import msgspec
 
-from robotree.vr.bundle.naming import authors_file
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
 from robotree.vr.requests import Failed, Returned
+from robotree.vr.running.naming import authors_file
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robotree.vr.address import check_name
-from robotree.vr.host.server import Host
-from robotree.vr.host.zenoh import join
+from robotree.vr.agents.host import Host
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.zenoh import join
 from robotree.vr.space.sqlite import SqliteSpace
 
 Ready = Callable[[str], None]

@@ -14,7 +14,7 @@ from collections.abc import Awaitable, Callable
 from robotree.vr.address import Address
 from robotree.vr.bond import Bond
 from robotree.vr.errors import LeaseError, TransportError, Unreachable, VrError
-from robotree.vr.host.client import RobotClient
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.transport import Registration, Transport
 
 TICK = 0.001

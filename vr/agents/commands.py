@@ -11,20 +11,20 @@ from typing import Any
 
 import msgspec
 
+from robotree.vr.agents.bonds import BondKeeper
+from robotree.vr.agents.lease import LeaseKeeper
 from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.errors import DeadlineExceeded, NoSuchCommand, Stopped
-from robotree.vr.host.agent_bonds import BondKeeper
-from robotree.vr.host.agent_lease import LeaseKeeper
-from robotree.vr.host.answering import Say
-from robotree.vr.host.execution import CommandThread, Forward, Run
-from robotree.vr.host.jobs import Job, Jobs
-from robotree.vr.host.outcome import check_result
+from robotree.vr.exchange.answering import Say
 from robotree.vr.requests import Accepted, Call
 from robotree.vr.robot import Robot
+from robotree.vr.running.execution import CommandThread, Forward, Run
+from robotree.vr.running.jobs import Job, Jobs
+from robotree.vr.running.outcome import check_result
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0

@@ -16,9 +16,9 @@ from collections.abc import AsyncIterator, Callable
 from functools import partial
 
 from robotree.vr.errors import TransportClosed
-from robotree.vr.host.memory_link import Link
-from robotree.vr.host.pattern import matches
-from robotree.vr.host.replies import Replies
+from robotree.vr.network.pattern import matches
+from robotree.vr.network.replies import Replies
+from robotree.vr.rehearsal.memory_link import Link
 from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, SampleHandler, Silent
 
 _log = logging.getLogger(__name__)

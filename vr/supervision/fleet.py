@@ -15,9 +15,9 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.description import Listing, RobotDescription, Template
 from robotree.vr.errors import Hanging, NoAnswer, NoHost, NotInControl, Unreachable, VrError
-from robotree.vr.host.client import DEFAULT_DEADLINE, RobotClient
-from robotree.vr.host.host_client import HostClient
-from robotree.vr.host.view_agent import ViewClient
+from robotree.vr.exchange.client import DEFAULT_DEADLINE, RobotClient
+from robotree.vr.exchange.host_client import HostClient
+from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
 from robotree.vr.transport import Registration, Silent, Transport

@@ -11,9 +11,9 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import VrError
-from robotree.vr.host.asking import ask
-from robotree.vr.host.promises import Join, promise, until
+from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
+from robotree.vr.rehearsal.promises import Join, promise, until
 from robotree.vr.requests import (
     DescribeHost,
     Done,

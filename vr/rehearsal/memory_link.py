@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Protocol
 
-from robotree.vr.host.replies import Replies
+from robotree.vr.network.replies import Replies
 
 
 class Carrier(Protocol):

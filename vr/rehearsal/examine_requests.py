@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.host.promises import PATIENCE, Join, close_all, promise, replies_of, served
+from robotree.vr.rehearsal.promises import PATIENCE, Join, close_all, promise, replies_of, served
 from robotree.vr.transport import Respond
 
 

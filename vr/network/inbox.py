@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from robotree.vr.host.turns import Turns
+from robotree.vr.network.turns import Turns
 
 T = TypeVar("T")
 

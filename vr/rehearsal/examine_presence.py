@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import TransportClosed, VrError
-from robotree.vr.host.promises import (
+from robotree.vr.rehearsal.promises import (
     PATIENCE,
     Join,
     close_all,

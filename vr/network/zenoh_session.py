@@ -12,7 +12,7 @@ from pathlib import Path
 import zenoh
 
 from robotree.vr.errors import RealmUnusable
-from robotree.vr.host.rendezvous import Rendezvous
+from robotree.vr.network.rendezvous import Rendezvous
 
 LEASE = 2.0
 """[s] of silence after which a process counts as gone. With 1 s a busy machine was enough to lose one."""

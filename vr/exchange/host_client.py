@@ -5,7 +5,7 @@ from __future__ import annotations
 from robotree.vr.address import Address
 from robotree.vr.bundle import Bundle
 from robotree.vr.description import RobotDescription
-from robotree.vr.host.asking import ask
+from robotree.vr.exchange.asking import ask
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed
 from robotree.vr.transport import Transport
 

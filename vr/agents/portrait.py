@@ -7,11 +7,11 @@ import math
 from typing import Any
 
 from robotree.vr.address import Address
+from robotree.vr.agents.call_counter import CallCounter
+from robotree.vr.agents.commands import CommandDesk
+from robotree.vr.agents.hooks import Hooks
+from robotree.vr.agents.lease import LeaseKeeper
 from robotree.vr.description import BondSpec, Listing, RobotDescription
-from robotree.vr.host.agent_commands import CommandDesk
-from robotree.vr.host.agent_lease import LeaseKeeper
-from robotree.vr.host.call_counter import CallCounter
-from robotree.vr.host.hooks import Hooks
 from robotree.vr.requests import State
 from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot

@@ -1,0 +1,1 @@
+"""Those who live among the others: the agent of a robot, the host of many, the agent of a view."""

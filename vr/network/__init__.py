@@ -1,0 +1,1 @@
+"""The transport over Zenoh, and what it is made of. Nothing here knows what the bodies say."""
