@@ -19,7 +19,7 @@ from robotree.vr.exchange.claim import SETTLE
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.transport import Registration, Silent, Transport
 
 SYNCHRONISE = 10.0
 """[s] between full comparisons with each service: news that a busy network dropped is made up for."""
@@ -32,6 +32,9 @@ PATIENCE = 2.0
 
 FIRST_LOOK = 1.0
 """[s] that `start` waits for the services that are there."""
+
+FAREWELL = 1.0
+"""[s] to wait for the end of the presence of one that does not answer."""
 
 MEMORY = 3.0
 """[s] for which others may still need what a lost service knew: until all agents have registered again."""
@@ -133,13 +136,8 @@ class Directory:
         """
         check_name(name)  # it becomes part of a pattern
         found = [address for address in self.present(role) if address.name == name]
-        if not found:  # it may have come just now
-            found = await self._look_again(everyone(role, name))
-        if not found and await self._transport.silent(everyone(role, name)):
-            await asyncio.sleep(SETTLE)  # it may be on its way
-            found = await self._look_again(everyone(role, name))
-            if not found:
-                await self.expect_awake(everyone(role, name))
+        if not found:
+            found = await self._look_closer(everyone(role, name))
         if not found:
             raise _MISSING.get(role, NoSuchRobot)(name=name)
         return next((address for address in found if address in self._union.listings), found[0])
@@ -147,18 +145,35 @@ class Directory:
     async def expect_awake(self, pattern: str) -> None:
         """See that nobody under a pattern lives in a process that hangs.
 
+        A question to it may end a moment before its presence does, so this looks until that is over, or for
+        a while: who is present and does not answer may be busy.
+
         Raises:
             Hanging: somebody does.
         """
-        for one in await self._transport.silent(pattern):
-            if address := Address.parse(one.key):
-                raise Hanging(role=address.role, name=address.name, where=one.where, remedy=one.remedy)
+        latest = asyncio.get_running_loop().time() + FAREWELL
+        while True:
+            there = await self._transport.present(pattern)
+            _complain(await self._transport.silent(pattern))
+            if not there or asyncio.get_running_loop().time() > latest:
+                return
+            await asyncio.sleep(SETTLE)
 
     # -- inside -----------------------------------------------------------------------------------
 
-    async def _look_again(self, pattern: str) -> list[Address]:
-        keys = await self._transport.present(pattern)
-        return [address for address in map(Address.parse, keys) if address is not None]
+    async def _look_closer(self, pattern: str) -> list[Address]:
+        """Return who came just now. Who is on its way, or waking up, has a moment."""
+        latest = asyncio.get_running_loop().time() + SETTLE
+        while True:
+            silent = await self._transport.silent(pattern)
+            # in this order: who is silent no longer is seen now
+            keys = await self._transport.present(pattern)
+            if keys or not silent:
+                return [address for address in map(Address.parse, keys) if address is not None]
+            if asyncio.get_running_loop().time() > latest:
+                _complain(silent)
+                return []
+            await asyncio.sleep(SETTLE / 2)
 
     def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         address = Address.parse(key)
@@ -229,3 +244,9 @@ class Directory:
                     callback(change)
                 except Exception:  # noqa: BLE001 # one listener's fault is not the others'
                     _log.exception("a listener to the directory raised")
+
+
+def _complain(silent: list[Silent]) -> None:
+    for one in silent:
+        if address := Address.parse(one.key):
+            raise Hanging(role=address.role, name=address.name, where=one.where, remedy=one.remedy)

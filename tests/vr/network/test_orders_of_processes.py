@@ -121,6 +121,7 @@ async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: S
             with pytest.raises(Hanging, match=who):
                 await question
     frozen.signal(signal.SIGCONT)
+    await until(lambda: len(newcomer.directory.present("robot")) == 2, "it is seen again")
     assert (await newcomer.describe("frozen")).name == "frozen"
     frozen.signal(signal.SIGKILL)
     await frozen.process.wait()
