@@ -1,7 +1,7 @@
 """From a network's threads to the event loop: what is urgent first, everything else a few at a time.
 
 The loop takes what it is given in order. A flood of requests would therefore stand before the next lease
-renewal, however far ahead that one came over the wire: measured with 20 000 small requests waiting, 0.7 s.
+renewal, however far ahead that one came over the wire (`bench/urgent.py`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,126 @@
+"""How long a stop waits behind a flood of commands, between real processes over real Zenoh.
+
+A flooder sends many small requests to one agent and waits for none of them. Meanwhile the same agent is asked
+two things at the same moment: one that is urgent and one that is not, which is what the urgent one would take
+without its mark. Prints the median and the worst of some floods.
+
+    python bench/urgent.py [FLOODS]
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import statistics
+import sys
+import tempfile
+import time
+
+from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.transport import Respond
+
+FLOOD = 20_000
+"""Requests in one flood."""
+AGENT = "robot/echo/1"
+MOMENT = 0.8
+"""[s] from the beginning of a flood to the questions."""
+LONGEST = 60.0
+"""[s] for one flood to be answered."""
+
+
+async def start(word: str) -> asyncio.subprocess.Process:
+    """Start this file as a member of the realm, and wait until it is up."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, __file__, word), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+    )
+    await hear(process)
+    return process
+
+
+async def hear(process: asyncio.subprocess.Process) -> None:
+    """Wait for one line of a member."""
+    if process.stdout is not None:
+        await asyncio.wait_for(process.stdout.readline(), LONGEST)
+
+
+async def ask(transport: ZenohTransport, *, urgent: bool) -> float:
+    """Return how long one answer took [s]."""
+    begin = time.perf_counter()
+    async for _ in transport.request(AGENT, bytes(64), timeout=LONGEST, urgent=urgent):
+        pass
+    return time.perf_counter() - begin
+
+
+async def echo(transport: ZenohTransport) -> None:
+    """Answer requests with what they say, until the standard input closes."""
+
+    async def handler(body: bytes, respond: Respond) -> None:
+        respond(body)
+
+    await transport.serve(AGENT, handler)
+    print("ready", flush=True)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+async def flood(transport: ZenohTransport) -> None:
+    """Flood the agent for each line on the standard input, and say when all is answered."""
+    print("ready", flush=True)
+    while await asyncio.to_thread(sys.stdin.readline):
+        replies = [transport.request(AGENT, bytes(64), timeout=LONGEST) for _ in range(FLOOD)]
+        for one in replies:
+            async for _ in one:
+                pass
+        print("over", flush=True)
+
+
+async def be(word: str) -> None:
+    """Be a member."""
+    transport = await join()
+    try:
+        await (echo if word == "echo" else flood)(transport)
+    finally:
+        await transport.close()
+
+
+def show(what: str, seconds: list[float]) -> None:
+    """Print one line of the table."""
+    print(
+        f"{what:44} {statistics.median(seconds) * 1e3:8.1f} {max(seconds) * 1e3:8.1f}  ms  n={len(seconds)}"
+    )
+
+
+async def main(floods: int) -> None:
+    """Measure."""
+    processes = [await start("echo"), await start("flood")]
+    flooder = processes[1]
+    transport = await join()
+    idle: list[float] = []
+    urgent: list[float] = []
+    ordinary: list[float] = []
+    try:
+        for _ in range(floods):
+            idle.append(await ask(transport, urgent=True))
+            if flooder.stdin is not None:
+                flooder.stdin.write(b"go\n")
+            await asyncio.sleep(MOMENT)
+            first, second = await asyncio.gather(ask(transport, urgent=True), ask(transport, urgent=False))
+            urgent.append(first)
+            ordinary.append(second)
+            await hear(flooder)
+    finally:
+        await transport.close()
+        for process in processes:
+            process.kill()
+            await process.wait()
+    show("urgent, nothing else going on", idle)
+    show(f"urgent, in a flood of {FLOOD:,}", urgent)
+    show("ordinary, at the same moments", ordinary)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1 and not sys.argv[1].isdigit():
+        asyncio.run(be(sys.argv[1]))
+    else:
+        with tempfile.TemporaryDirectory() as runtime:
+            os.environ["XDG_RUNTIME_DIR"] = runtime
+            asyncio.run(main(min(int(sys.argv[1]), 50) if len(sys.argv) > 1 else 7))
