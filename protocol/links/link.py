@@ -1,7 +1,8 @@
 """What a link is: a way for bytes to go there and back, told through callbacks.
 
 A link neither knows messages nor cuts the incoming stream at frames; a `Handler`, usually an
-`robotree.protocol.endpoint.Endpoint`, does. `robotree.protocol.testing.check_link` examines any new one.
+`robotree.protocol.endpoint.Endpoint`, does. `robotree.protocol.testing.check_link` and `check_close_in_accept`
+examine any new one.
 """
 
 from __future__ import annotations
@@ -108,7 +109,9 @@ class Handler(Protocol):
 
 
 Accept = Callable[[Link], Handler]
-"""Called with every link that opens, before any byte is told; what it returns hears the link."""
+"""Called with every link that opens, before any byte is told; what it returns hears the link.
+
+It may send and close at once; then what it returns is told of the end, once, and of nothing else."""
 
 
 class Listener(Protocol):

@@ -121,6 +121,19 @@ def test_a_flood_of_stops_is_bounded_and_still_a_stop() -> None:
     assert intake.dropped == 10_000 - LARGEST_STOPS, "who is not answered is counted"
 
 
+def test_stops_for_others_leave_a_stop_for_us_its_place() -> None:
+    intake = Intake(1)
+    for _ in range(10 * LARGEST_STOPS):
+        intake.put(Frame.of(SetMode(0, 2, 1, ModeKind.SAFE_STOP)), "relay")
+        intake.put(Frame.of(CommandLong(3, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7)), "relay")
+    intake.put(STOP, "relay")
+    first = intake.take()[0]
+    assert isinstance(first, Heard)
+    assert first.frame is STOP
+    assert intake.dropped == 0
+    assert intake.stops == 1, "a stop for another system is none here"
+
+
 def test_the_end_of_a_link_is_never_dropped() -> None:
     intake = Intake(1)
     for i in range(10_000):
