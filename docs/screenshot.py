@@ -13,10 +13,10 @@ import re
 import sys
 from pathlib import Path
 
-from robotree.tui.app import Supervisor
 from robotree.tui.demo import cast
-from robotree.tui.processes import Crew
-from robotree.tui.realm import joined
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.tui.screen.app import Supervisor
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"

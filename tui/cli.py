@@ -12,14 +12,15 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from robotree.tui import exit_codes, grammar, manual
-from robotree.tui.action import Where
-from robotree.tui.actions import shapes
-from robotree.tui.grammar import Line
+from robotree.tui import exit_codes
+from robotree.tui.line import grammar, manual
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, forget_the_reader, put, until_the_reader_leaves
 
 if TYPE_CHECKING:
-    from robotree.tui.serving import Ready
+    from robotree.tui.processes.serving import Ready
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -79,7 +80,7 @@ def _version() -> int:
 
 def _start(line: Line) -> int:
     """Start what the line asks for, in this process, and return its exit code."""
-    from robotree.tui.realm import chosen
+    from robotree.tui.processes.realm import chosen
 
     realm = chosen(line.text("--realm"))
     tether = line.flag("--tether")
@@ -95,7 +96,7 @@ def _start(line: Line) -> int:
                 demo.demo(headless=headless, realm=line.text("--realm"), pictures=pictures, wire=over)
             )
         case "run":
-            from robotree.tui.playing import play_file
+            from robotree.tui.session.playing import play_file
 
             return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json")))
         case "sim" | "proxy" | "view" | "host" | "lookup":
@@ -105,7 +106,7 @@ def _start(line: Line) -> int:
 
             return wire.start(line)
         case verb:
-            from robotree.tui.shell import once
+            from robotree.tui.line.shell import once
 
             return _run(once(line, realm), listening=verb == "watch")
 
@@ -142,8 +143,8 @@ async def _supervise(realm: str) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         complain("the full screen needs a terminal; here use verbs, for example `robotree ls`")
         return exit_codes.USAGE
-    from robotree.tui.realm import joined
-    from robotree.tui.supervise import supervise
+    from robotree.tui.processes.realm import joined
+    from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
         return await supervise(fleet, realm)
@@ -151,7 +152,7 @@ async def _supervise(realm: str) -> int:
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:
     """Be one agent until told otherwise."""
-    from robotree.tui.serving import serve
+    from robotree.tui.processes.serving import serve
 
     await serve(partial(AGENTS[line.verb], line, realm), tether=tether)
     return exit_codes.DONE
@@ -167,7 +168,7 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_proxy
-    from robotree.tui.state_files import space_file
+    from robotree.tui.processes.state_files import space_file
     from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
@@ -185,7 +186,7 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
-    from robotree.tui.state_files import space_file
+    from robotree.tui.processes.state_files import space_file
     from robotree.vr.agents.run import run_host
 
     space = space_file(line.text("--space"), realm)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 from robotree.tui.terminal import complain, note, put
 from robotree.vr.address import ROLES
 
@@ -85,7 +85,7 @@ async def _alone(realm: str) -> None:
     Raises:
         DemoRuns: somebody has.
     """
-    from robotree.tui.realm import anybody_met, joined
+    from robotree.tui.processes.realm import anybody_met, joined
 
     if not anybody_met(realm):
         return
@@ -125,8 +125,8 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> N
 
 
 async def _supervise(realm: str) -> int:
-    from robotree.tui.realm import joined
-    from robotree.tui.supervise import supervise
+    from robotree.tui.processes.realm import joined
+    from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
         return await supervise(fleet, realm, farewell=FAREWELL)
@@ -134,9 +134,9 @@ async def _supervise(realm: str) -> int:
 
 async def _play(realm: str, folder: Path) -> int:
     """Play the lever's story and print, as the last line, what came of it as one JSON object."""
-    from robotree.tui.playing import Player, read_file
-    from robotree.tui.realm import joined
-    from robotree.tui.session import transcript
+    from robotree.tui.processes.realm import joined
+    from robotree.tui.session.playing import Player, read_file
+    from robotree.tui.session.script import transcript
 
     began = time.monotonic()
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)

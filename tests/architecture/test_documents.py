@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from robotree.tui import grammar
-from robotree.tui.action import Where
-from robotree.tui.actions import shapes
-from robotree.tui.manual import EVERYWHERE
-from robotree.tui.session import read
+from robotree.tui.line import grammar
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.manual import EVERYWHERE
+from robotree.tui.session.script import read
 from robotree.vr.bundle import Bundle
 
 ROOT = Path(__file__).parents[2]

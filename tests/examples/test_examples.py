@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robotree.tui.session import Do, read
+from robotree.tui.session.script import Do, read
 from robotree.vr.bundle import Bundle
 from robotree.vr.command import commands_of
 from robotree.vr.errors import BadArgument, CommandFailed, SlotEmpty

@@ -27,7 +27,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.parser import Parser
 from robotree.tui import exit_codes
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 from robotree.vr.testing import until
 
 pytestmark = pytest.mark.e2e

@@ -15,14 +15,14 @@ from rich.console import Console
 from textual.pilot import Pilot
 from textual.widgets import Button, DirectoryTree, Input
 
-from robotree.tui.app import Supervisor
 from robotree.tui.demo import cast
-from robotree.tui.processes import Crew
-from robotree.tui.realm import joined
-from robotree.tui.screens.main import MainPage
-from robotree.tui.screens.panel import PanelPage
-from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.widgets.robot_table import RobotTable
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr.supervision.fleet import Fleet
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 
 pytestmark = pytest.mark.e2e
 

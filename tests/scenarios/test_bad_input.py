@@ -52,7 +52,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.ping import Pinger
 from robotree.sim.serving.pacer import LARGEST_DEBT
-from robotree.tui.processes import Crew, Member
+from robotree.tui.processes.crew import Crew, Member
 
 pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module")]
 

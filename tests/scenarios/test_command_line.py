@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.action import Where
-from robotree.tui.actions import ACTIONS
 from robotree.tui.cli import main
-from robotree.tui.realm import joined
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import ACTIONS
+from robotree.tui.processes.realm import joined
 
 pytestmark = pytest.mark.e2e
 
@@ -27,7 +27,7 @@ CAST = """
 import asyncio, sys
 from pathlib import Path
 from robotree.tui.demo import cast
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 
 async def be() -> None:
     async with Crew("default", Path(sys.argv[1])) as crew:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.errors import MemberFailed
-from robotree.tui.processes import Crew
-from robotree.tui.realm import joined
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
 from robotree.vr.address import ROLES
 
 pytestmark = pytest.mark.e2e
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.e2e
 STARTER = """
 import asyncio, sys
 from pathlib import Path
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 
 async def main():
     crew = Crew("default", Path(sys.argv[1]))

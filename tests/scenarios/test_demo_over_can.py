@@ -20,8 +20,8 @@ from robotree.protocol.links.can.address import read
 from robotree.protocol.links.url import parse
 from robotree.tui import exit_codes
 from robotree.tui.demo import Wire, cast
-from robotree.tui.processes import Crew
-from robotree.tui.realm import joined
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 

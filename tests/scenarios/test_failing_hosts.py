@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.processes import Crew, Member
+from robotree.tui.processes.crew import Crew, Member
 
 pytestmark = pytest.mark.e2e
 

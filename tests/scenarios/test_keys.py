@@ -23,8 +23,8 @@ from robotree.protocol.links.security import Security
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import SetupSigning
 from robotree.tui import exit_codes
-from robotree.tui.processes import Crew
-from robotree.tui.realm import joined
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
 from robotree.vr.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button
 
-from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.widgets.picture import PictureView
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.picture import PictureView
 
 AXLE_X, AXLE_Z, RADIUS = 0.42, 0.08, 0.20
 """[m] The lever's axle and the length to its handle (docs/cell.md)."""

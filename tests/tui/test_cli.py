@@ -191,7 +191,7 @@ def test_an_agent_ends_politely_on_a_signal(runtime: Path) -> None:
 
 
 def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(runtime: Path, tmp_path: Path) -> None:
-    from robotree.tui.state_files import space_file
+    from robotree.tui.processes.state_files import space_file
 
     assert runtime.exists()
     assert space_file("", "default") == tmp_path / "state" / "robotree" / "default" / "space.sqlite"
@@ -202,7 +202,7 @@ def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(runtime: Pa
 def test_a_state_folder_that_cannot_be_made_costs_only_the_counting(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from robotree.tui.state_files import space_file
+    from robotree.tui.processes.state_files import space_file
 
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.completion import Words, candidates, complete
+from robotree.tui.line.completion import Words, candidates, complete
 
 WORDS = Words(
     {

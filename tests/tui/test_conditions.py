@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.conditions import Scene, condition
 from robotree.tui.errors import ValueRefused
+from robotree.tui.session.conditions import Scene, condition
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
 

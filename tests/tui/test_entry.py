@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui import entry
+from robotree.tui.screen import entry
 from robotree.vr.arguments import check_arguments
 from robotree.vr.description import CommandSpec, FieldSpec
 

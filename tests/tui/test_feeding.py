@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.tui.feeding import Feed
-from robotree.tui.store import Store
+from robotree.tui.seen.feeding import Feed
+from robotree.tui.seen.store import Store
 from robotree.vr.errors import VrError
 from robotree.vr.testing import until
 

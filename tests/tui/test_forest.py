@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.forest import Branch, drawing, forest, structure
+from robotree.tui.seen.forest import Branch, drawing, forest, structure
 from robotree.vr.address import Address
 from robotree.vr.description import RobotDescription, SlotSpec
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui import grammar
-from robotree.tui.action import Where
-from robotree.tui.actions import ACTIONS, shapes
 from robotree.tui.errors import BadLine, UnknownVerb
-from robotree.tui.grammar import Blank, Group, Line, Part, Value, Word
+from robotree.tui.line import grammar
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import ACTIONS, shapes
+from robotree.tui.line.grammar import Blank, Group, Line, Part, Value, Word
 
 EVERYWHERE = {"json": "", "realm": "NAME"}
 SHAPES = {action.verb: action.shape for action in ACTIONS}

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.tui.action import Where
-from robotree.tui.actions import shapes
-from robotree.tui.grammar import parse
-from robotree.tui.shell import Console, obey
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.grammar import parse
+from robotree.tui.line.shell import Console, obey
+from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.terminal import STEERING, harmless
-from robotree.tui.widgets.harmless import Harmless
 
 if TYPE_CHECKING:
     from conftest import Hostile, Realm

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robotree.tui.jog import AXES, LEASH, STEPS, Jog
+from robotree.tui.screen.jog import AXES, LEASH, STEPS, Jog
 
 HOME = {"x": 0.4, "y": 0.0, "z": 0.3, "twist": 0.0}
 BOUNDS = {"x": (0.2, 0.6), "y": (-0.4, 0.4), "z": (0.05, 0.5), "twist": (-3.0, 3.0)}

@@ -14,7 +14,7 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.cli import main
 from robotree.tui.errors import sentence
-from robotree.tui.shell import PACE, Console
+from robotree.tui.line.shell import PACE, Console
 
 if TYPE_CHECKING:
     from tui.conftest import Realm
@@ -106,12 +106,12 @@ def test_progress_goes_to_a_log_now_and_then(capsys: pytest.CaptureFixture[str])
 
 
 async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: Realm) -> None:
-    from robotree.tui.action import Where
-    from robotree.tui.actions import shapes
-    from robotree.tui.carrying import Silent
     from robotree.tui.errors import ValueRefused
-    from robotree.tui.grammar import parse
-    from robotree.tui.verbs import call
+    from robotree.tui.line.action import Where
+    from robotree.tui.line.actions import shapes
+    from robotree.tui.line.carrying import Silent
+    from robotree.tui.line.grammar import parse
+    from robotree.tui.line.verbs import call
 
     line = parse(["call", "arm-1.go_to", "x=0.3", "y=0", "x=0.4"], shapes(Where.SHELL), {})
     with pytest.raises(ValueRefused, match="x is given twice") as refused:

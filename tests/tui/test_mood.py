@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui import mood
-from robotree.tui.mood import Mood
+from robotree.tui.seen import mood
+from robotree.tui.seen.mood import Mood
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription
 from robotree.vr.requests import State

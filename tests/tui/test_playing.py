@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.errors import SessionError
-from robotree.tui.playing import Player, read_file
-from robotree.tui.session import Report, Told, read
+from robotree.tui.session.playing import Player, read_file
+from robotree.tui.session.script import Report, Told, read
 
 if TYPE_CHECKING:
     from conftest import Realm

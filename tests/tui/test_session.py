@@ -6,9 +6,10 @@ import re
 
 import pytest
 
-from robotree.tui import conditions, session
 from robotree.tui.errors import BadScript
-from robotree.tui.session import Do, Expect, Pause, Report, Told, read, transcript
+from robotree.tui.session import conditions
+from robotree.tui.session import script as session
+from robotree.tui.session.script import Do, Expect, Pause, Report, Told, read, transcript
 
 SCRIPT = """\
 # closes the lever

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotree.tui.store import FLASH, SILENCE, Store
+from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.requests import State

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.tui.action import Where
-from robotree.tui.actions import shapes
-from robotree.tui.grammar import parse
-from robotree.tui.shell import Console, obey
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.grammar import parse
+from robotree.tui.line.shell import Console, obey
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 

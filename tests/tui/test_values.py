@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui import values
 from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 
 
 @pytest.mark.parametrize(

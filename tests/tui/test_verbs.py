@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
-from robotree.tui import grammar
-from robotree.tui.action import Where
-from robotree.tui.actions import ACTIONS, BY_VERB, shapes
-from robotree.tui.verbs import Outcome
+from robotree.tui.line import grammar
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
+from robotree.tui.line.verbs import Outcome
 from robotree.vr.errors import (
     BadArgument,
     BrokenSource,

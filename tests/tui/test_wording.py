@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui import wording
-from robotree.tui.manual import overview, page
-from robotree.tui.teleoperable import bounds
-from robotree.tui.widgets.gauges import HALF, bar
+from robotree.tui.line.manual import overview, page
+from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.widgets.gauges import HALF, bar
+from robotree.tui.seen import wording
 from robotree.vr.address import Address
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
 
@@ -106,6 +106,6 @@ def test_the_manual_fits_into_a_terminal_and_explains_every_verb() -> None:
     ],
 )
 def test_a_figure_that_rounds_to_zero_has_no_sign_of_its_own(value: float, shown: str, written: str) -> None:
-    from robotree.tui.widgets.gauges import figure
+    from robotree.tui.screen.widgets.gauges import figure
 
     assert figure(value, shown) == written

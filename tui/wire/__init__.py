@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Protocol, cast
 
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 
 
 class Verb(Protocol):

@@ -7,7 +7,7 @@ import json
 from robotree.protocol.measure.figures import FIGURES, Figure
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note, put
 
 

@@ -14,9 +14,9 @@ from robotree.protocol.capture.decode import Decoded, DecoderStatistics
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.dialect.extension import extend
 from robotree.tui import exit_codes
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
+from robotree.tui.seen.wording import columns
 from robotree.tui.terminal import put
-from robotree.tui.wording import columns
 
 
 def run(line: Line) -> int:

@@ -9,7 +9,7 @@ from robotree.protocol.dialect import languages
 from robotree.protocol.dialect.compile import DIALECT
 from robotree.tui import exit_codes
 from robotree.tui.errors import BadLine
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import put
 
 

@@ -10,7 +10,7 @@ from robotree.protocol.dialect.dissector import dissector
 from robotree.protocol.dialect.errors import TargetTaken
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note
 
 

@@ -15,9 +15,9 @@ import msgspec
 
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.relay import Relay, relaying
-from robotree.tui import values
 from robotree.tui.errors import SupervisorError, ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, note, put
 from robotree.tui.wire.lasting import lasting
 

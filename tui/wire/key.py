@@ -10,7 +10,7 @@ from pathlib import Path
 from robotree.protocol.links.keyring import Keyring, create
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import put
 
 ALL = "*"

@@ -9,8 +9,9 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from robotree.protocol.errors import LinkClosed
-from robotree.tui import exit_codes, values
-from robotree.tui.grammar import Line
+from robotree.tui import exit_codes
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, note
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -19,14 +19,14 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import MavState, MavType
-from robotree.tui import values
-from robotree.tui.grammar import Line
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.seen.wording import columns
 from robotree.tui.terminal import clear, put
 from robotree.tui.wire.decode import fields
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import Lasting, lasting
 from robotree.tui.wire.security import securing
-from robotree.tui.wording import columns
 
 PERIOD = 1.0
 """[s] between two pictures of the table."""

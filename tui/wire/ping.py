@@ -18,9 +18,10 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Ping, Timesync
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.ping import Pinger
-from robotree.tui import exit_codes, values
+from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, put
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import lasting

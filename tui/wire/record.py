@@ -19,7 +19,7 @@ from robotree.protocol.links.security import Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.services.heartbeat import PERIOD
 from robotree.tui import exit_codes
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, note, put
 from robotree.tui.wire.identity import COMPONENT, SYSTEM, heartbeat
 from robotree.tui.wire.lasting import Lasting, lasting

@@ -19,7 +19,7 @@ from robotree.protocol.links.url import connect, listen
 from robotree.protocol.parser import Parser
 from robotree.protocol.signing import Signer
 from robotree.tui.errors import BadLine, ValueRefused
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note, put
 from robotree.tui.wire.lasting import Lasting, lasting
 from robotree.tui.wire.security import securing

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from robotree.protocol.links.keyring import Keyring
 from robotree.protocol.links.security import UNSIGNED, Sealing, Security, persisting
-from robotree.tui.grammar import Line
+from robotree.tui.line.grammar import Line
 
 VARIABLE = "ROBOTREE_KEY"
 NOTHING = "none"

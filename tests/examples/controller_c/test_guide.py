@@ -15,7 +15,7 @@ import pytest
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import MemberFailed
-from robotree.tui.processes import Crew
+from robotree.tui.processes.crew import Crew
 
 pytestmark = pytest.mark.e2e
 

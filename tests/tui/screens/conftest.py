@@ -13,7 +13,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input
 
-from robotree.tui.app import Supervisor
+from robotree.tui.screen.app import Supervisor
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet

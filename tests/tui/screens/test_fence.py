@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from robotree.tui.app import Supervisor
 from robotree.tui.exit_codes import DONE, REFUSED
-from robotree.tui.screens.dialogs import Confirm
-from robotree.tui.screens.main import MainPage
-from robotree.tui.store import Store
-from robotree.tui.supervise import CRASHES, supervise
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.supervise import CRASHES, supervise
+from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.tui.screens.panel import PanelPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.robot_tree import Place
 from robotree.tui.terminal import STEERING
-from robotree.tui.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, DataTable, Input, OptionList
 
-from robotree.tui.screens.dialogs import Confirm, Reading
-from robotree.tui.screens.enslave import EnslaveDialog
-from robotree.tui.screens.main import MainPage
-from robotree.tui.screens.new import NewPage
-from robotree.tui.screens.panel import PanelPage
-from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.widgets.robot_table import RobotTable
-from robotree.tui.widgets.robot_tree import RobotTree
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.enslave import EnslaveDialog
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.screen.widgets.robot_tree import RobotTree
 from robotree.vr import Robot
 
 if TYPE_CHECKING:

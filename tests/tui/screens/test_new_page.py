@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, Input
 
-from robotree.tui.screens.main import MainPage
-from robotree.tui.screens.new import NewPage, SourceTree
-from robotree.tui.widgets.choice import Choice
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.new import NewPage, SourceTree
+from robotree.tui.screen.widgets.choice import Choice
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -47,7 +47,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "notes.txt").write_text("no source")
     (folder / ".hidden.py").write_text(GOOD)
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("robotree.tui.screens.new.places", lambda: [("this folder", folder)])
+    monkeypatch.setattr("robotree.tui.screen.pages.new.places", lambda: [("this folder", folder)])
 
 
 async def pick(operator: Operator, name: str) -> NewPage:

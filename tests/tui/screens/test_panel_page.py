@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import pytest
 from textual.widgets import Button, Input, OptionList, ProgressBar
 
-from robotree.tui.screens.main import MainPage
-from robotree.tui.screens.panel import PanelPage
-from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.widgets.choice import Choice
-from robotree.tui.widgets.command_form import CommandForm
-from robotree.tui.widgets.field_row import FieldRow
-from robotree.tui.widgets.robot_table import RobotTable
-from robotree.tui.widgets.robot_tree import Place
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.screen.widgets.robot_tree import Place
 from robotree.vr import Robot, command
 
 if TYPE_CHECKING:

@@ -8,18 +8,18 @@ import pytest
 from textual.binding import Binding
 from textual.widgets import Button, Input
 
-from robotree.tui.action import About, Scope, Where
-from robotree.tui.actions import ACTIONS
-from robotree.tui.app import Supervisor
-from robotree.tui.asking import ASK
-from robotree.tui.manual import spell
-from robotree.tui.screens.dialogs import Confirm, Reading
-from robotree.tui.screens.help import help_text, page_keys
-from robotree.tui.screens.main import PANES, MainPage
-from robotree.tui.screens.page import Page
-from robotree.tui.screens.panel import PanelPage
-from robotree.tui.screens.teleop import TeleopPage
-from robotree.tui.widgets.robot_tree import Place
+from robotree.tui.line.action import About, Scope, Where
+from robotree.tui.line.actions import ACTIONS
+from robotree.tui.line.manual import spell
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.asking import ASK
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.help import help_text, page_keys
+from robotree.tui.screen.pages.main import PANES, MainPage
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

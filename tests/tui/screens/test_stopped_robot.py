@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.tui.screens.dialogs import Confirm
+from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.vr import Robot
 
 if TYPE_CHECKING:

@@ -1,0 +1,94 @@
+"""What is known of one thing that a person can do: its words, its keys, and where they work."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from enum import Enum, Flag, auto
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from robotree.tui.line import grammar
+from robotree.tui.line.grammar import Line, Shape
+from robotree.tui.line.verbs import Outcome, Teller
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.supervision.fleet import Fleet
+
+Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
+
+
+class Where(Flag):
+    """On which surfaces an action can be asked for."""
+
+    SHELL = auto()
+    """As `robotree VERB …`."""
+    PROMPT = auto()
+    """At the `:` of the full screen."""
+    SCRIPT = auto()
+    """As a line of a session script."""
+    SCREEN = auto()
+    """By key or from the palette of the full screen."""
+
+
+class About(Enum):
+    """What of the main page a key concerns."""
+
+    NOTHING = auto()
+    ROBOT = auto()
+    """The selected robot: no key where none can be selected."""
+    SLOT = auto()
+    """The selected slot; in a list without slots the selected robot, whose slots are asked about then."""
+
+
+class Scope(Enum):
+    """Where in the full screen a key works."""
+
+    PAGE = auto()
+    """On the main page."""
+    PROGRAM = auto()
+    """On every page, whatever has the focus (a button too), except a field that one types in."""
+
+
+ANYWHERE = Where.SHELL | Where.PROMPT | Where.SCRIPT | Where.SCREEN
+SHOWN = Where.PROMPT | Where.SCREEN
+LINES = Where.SHELL | Where.PROMPT | Where.SCRIPT
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing that can be done."""
+
+    usage: str
+    """Verb and values, as `grammar.shape` reads them."""
+    help: str
+    """One sentence."""
+    group: str
+    run: Run | None = None
+    """The function over the fleet; None: a process verb or one of the screen alone."""
+    where: Where = LINES
+    key: str = ""
+    """Key in the full screen, as Textual names it."""
+    typing_key: str = ""
+    """A second key, which works even while one types. Both come before whatever has the focus."""
+    scope: Scope = Scope.PAGE
+    """Where its keys work."""
+    about: About = About.NOTHING
+    """What its key concerns."""
+    label: str = ""
+    """Word beside the key in the footer; empty: not shown there."""
+    danger: bool = False
+    """It takes something away or makes something move: the full screen asks first."""
+    examples: tuple[str, ...] = ()
+    guide: tuple[str, ...] = ()
+    """Modules whose docstrings explain it further: `robotree help VERB` prints them."""
+
+    @cached_property
+    def shape(self) -> Shape:
+        """The usage string, compiled."""
+        return grammar.shape(self.usage)
+
+    @property
+    def verb(self) -> str:
+        """The lower-case words with which the usage begins."""
+        return self.shape.verb

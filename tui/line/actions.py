@@ -1,0 +1,330 @@
+"""The one registry of what a person can do.
+
+It feeds the keys and the footer, the help screen, the palette, the `:` prompt, the command line and the
+session scripts. Whatever is not here cannot be done anywhere; whatever is here reads the same everywhere.
+"""
+
+from __future__ import annotations
+
+from robotree.tui.line import verbs
+from robotree.tui.line.action import ANYWHERE, SHOWN, About, Action, Scope, Where
+from robotree.tui.line.grammar import Shape
+
+LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
+WIRE = "Wire"
+
+ACTIONS: tuple[Action, ...] = (
+    # -- look
+    Action(
+        usage="ls [--views | --hosts | --lookups]",
+        help="List the free robots (enslaved ones: `tree`).",
+        group=LOOK,
+        run=verbs.ls,
+        examples=("ls", "ls --views --json"),
+    ),
+    Action(
+        usage="tree",
+        help="Show who commands whom.",
+        group=LOOK,
+        run=verbs.tree,
+        where=ANYWHERE,
+        key="t",
+    ),
+    Action(
+        usage="show NAME",
+        help="Describe a robot: kinds, commands, slots, parent.",
+        group=LOOK,
+        run=verbs.show,
+        where=ANYWHERE,
+        key="i",
+        about=About.ROBOT,
+        examples=("show arm-1",),
+    ),
+    Action(
+        usage="look VIEW [FILE] [--camera CAMERA] [--size SIZE]",
+        help="Fetch a picture of a workspace into a JPEG file.",
+        group=LOOK,
+        run=verbs.look,
+        examples=("look cell before.jpg --camera wrist --size 640x360",),
+    ),
+    Action(
+        usage="watch [NAME] [--within TIME]",
+        help="Tell each change of state, until interrupted.",
+        group=LOOK,
+        run=verbs.watch,
+        where=Where.SHELL,
+        examples=("watch arm-1 --json",),
+    ),
+    # -- shape the tree
+    Action(
+        usage="create FILE as NAME [on HOST]",
+        help="Make a virtual robot from FILE.py or FILE.py:Class.",
+        group=SHAPE,
+        run=verbs.create,
+        where=ANYWHERE,
+        key="n",
+        label="New",
+        examples=("create examples/move_to.py as mover", "create mine.py:Painter as painter on host-2"),
+    ),
+    Action(
+        usage="enslave PARENT.SLOT CHILD",
+        help="Put a virtual robot on top of another robot: fill its slot.",
+        group=SHAPE,
+        run=verbs.enslave,
+        where=ANYWHERE,
+        key="e",
+        label="Enslave",
+        about=About.SLOT,
+        examples=("enslave mover.arm arm-1",),
+    ),
+    Action(
+        usage="release PARENT.SLOT",
+        help="Let the child in a slot go; it is listed again.",
+        group=SHAPE,
+        run=verbs.release,
+        where=ANYWHERE,
+        key="r",
+        label="Release",
+        about=About.SLOT,
+        danger=True,
+        examples=("release mover.arm",),
+    ),
+    Action(
+        usage="delete NAME",
+        help="End a virtual robot; its children are released first.",
+        group=SHAPE,
+        run=verbs.delete,
+        where=ANYWHERE,
+        key="d",
+        label="Delete",
+        about=About.ROBOT,
+        danger=True,
+        examples=("delete teleop",),
+    ),
+    # -- command
+    Action(
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME]",
+        help="Have a command carried out: progress on stderr, result on stdout.",
+        group=COMMAND,
+        run=verbs.call,
+        examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),
+    ),
+    Action(
+        usage="cancel NAME",
+        help="End the commands of a robot, running and waiting.",
+        group=COMMAND,
+        run=verbs.cancel,
+        where=ANYWHERE,
+        key="c",
+        about=About.ROBOT,
+        examples=("cancel mover",),
+    ),
+    Action(
+        usage="stop [NAME]",
+        help="Protective stop of one robot, or of everything, now.",
+        group=COMMAND,
+        run=verbs.stop,
+        where=ANYWHERE,
+        key="space",
+        typing_key="ctrl+s",
+        scope=Scope.PROGRAM,
+        examples=("stop", "stop arm-1"),
+    ),
+    Action(
+        usage="resume [NAME]",
+        help="Release the protective stop; nothing moves by itself.",
+        group=COMMAND,
+        run=verbs.resume,
+        where=ANYWHERE,
+        key="R",
+        scope=Scope.PROGRAM,
+        danger=True,
+        examples=("resume",),
+    ),
+    # -- run
+    Action(
+        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic]",
+        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("demo --can", "demo --headless --can --classic"),
+    ),
+    Action(
+        usage="supervise",
+        help="The full screen over the robots of this realm.",
+        group=PROCESS,
+        where=Where.SHELL,
+    ),
+    Action(
+        usage="run FILE",
+        help="Play a script of verbs and `expect CONDITION within TIME` (- for standard input).",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("run examples/close_lever.session", "run -"),
+        guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
+    ),
+    Action(
+        usage="sim KIND --listen URL [--key FILE]",
+        help="Simulate a robot's controller on the wire.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("sim arm --listen tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE]",
+        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with yours.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="view NAME --connect URL [--key FILE]",
+        help="Show the workspace of a robot's controller to whoever looks.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("view cell --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="host NAME [--space FILE]",
+        help="Run virtual robots that are created.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("host host-1",),
+    ),
+    Action(
+        usage="lookup NAME",
+        help="Run a lookup service; any number of them serve together.",
+        group=PROCESS,
+        where=Where.SHELL,
+        examples=("lookup lookup-1",),
+    ),
+    # -- the wire (`tui/wire`)
+    Action(
+        usage="wire decode FILE [--as FORMAT] [--xml DIALECT]",
+        help="Print the MAVLink frames in a recording, a candump log or raw bytes (- for standard input).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire decode flight.tlog", "wire decode - --json"),
+    ),
+    Action(
+        usage="wire record --connect URL FILE [--for TIME] [--key FILE]",
+        help="Keep what a link says in a FILE.tlog, or FILE.mcap for Foxglove.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
+    ),
+    Action(
+        usage="wire replay FILE [--connect URL] [--listen URL] [--speed SPEED] [--key FILE]",
+        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire replay arm.tlog --listen tcp:127.0.0.1:5770",
+            "wire replay arm.tlog --connect tcp:5780",
+        ),
+    ),
+    Action(
+        usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME] [--key FILE] [--xml DIALECT]",
+        help="Watch links: rate, age and last value of each message; loss, delay and bytes per second.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire monitor --connect tcp:127.0.0.1:5760",),
+    ),
+    Action(
+        usage="wire ping --connect URL [--count COUNT] [--every TIME] [--for TIME] [--by SERVICE]"
+        " [--key FILE]",
+        help="Measure how long a frame takes there and back, by PING (or by timesync).",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire ping --connect tcp:127.0.0.1:5760 --count 100 --every 10ms",),
+    ),
+    Action(
+        usage="wire dissector [FILE] [--port PORT] [--xml DIALECT]",
+        help="Write the Lua that makes Wireshark and tshark understand the wire.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire dissector robotree.lua",),
+    ),
+    Action(
+        usage="wire dialect --lang LANGUAGE OUT [--xml DIALECT]",
+        help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, or as xml.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire dialect --lang c include/mavlink",
+            "wire dialect --lang c mine --xml mine.xml",
+        ),
+    ),
+    Action(
+        usage="wire inject --listen URL --connect URL [--loss SHARE] [--delay TIME] [--jitter TIME]"
+        " [--duplication SHARE] [--seed NUMBER] [--for TIME]",
+        help="Stand between two programs and be a bad link; lines on standard input (cut 3s) change it.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=(
+            "wire inject --listen tcp:127.0.0.1:5770 --connect tcp:127.0.0.1:5760 --loss 20% --delay 50ms",
+        ),
+    ),
+    Action(
+        usage="wire key FILE [--links PATTERN] [--passphrase]",
+        help="Make a file with a signing key for --key FILE, or for $ROBOTREE_KEY.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire key cell.key", "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase"),
+    ),
+    Action(
+        usage="wire bench [PART …]",
+        help="Measure what the wire promises, as ratios: codec, trips, noise, imports, clients.",
+        group=WIRE,
+        where=Where.SHELL,
+        examples=("wire bench", "wire bench codec trips"),
+    ),
+    # -- the screen alone
+    Action(
+        "panel",
+        "Open the panel of the selected robot: a form for each command.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="enter",
+        label="Panel",
+        about=About.SLOT,
+    ),
+    Action("robots", "List the free robots.", SCREEN, where=SHOWN, key="l"),
+    Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
+    Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g"),
+    Action(
+        "filter",
+        "Show only what contains these letters.",
+        SCREEN,
+        where=Where.SCREEN,
+        key="slash",
+        label="Filter",
+    ),
+    Action("prompt", "Type a verb.", SCREEN, where=Where.SCREEN, key="colon", label="Verb"),
+    Action(
+        "help",
+        "Show all keys and verbs.",
+        SCREEN,
+        where=SHOWN | Where.SHELL,
+        key="question_mark",
+        scope=Scope.PROGRAM,
+        label="Help",
+    ),
+    Action("quit", "Leave; the robots stay as they are.", SCREEN, where=SHOWN, key="q", label="Quit"),
+)
+
+BY_VERB = {action.verb: action for action in ACTIONS}
+
+
+def shapes(where: Where) -> dict[str, Shape]:
+    """Return the verbs that a surface knows, for `grammar.parse`."""
+    return {action.verb: action.shape for action in ACTIONS if where in action.where}
+
+
+def groups(where: Where) -> dict[str, list[Action]]:
+    """Return the actions of a surface by group, in the order of the registry."""
+    found: dict[str, list[Action]] = {}
+    for action in ACTIONS:
+        if where in action.where:
+            found.setdefault(action.group, []).append(action)
+    return found

@@ -1,0 +1,57 @@
+"""Carrying out one line over a fleet: the same way at the prompt, on the command line and in a session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robotree.tui.errors import NotForRobots, SupervisorError, sentence
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import Outcome, Teller
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.supervision.fleet import Fleet
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A line that was refused, or failed: nothing of it is left running."""
+
+    error: Exception
+
+    def __str__(self) -> str:
+        """Return what it says to a person."""
+        return sentence(self.error)
+
+
+class Silent:
+    """A teller that nobody hears."""
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Take no notice."""
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Take no notice."""
+
+
+async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refusal:
+    """Carry out one line.
+
+    Args:
+        fleet: over which it is carried out.
+        line: a verb and its values.
+        teller: hears of it while it goes on.
+
+    Returns:
+        What came of it; or why nothing did, where that is for people. Mistakes of ours pass through.
+    """
+    from robotree.vr.errors import VrError
+
+    try:
+        run = BY_VERB[line.verb].run
+        if run is None:
+            raise NotForRobots(line.verb)
+        return await run(fleet, line, teller)
+    except (VrError, SupervisorError, OSError) as error:
+        return Refusal(error)

@@ -1,0 +1,94 @@
+"""The help texts, made from the registry of actions, so that they are never stale. Pure."""
+
+from __future__ import annotations
+
+import textwrap
+from importlib import import_module
+
+from robotree.tui.line.action import Action, Where
+from robotree.tui.line.actions import BY_VERB, groups
+
+EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": ""}
+"""Options that every verb takes on the command line, before the verb or behind it."""
+
+INTERNAL = {"tether": ""}
+"""Options for programs that start others (`processes/crew.py`)."""
+
+WIDTH, INDENT = 108, 38
+"""Columns of the help, and where explanations begin."""
+
+_HEAD = """\
+robotree supervises robots through virtual robots: see every robot on the network, write a virtual robot in a
+page of Python, put it on top of other robots while everything runs, and command the new one.
+
+usage: robotree [VERB …] [--json] [--realm NAME]      without a verb: the full screen
+"""
+
+_TAIL = """\
+A first walk, with everything in one terminal:
+  robotree demo                                   simulated arm and rover, and the full screen
+The same by hand, in a second terminal while the demo runs:
+  robotree ls
+  robotree create examples/move_to.py as mover
+  robotree enslave mover.arm arm-1
+  robotree call mover.move x=0.45 y=0 z='30 cm'
+  robotree tree
+
+--json prints plain data. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
+exit codes: 0 done · 1 refused or failed · 2 not understood · 3 nobody answers · 130 interrupted
+robotree help VERB explains one verb."""
+
+
+def overview() -> str:
+    """Return what `robotree --help` prints."""
+    blocks = [_HEAD]
+    for group, actions in groups(Where.SHELL).items():
+        rows = [_row(action) for action in actions]
+        blocks.append("\n".join([group, *rows, ""]))
+    return "\n".join([*blocks, _TAIL])
+
+
+def _row(action: Action) -> str:
+    usage = textwrap.wrap(action.usage, WIDTH, initial_indent="  ", subsequent_indent="      ")
+    about = textwrap.wrap(action.help, WIDTH - INDENT)
+    if len(usage) == 1 and len(usage[0]) < INDENT - 1:
+        about[0] = f"{usage[0]:<{INDENT}}{about[0]}"
+        usage = []
+    else:
+        about[0] = " " * INDENT + about[0]
+    return "\n".join([*usage, about[0], *(" " * INDENT + line for line in about[1:])])
+
+
+def family(word: str) -> str:
+    """Return the help of all verbs of two words that begin with this one; empty: there are none."""
+    found = [action for action in BY_VERB.values() if action.verb.startswith(f"{word} ")]
+    rows = [_row(action) for action in found if Where.SHELL in action.where]
+    return "\n".join([*rows, "", f"robotree help {word} VERB explains one of them."]) if rows else ""
+
+
+def page(verb: str) -> str:
+    """Return the help of one verb.
+
+    Raises:
+        KeyError: there is no such verb.
+    """
+    action = BY_VERB[verb]
+    lines = [f"usage: robotree {action.usage}", "", action.help]
+    if action.examples:
+        lines += ["", "examples:", *(f"  robotree {example}" for example in action.examples)]
+    if action.key:
+        lines += ["", f"key in the full screen: {spell(action.key)}"]
+    for module in action.guide:
+        lines += ["", (import_module(module).__doc__ or "").strip().replace(" Pure.", "").replace("`", "")]
+    return "\n".join(lines)
+
+
+_SPELLED = {
+    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
+    "escape": "esc", "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "pgup", "pagedown": "pgdn",
+}  # fmt: skip
+
+
+def spell(key: str) -> str:
+    """Return a key, as Textual names it, as it is printed on keyboards."""
+    return _SPELLED.get(key, key)

@@ -1,0 +1,125 @@
+"""One verb from the command line: join the realm, do it, print, leave.
+
+Results go to standard output, progress and errors to standard error, so that pipes stay clean.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import NothingToAsk, sentence
+from robotree.tui.line.carrying import Refusal, carry_out
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import Outcome
+from robotree.tui.terminal import complain, note, over, put
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.supervision.fleet import Fleet
+
+BAR = 24
+"""Width of the progress bar in characters."""
+
+PACE = 2.0
+"""[s] at least between two lines of progress in a log: a person's terminal sees all of it."""
+
+
+class Console:
+    """A teller that prints."""
+
+    def __init__(self, *, as_json: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        """Print plain data, or text for people; `clock` [s] paces the progress in logs."""
+        self.as_json, self._clock = as_json, clock
+        self._open = False
+        self._told_at = clock()
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Redraw the progress line on standard error; where that is no terminal, add a line now and then."""
+        if not sys.stderr.isatty():
+            self._log(fraction, text)
+            return
+        full = 0 if math.isnan(fraction) else round(min(max(fraction, 0.0), 1.0) * BAR)
+        share = "" if math.isnan(fraction) else f"{fraction:4.0%} "
+        over(f"{'━' * full}{'╌' * (BAR - full)} {share}{text}")
+        self._open = True
+
+    def _log(self, fraction: float, text: str) -> None:
+        if self._clock() - self._told_at < PACE:
+            return
+        self._told_at = self._clock()
+        share = None if math.isnan(fraction) else round(fraction, 4)
+        if self.as_json:
+            note(json.dumps({"progress": share, "text": text}, ensure_ascii=False))
+        else:
+            note(f"… {'' if share is None else f'{share:.0%} '}{text}".rstrip())
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Print a result on standard output."""
+        self.settle()
+        if self.as_json:
+            if outcome.data is not None:
+                put(json.dumps(outcome.data, ensure_ascii=False))
+        elif outcome.text:
+            put(outcome.text)
+
+    def error(self, error: Exception) -> None:
+        """Print one sentence on standard error; as an object where plain data was asked for."""
+        self.settle()
+        if self.as_json:
+            data: dict[str, Any] = {"error": type(error).__name__, "message": sentence(error)}
+            note(json.dumps(data, ensure_ascii=False))
+        else:
+            complain(error)
+
+    def settle(self) -> None:
+        """Take the progress line away before something else is printed."""
+        if self._open:
+            over("")
+            self._open = False
+
+
+async def obey(fleet: Fleet, line: Line, console: Console) -> int:
+    """Carry out one line and print what came of it.
+
+    Returns:
+        The exit code.
+    """
+    outcome = await carry_out(fleet, line, console)
+    if isinstance(outcome, Refusal):
+        console.error(outcome.error)
+        return exit_codes.code_of(outcome.error)
+    console.outcome(outcome)
+    if outcome.doubt is None:
+        return exit_codes.DONE
+    console.error(outcome.doubt)
+    return exit_codes.code_of(outcome.doubt)
+
+
+async def once(line: Line, realm: str) -> int:
+    """Join the realm, do one verb, leave.
+
+    Returns:
+        The exit code.
+    """
+    from robotree.tui.processes.realm import anybody_met, joined
+    from robotree.vr.address import ROLES
+    from robotree.vr.errors import VrError
+
+    console = Console(as_json=line.flag("--json"))
+    if not anybody_met(realm):  # joining would leave an empty folder behind
+        console.error(NothingToAsk(realm))
+        return exit_codes.NOBODY
+    try:
+        async with joined(realm) as fleet:
+            if any(fleet.directory.present(role) for role in ROLES):
+                return await obey(fleet, line, console)
+        console.error(NothingToAsk(realm))
+    except VrError as error:
+        console.error(error)
+        return exit_codes.code_of(error)
+    return exit_codes.NOBODY

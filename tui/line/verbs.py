@@ -1,0 +1,264 @@
+"""What the verbs do: functions over the fleet, without a screen and without a keyboard.
+
+Each takes the fleet, the line that was understood and a `Teller`, and returns an `Outcome`: plain data for
+`--json`, text for people. Errors of the agents pass through: they already say what to do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+
+from robotree.tui.errors import OldList, SupervisorError
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.seen import forest, mood, unlisted, wording
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from collections.abc import Mapping, Sequence
+
+    from robotree.vr.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
+
+CALL_LIMIT = 120.0
+"""[s] that a command may take when the line does not say."""
+
+PICTURE = (640, 360)
+"""[px] size of a picture when the line does not say: 16:9, about 40 kB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a verb has to tell."""
+
+    data: Any
+    """Plain data: what `--json` prints."""
+    text: str = ""
+    """The same for people; may be empty."""
+    doubt: SupervisorError | None = None
+    """Why it may not be the whole truth: said beside the result, and the exit code tells."""
+
+
+class Teller(Protocol):
+    """Who hears of a verb while it goes on."""
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Take how far a command is: 0 to 1, NaN when it cannot be said."""
+        ...
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Take one of many outcomes (`watch`)."""
+        ...
+
+
+# -- looking ---------------------------------------------------------------------------------------
+
+
+async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """List robots, views, hosts or lookup services."""
+    if line.flag("--lookups"):
+        names = sorted(fleet.services)
+        return Outcome([{"name": name} for name in names], "\n".join(names) or "no lookup service is running")
+    if line.flag("--hosts"):
+        hosts = sorted(await fleet.hosts(), key=lambda host: host.address.name)
+        runs = {one.address.name: [each.name for each in one.robots] for one in hosts}
+        data = [{"name": name, "robots": robots} for name, robots in runs.items()]
+        rows = [(name, ", ".join(robots) or "-") for name, robots in runs.items()]
+        return Outcome(data, wording.columns([("HOST", "ROBOTS"), *rows]) if rows else "no host is running")
+    what: Literal["view", "robot"] = "view" if line.flag("--views") else "robot"
+    doubt = OldList() if fleet.stale else None
+    if fleet.stale:
+        found = await unlisted.known(fleet, what)
+    else:
+        found = fleet.views() if what == "view" else fleet.robots()
+    if what == "view":
+        return _listed(found, what, doubt)
+    told = {robot.name: mood.words(robot) for robot in await fleet.tree()}
+    return _listed(found, what, doubt, {one.name: told.get(one.name, MUTE) for one in found})
+
+
+MUTE = "does not answer"
+"""State of a robot that is listed and does not say how it is: its process hangs, or has just gone."""
+
+
+def _listed(
+    listings: Sequence[Listing],
+    what: str,
+    doubt: SupervisorError | None,
+    states: Mapping[str, str] | None = None,
+) -> Outcome:
+    """Return a list; one in doubt says so in each line, for lines are what programs and people cut out."""
+    extra = {"stale": True} if doubt else {}
+    mark = ("stale",) if doubt else ()
+    data: list[dict[str, Any]] = []
+    rows = [("NAME", "KIND", *(["STATE"] if states else []), "HOST", *(["LISTED"] if doubt else []), "ABOUT")]
+    for one in sorted(listings, key=lambda one: one.name):
+        state = {"state": states[one.name]} if states else {}
+        data.append({**plain(one), **state, **extra})
+        rows.append(
+            (one.name, one.kind, *state.values(), one.host or "-", *mark, wording.summary(one.doc)),
+        )
+    text = wording.columns(rows) if data else f"no {what} is {'known' if doubt else 'listed'}"
+    return Outcome(data, text, doubt)
+
+
+async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
+    """Show who commands whom."""
+    roots = forest.forest(await fleet.tree())
+    return Outcome([forest.structure(root) for root in roots], forest.drawing(roots) or "no robot is running")
+
+
+async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Describe one robot, with what it reads now."""
+    robot = await fleet.describe(line.text("NAME"))
+    readings = {name: value for name, value in robot.readings.items() if isfinite(value)}
+    text = wording.portrait(robot)
+    if readings:
+        rows = [
+            (f"  {name}", wording.quantity(value, robot.units.get(name, "")))
+            for name, value in sorted(readings.items())
+        ]
+        text += f"\n\nreadings\n{wording.columns(rows)}"
+    return Outcome({**plain(robot), "readings": readings}, text)
+
+
+async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Fetch one picture into a file."""
+    import asyncio
+
+    view, camera = line.text("VIEW"), line.text("--camera")
+    width, height = values.size(line.text("--size")) if line.text("--size") else PICTURE
+    picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
+    # a camera's name comes from afar: it names a file here, never a way to another folder
+    path = Path(line.text("FILE") or Path(f"{view}-{picture.camera}.jpg".replace("/", "-")).name)
+    await asyncio.to_thread(path.write_bytes, picture.jpeg)
+    data = {"file": str(path), "camera": picture.camera, "width": picture.width, "height": picture.height}
+    return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")
+
+
+async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Tell each change of state, until it is interrupted or the time is over."""
+    import asyncio
+
+    def tell(name: str, state: State) -> None:
+        readings = "  ".join(
+            f"{key}={wording.quantity(value, units.get(name, {}).get(key, ''))}"
+            for key, value in sorted(state.readings.items())
+        )
+        teller.outcome(
+            Outcome({"name": name, **plain(state)}, f"{name}  {mood.words(state)}  {readings}".rstrip())
+        )
+
+    limit = values.duration(line.text("--within")) if line.text("--within") else None
+    name = line.text("NAME")  # one that nobody has would tell nothing for ever
+    known = [await fleet.describe(name)] if name else await fleet.tree()
+    units = {robot.name: robot.units for robot in known}
+    watching = await fleet.watch_state(name or None, tell)
+    try:
+        await asyncio.wait_for(asyncio.Event().wait(), limit)
+    except TimeoutError:
+        pass
+    finally:
+        await watching.close()
+    return Outcome(None)
+
+
+# -- shaping the tree ------------------------------------------------------------------------------
+
+
+async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Make a virtual robot from a file."""
+    path, wanted = values.source(line.text("FILE"))
+    robot = await fleet.create(path, line.text("NAME"), host=line.text("HOST"), wanted=wanted)
+    return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
+
+
+async def enslave(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Put a robot on top of another one."""
+    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    robot = await fleet.enslave(parent, slot, line.text("CHILD"))
+    return _did(robot, f"{parent}.{slot} commands {line.text('CHILD')}")
+
+
+async def release(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Let a child go."""
+    parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
+    return _did(await fleet.release(parent, slot), f"{parent}.{slot} is empty")
+
+
+async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """End a virtual robot."""
+    left = await fleet.delete(line.text("NAME"))
+    text = f"{line.text('NAME')} is deleted" + (f", but {left}" if left else "")
+    return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
+
+
+# -- commanding ------------------------------------------------------------------------------------
+
+
+async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Have a command carried out and wait for it."""
+    robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
+    given = values.assignments(line.many("PARAMETER=VALUE"))
+    limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
+    thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
+    rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
+    text = wording.columns([row if row[0] else row[1:] for row in rows])
+    return Outcome(plain(thing), text or f"{robot}.{command} is done")
+
+
+async def _spec(fleet: Fleet, robot: str, command: str) -> CommandSpec | None:
+    """Return what a command says of its result, for the units; None: the robot has gone meanwhile."""
+    from robotree.vr.errors import VrError
+
+    try:
+        return (await fleet.describe(robot)).command(command)
+    except VrError:
+        return None
+
+
+async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """End the commands of a robot."""
+    await fleet.cancel(line.text("NAME"))
+    return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
+
+
+async def stop(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Stop one robot, or all, protectively."""
+    told = await fleet.stop(line.text("NAME") or None)
+    return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'nobody is there'}")
+
+
+async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Release the protective stop."""
+    told = await fleet.resume(line.text("NAME") or None)
+    return Outcome({"resumed": sorted(told)}, f"released: {', '.join(sorted(told)) or 'nobody is there'}")
+
+
+# -- plain data ------------------------------------------------------------------------------------
+
+
+def plain(thing: Any) -> Any:
+    """Return what JSON can say of a value of the agents: a number that is none (NaN) is null there."""
+    import msgspec
+
+    return _finite(msgspec.to_builtins(thing, str_keys=True))
+
+
+def _finite(thing: Any) -> Any:
+    match thing:
+        case float():
+            return thing if isfinite(thing) else None
+        case dict():
+            return {key: _finite(part) for key, part in cast("dict[str, Any]", thing).items()}
+        case list():
+            return [_finite(part) for part in cast("Sequence[Any]", thing)]
+        case _:
+            return thing
+
+
+def _did(robot: RobotDescription, text: str) -> Outcome:
+    return Outcome(plain(robot), text)

@@ -1,0 +1,1 @@
+"""The processes of a realm: joining it, being one of them, starting others, what they keep."""

@@ -1,0 +1,310 @@
+"""The full screen: puts pages in front of the store, and verbs behind the keys."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from textual import work
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.filter import LineFilter
+from textual.screen import Screen
+from textual.widgets import Input
+
+from robotree.tui.errors import SupervisorError
+from robotree.tui.line import completion, grammar, manual
+from robotree.tui.line.action import Scope, Where
+from robotree.tui.line.actions import ACTIONS, BY_VERB, groups, shapes
+from robotree.tui.line.carrying import Refusal, carry_out
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import CALL_LIMIT, Outcome
+from robotree.tui.screen import asking
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.pages.dialogs import Reading
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.themes import DARK, LIGHT
+from robotree.tui.screen.widgets.harmless import Harmless
+from robotree.tui.screen.widgets.robot_tree import NOWHERE, Place
+from robotree.tui.seen import wording
+from robotree.tui.seen.feeding import Feed
+from robotree.tui.seen.store import Store, Weight
+from robotree.vr.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.vr.description import RobotDescription
+    from robotree.vr.supervision.fleet import Fleet
+
+log = logging.getLogger(__name__)
+
+
+class Hearer(Protocol):
+    """Who asked for a command and hears what comes of it; may have gone meanwhile."""
+
+    def began(self) -> None:
+        """The command was sent."""
+        ...
+
+    def went_on(self, fraction: float, text: str) -> None:
+        """It tells how far it is."""
+        ...
+
+    def returned(self, value: Any, seconds: float) -> None:
+        """It succeeded."""
+        ...
+
+    def failed(self, reason: str) -> None:
+        """It was refused or failed."""
+        ...
+
+
+def program_keys() -> Iterable[Binding]:
+    """Make the keys of the whole program from the registry."""
+    for one in ACTIONS:
+        if one.scope is not Scope.PROGRAM:
+            continue
+        first, asked = bool(one.typing_key), f"verb('{one.verb}')"
+        yield Binding(one.key, f"quiet_{asked}", one.label, show=bool(one.label), priority=first, id=one.verb)
+        if one.typing_key:
+            yield Binding(one.typing_key, asked, show=False, priority=True)
+
+
+class Supervisor(Fenced, App[int]):
+    """One operator, one realm."""
+
+    TITLE = "robotree"
+    CSS_PATH = "supervisor.tcss"
+    ENABLE_COMMAND_PALETTE = True
+    BINDINGS: ClassVar[list[BindingType]] = [*program_keys()]
+
+    def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None, farewell: str = "") -> None:
+        """Supervise a fleet that has been joined.
+
+        Args:
+            fleet: the agents of the realm.
+            realm: its name, to be shown.
+            store: what is known already, when the screen is opened anew.
+            farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
+        """
+        super().__init__()
+        for theme in (DARK, LIGHT):
+            self.register_theme(theme)
+        wanted = os.environ.get("TEXTUAL_THEME", "")
+        self.theme = wanted if wanted in self.available_themes else DARK.name
+        self.fleet, self.realm, self.farewell = fleet, realm, farewell
+        self.store = store or Store()
+        self.feed = Feed(fleet, self.store, self.now)
+        self._harmless = Harmless()
+        self.mended: list[Exception] = []
+        """Errors that the fence held back."""
+        self.fatal: Exception | None = None
+        """The error that ended the screen, if one did."""
+
+    @staticmethod
+    def now() -> float:
+        """[s] on the store's clock."""
+        return time.monotonic()
+
+    async def on_mount(self) -> None:
+        """Show the main page and begin to listen."""
+        await self.push_screen(MainPage())
+        await self.feed.open()
+        self.main.draw()
+
+    async def on_unmount(self) -> None:
+        """Stop to listen."""
+        await self.feed.close()
+
+    # -- telling -----------------------------------------------------------------------------------
+
+    def tell(self, text: str, weight: Weight = "plain") -> None:
+        """Enter something in the log; the flash line shows it."""
+        self.store.tell(text, weight, self.now())
+
+    def mend(self, error: Exception) -> None:
+        """Go on after an error that should not have been."""
+        self.mended.append(error)
+        if any(repr(error) in one.text for one in list(self.store.happenings)[-3:]):
+            return  # what goes wrong at every drawing is told once
+        self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
+
+    def _handle_exception(self, error: Exception) -> None:
+        """Remember what ends this screen, so that `supervise` can say it and open another one."""
+        self.fatal = error
+        log.error("the screen ended", exc_info=error)
+        super()._handle_exception(error)
+
+    # -- verbs -------------------------------------------------------------------------------------
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Hear how far a verb is (`verbs.Teller`)."""
+        share = "" if math.isnan(fraction) else f"{fraction:.0%} "
+        self.tell(f"… {share}{text}".rstrip())
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Hear one of many outcomes of a verb (`verbs.Teller`)."""
+        self.tell(outcome.text)
+
+    async def attempt(self, line: Line) -> str:
+        """Carry out a verb and tell what came of it.
+
+        Returns:
+            Why it was refused or failed; empty: it was done.
+        """
+        text, refusal = await self._carry_out(line)
+        if text:
+            self.tell(text, "good")
+        return refusal
+
+    async def _carry_out(self, line: Line) -> tuple[str, str]:
+        try:
+            with self.store.asking(line.text("ROBOT.COMMAND").partition(".")[0]):
+                outcome = await carry_out(self.fleet, line, self)
+        finally:
+            self.feed.hint()
+        if isinstance(outcome, Refusal):
+            self.tell(str(outcome), "error")
+            return "", str(outcome)
+        if outcome.doubt:
+            self.tell(str(outcome.doubt), "warning")
+        return outcome.text, ""
+
+    @work(exit_on_error=False, group="verbs")
+    async def perform(self, line: Line) -> None:
+        """Carry out a verb beside everything else; a longer text is shown in a dialog of its own."""
+        try:
+            text, refusal = await self._carry_out(line)
+        except Exception as error:  # the last fence of this task
+            log.exception("while doing %s", line.verb)
+            self.mend(error)
+            return
+        if refusal:
+            return
+        if "\n" in text:
+            self.push_screen(Reading(grammar.form(line, shapes(Where.PROMPT)), text))
+        else:
+            self.tell(text, "good")
+
+    @work(exit_on_error=False, group="calls")
+    async def call(self, robot: str, command: str, arguments: Mapping[str, Any], hearer: Hearer) -> None:
+        """Have a command carried out beside everything else, and tell whoever asked for it."""
+        hearer.began()
+        began = self.now()
+        try:
+            with self.store.asking(robot):
+                value = await self.fleet.call(
+                    robot, command, arguments, deadline=CALL_LIMIT, on_progress=hearer.went_on
+                )
+        except VrError as error:
+            self.tell(str(error), "error")
+            hearer.failed(str(error))
+        except Exception as error:  # the last fence of this task
+            log.exception("while calling %s.%s", robot, command)
+            self.mend(error)
+            hearer.failed(repr(error))
+        else:
+            shown = wording.value(value) if value is not None else "done"
+            self.tell(f"{robot}.{command}: {shown}", "good")
+            hearer.returned(value, self.now() - began)
+
+    def do(self, verb: str, **values: str) -> None:
+        """Carry out a verb with these values."""
+        self.perform(Line(verb, values))
+
+    def ask_for(self, verb: str, place: Place = NOWHERE) -> None:
+        """Do what a key asks for: open a page, ask what is missing, ask back where it is dangerous."""
+        asking.ASK[verb](self, place)
+
+    def obey(self, text: str) -> None:
+        """Do what was typed at the prompt."""
+        try:
+            words = grammar.split(text)
+            line = grammar.parse(words, shapes(Where.PROMPT), {}) if words else None
+        except SupervisorError as error:
+            self.tell(str(error), "error")
+            return
+        if line is None:
+            return
+        if BY_VERB[line.verb].run is None:
+            self.ask_for(line.verb)
+        elif BY_VERB[line.verb].danger:
+            asking.confirm_line(self, line)
+        else:
+            self.perform(line)
+
+    @property
+    def main(self) -> MainPage:
+        """The main page."""
+        return next(screen for screen in self.screen_stack if isinstance(screen, MainPage))
+
+    def words(self) -> completion.Words:
+        """Return the names of the moment, for completion (`prompt.Known`)."""
+        robots = sorted({*self.store.robots, *self.store.descriptions})
+        described = [self.store.descriptions[name] for name in robots if name in self.store.descriptions]
+        return completion.Words(
+            {
+                "NAME": robots,
+                "CHILD": sorted(self.store.robots),
+                "VIEW": sorted(self.store.views),
+                "HOST": self.store.hosts,
+                "PARENT.SLOT": [f"{one.name}.{slot.name}" for one in described for slot in one.slots],
+                "ROBOT.COMMAND": [
+                    f"{one.name}.{command.name}" for one in described for command in one.commands
+                ],
+            }
+        )
+
+    # -- keys of the whole program -----------------------------------------------------------------
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Let a letter be a letter, and space a space, while somebody types."""
+        if action == "quiet_verb" and isinstance(self.focused, Input):
+            return False
+        return super().check_action(action, parameters)
+
+    def action_quiet_verb(self, verb: str) -> None:
+        """Do what a key asks for that works wherever nobody types."""
+        self.ask_for(verb)
+
+    def action_verb(self, verb: str) -> None:
+        """Do what a key asks for that works anywhere."""
+        self.ask_for(verb)
+
+    async def action_quit(self) -> None:
+        """Leave, after asking back if something ends with this screen."""
+        self.ask_for("quit")
+
+    def open_teleoperation(self, robot: RobotDescription) -> None:
+        """Open the tele-operation of a robot, if it can be tele-operated."""
+        found = bounds(robot)
+        if found is None:
+            self.tell(
+                f"{robot.name} cannot be tele-operated: it needs go_to with x, y, z, twist and get_info",
+                "warning",
+            )
+        else:
+            self.push_screen(TeleopPage(robot, found))
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what every line of every widget goes through: Textual's filters, and ours."""
+        return [*super().get_line_filters(), self._harmless]
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Offer the registry in the palette, beside what Textual offers."""
+        for group, actions in groups(Where.SCREEN).items():
+            for action in actions:
+                title = f"{group}: {action.verb}" + (f"  ({manual.spell(action.key)})" if action.key else "")
+                yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
+        yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
+
+    def _from_palette(self, verb: str) -> None:
+        if BY_VERB[verb].scope is Scope.PROGRAM:
+            self.ask_for(verb)
+        else:
+            self.main.action_verb(verb)

@@ -1,0 +1,192 @@
+"""What a key does before its verb is carried out: ask for what is missing, ask back where it is dangerous."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from robotree.tui.line import grammar
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import BY_VERB, shapes
+from robotree.tui.line.grammar import Line
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
+from robotree.tui.screen.pages.help import help_text
+from robotree.tui.screen.pages.main import PANES
+from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.prompt import Kind
+from robotree.tui.screen.widgets.robot_tree import Place
+
+if TYPE_CHECKING:
+    from robotree.tui.screen.app import Supervisor
+
+Ask = Callable[["Supervisor", Place], None]
+"""Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
+
+MADE = "VirtualRobot"
+"""Kind of the robots that can be deleted from here: the others are processes of their own."""
+
+
+def _panel(app: Supervisor, place: Place) -> None:
+    name = place.name
+    if place.slot and not name:  # what one wants of an empty slot is to fill it
+        _enslave(app, place)
+        return
+    robot = app.store.descriptions.get(name)
+    if robot is None:
+        app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
+    else:
+        app.push_screen(PanelPage(robot))
+
+
+def _create(app: Supervisor, _place: Place) -> None:
+    app.push_screen(NewPage())
+
+
+def _enslave(app: Supervisor, place: Place) -> None:
+    name, slot = place.name, ""
+    if place.slot and not name:
+        name, slot = place.parent, place.slot
+    found = openings(app.store, name)
+    places = [one for one in found if not slot or (one.parent, one.slot) == (name, slot)]
+    if not places:
+        why = f"{name} has no empty slot and none waits for it" if name else "no robot is selected"
+        app.tell(f"{why}; `n` makes a virtual robot that could take it", "warning")
+        return
+    _offer(app, places, "" if any(one.parent == name for one in places) else name)
+
+
+def _offer(app: Supervisor, places: list[Opening], child: str) -> None:
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+
+    app.push_screen(EnslaveDialog(app.store, places, child), answered)
+
+
+def _release(app: Supervisor, place: Place) -> None:
+    name, slot = place.name, ""
+    if place.slot and name:
+        name, slot = place.parent, place.slot
+    robot = app.store.descriptions.get(name)
+    held = [(f"{name}.{one.name}", one.child.name) for one in robot.slots if one.child] if robot else []
+    chosen = [path for path, _ in held if not slot or path == f"{name}.{slot}"]
+    bond = robot.bond if robot else None
+    if chosen and (slot or len(chosen) == 1):
+        confirm_line(app, Line("release", {"PARENT.SLOT": chosen[0]}))
+    elif chosen:
+        app.push_screen(ReleaseDialog(held), lambda line: confirm_line(app, line) if line else None)
+    elif bond:
+        confirm_line(app, Line("release", {"PARENT.SLOT": f"{bond.parent.name}.{bond.slot}"}))
+    else:
+        app.tell(f"{name} holds nobody" if name else "no robot is selected", "warning")
+
+
+def _delete(app: Supervisor, place: Place) -> None:
+    name = place.name
+    robot = app.store.descriptions.get(name)
+    if robot is None:
+        app.tell("no robot is selected", "warning")
+    elif MADE not in robot.kinds:
+        app.tell(f"{name} stands for a real robot: end its proxy where it runs", "warning")
+    elif robot.bond:
+        app.tell(
+            f"{name} is enslaved by {robot.bond.parent.name}: delete that one, or release it first", "warning"
+        )
+    else:
+        confirm_line(app, Line("delete", {"NAME": name}))
+
+
+def _quit(app: Supervisor, _place: Place) -> None:
+    if not app.farewell:
+        app.exit(0)
+        return
+
+    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+        if answer:
+            app.exit(0)
+
+    app.push_screen(Confirm("Leave ?", app.farewell, "Leave"), answered)
+
+
+def _stop(app: Supervisor, _place: Place) -> None:
+    app.tell("protective stop is on its way to every robot", "warning")
+    app.do("stop")
+
+
+def _help(app: Supervisor, _place: Place) -> None:
+    app.push_screen(Reading("help", help_text(app)))
+
+
+def _resume(app: Supervisor, _place: Place) -> None:
+    if not app.store.stopped:
+        app.tell("no robot is in protective stop", "plain")
+    else:
+        confirm_line(app, Line("resume"))
+
+
+def _about_robot(verb: str) -> Ask:
+    def ask(app: Supervisor, place: Place) -> None:
+        if place.name:
+            app.do(verb, NAME=place.name)
+        else:
+            app.tell("no robot is selected", "warning")
+
+    return ask
+
+
+def confirm_line(app: Supervisor, line: Line) -> None:
+    """Ask back, then carry out."""
+    written = grammar.form(line, shapes(Where.PROMPT))
+    dialog = Confirm(f"{written} ?", _consequence(app, line), line.verb.capitalize())
+
+    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+        if answer:
+            app.perform(line)
+
+    app.push_screen(dialog, answered)
+
+
+def _consequence(app: Supervisor, line: Line) -> str:
+    store = app.store
+    match line.verb:
+        case "delete":
+            robot = store.descriptions.get(line.text("NAME"))
+            children = [slot.child.name for slot in robot.slots if slot.child] if robot else []
+            busy = f" It is carrying out {robot.busy}, which ends." if robot and robot.busy else ""
+            freed = f" {', '.join(children)} will be free again." if children else ""
+            return f"{line.text('NAME')} ends for good.{busy}{freed}"
+        case "release":
+            return "The child stops what it does for its parent, and is listed again."
+        case "resume":
+            return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
+        case _:
+            return BY_VERB[line.verb].help
+
+
+def _pane(name: str) -> Ask:
+    return lambda app, _place: app.main.show_pane(name)
+
+
+def _line(kind: Kind) -> Ask:
+    return lambda app, _place: app.main.open_line(kind)
+
+
+ASK: Mapping[str, Ask] = {
+    "panel": _panel,
+    "create": _create,
+    "enslave": _enslave,
+    "release": _release,
+    "delete": _delete,
+    "show": _about_robot("show"),
+    "cancel": _about_robot("cancel"),
+    "stop": _stop,
+    "resume": _resume,
+    "help": _help,
+    "quit": _quit,
+    "filter": _line("filter"),
+    "prompt": _line("verb"),
+    **{name: _pane(name) for name in PANES},
+}
+"""By verb: what each key of the registry does first (a test compares)."""

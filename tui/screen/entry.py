@@ -1,0 +1,84 @@
+"""What stands in the fields of a form, and what comes of it. Pure.
+
+A form is made from a command's types; the same reader judges it that the robot itself uses
+(`robotree.vr.arguments`), so nothing that the form lets through is refused for its form later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robotree.tui.seen import wording
+from robotree.vr.arguments import check_argument
+from robotree.vr.description import CommandSpec, FieldSpec
+from robotree.vr.errors import BadArgument
+
+DIGITS = 4
+"""Significant digits of a present value that is put into a field: tenths of millimetres for an arm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A form, read: arguments for the command, and what is wrong beside which field."""
+
+    arguments: Mapping[str, Any]
+    complaints: Mapping[str, str]
+
+
+def first_text(field: FieldSpec, readings: Mapping[str, float]) -> str:
+    """Return what stands in a field when its form opens.
+
+    The default, if it has one; else the present value, if the robot reads one of that name, so that a
+    form which is sent as it stands moves nothing; else nothing.
+    """
+    if not field.required and field.default is not None:
+        return wording.typed(field.default)
+    if field.type in {"float", "int"} and field.name in readings:
+        return wording.number(readings[field.name], DIGITS)
+    if field.type == "bool":
+        return "no"
+    return ""
+
+
+def complaint(field: FieldSpec, text: str) -> str:
+    """Return why a field would be refused, or nothing."""
+    if not text.strip() and field.type != "str":
+        return f"needs {wording.wanted(field)}" if field.required else ""
+    try:
+        check_argument(field, text, command="")
+    except BadArgument as error:
+        return str(error.data["reason"])
+    return ""
+
+
+def read(spec: CommandSpec, texts: Mapping[str, str]) -> Entry:
+    """Read a whole form.
+
+    Args:
+        spec: the command.
+        texts: what stands in the fields, by name. Empty fields that may be left out are left out.
+
+    Returns:
+        The arguments, and the complaints; it can be sent when there are none.
+    """
+    arguments: dict[str, Any] = {}
+    complaints: dict[str, str] = {}
+    for field in spec.parameters:
+        text = texts.get(field.name, "")
+        if wrong := complaint(field, text):
+            complaints[field.name] = wrong
+        elif text.strip() or (field.type == "str" and field.required):
+            arguments[field.name] = check_argument(field, text, command=spec.name)
+    return Entry(arguments, complaints)
+
+
+def hint(field: FieldSpec, readings: Mapping[str, float]) -> str:
+    """Return what stands beside a field: unit and range, whether it may stay empty, the value now."""
+    parts = [wording.span(field)]
+    if not field.required:
+        parts.append("may stay empty" if field.default is None else f"default {wording.value(field.default)}")
+    if field.name in readings:
+        parts.append(f"now {wording.number(readings[field.name])}")
+    return " · ".join(part for part in parts if part)

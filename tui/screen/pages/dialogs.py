@@ -1,0 +1,76 @@
+"""Small dialogs over a page: to confirm, to read."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Button, Static
+
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.leaving import Leaving
+
+
+class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
+    """Asks before something is taken away. The harmless answer comes first and has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,n", "answer(False)", "Cancel"),
+        Binding("left,right", "other", "Other button", show=False),
+    ]
+
+    def __init__(self, question: str, consequence: str, yes: str) -> None:
+        """Ask `question`; say what would happen; `yes` is the word on the button."""
+        super().__init__()
+        self._question, self._consequence, self._yes = question, consequence, yes
+
+    def compose(self) -> ComposeResult:
+        """Question, consequence, buttons."""
+        with Vertical(classes="dialog -danger"):
+            yield Static(self._question, classes="dialog-title", markup=False)
+            yield Static(self._consequence, classes="dialog-text", markup=False)
+            with Horizontal(classes="buttons"):
+                yield Button("Cancel", id="no", variant="default")
+                yield Button(self._yes, id="yes", variant="error")
+
+    def on_mount(self) -> None:
+        """Focus the harmless answer."""
+        self.query_one("#no", Button).focus()
+
+    def action_other(self) -> None:
+        """Go to the other button."""
+        self.focus_next()
+
+    def action_answer(self, answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
+        """Answer."""
+        self.dismiss(answer)
+
+    @on(Button.Pressed)
+    def _pressed(self, event: Button.Pressed) -> None:
+        self.dismiss(event.button.id == "yes")
+
+
+class Reading(Fenced, ModalScreen[None], Leaving[None]):
+    """Shows a longer text, as the command line would print it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter", "dismiss", "Close")]
+
+    def __init__(self, title: str, text: str | Text) -> None:
+        """Show `text` under `title`; neither is markup."""
+        super().__init__()
+        self._heading, self._text = title, text
+
+    def compose(self) -> ComposeResult:
+        """Title and text."""
+        with VerticalScroll(classes="dialog reading") as box:
+            box.border_title = Text(self._heading)
+            yield Static(self._text, markup=False)
+
+    def on_mount(self) -> None:
+        """Let the arrow keys scroll."""
+        self.query_one(VerticalScroll).focus()

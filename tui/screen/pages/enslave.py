@@ -1,0 +1,161 @@
+"""Putting a robot on top of another one: a slot, and the free robots of the right kind for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Label, OptionList
+from textual.widgets.option_list import Option
+
+from robotree.tui.line.grammar import Line
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.leaving import Leaving
+from robotree.tui.seen import wording
+
+if TYPE_CHECKING:
+    from robotree.tui.seen.store import Store
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """An empty slot that can be filled."""
+
+    parent: str
+    slot: str
+    kind: str
+    doc: str = ""
+
+    @property
+    def path(self) -> str:
+        """`PARENT.SLOT`, as the verbs want it."""
+        return f"{self.parent}.{self.slot}"
+
+
+def openings(store: Store, name: str) -> list[Opening]:
+    """Return the empty slots that concern a robot.
+
+    Args:
+        store: what is known.
+        name: a robot. With empty slots of its own: those. Without: the empty slots of others that take it.
+    """
+    every = [
+        Opening(robot.name, slot.name, slot.kind, slot.doc)
+        for robot in sorted(store.descriptions.values(), key=lambda one: one.name)
+        for slot in robot.slots
+        if slot.child is None
+    ]
+    own = [one for one in every if one.parent == name]
+    kinds = store.robots[name].kinds if name in store.robots else ()
+    return own or [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
+
+
+class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
+    """Choose a slot, choose a robot for it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "Cancel"),
+        Binding("left,right", "other", "Other list", show=False),
+    ]
+
+    def __init__(self, store: Store, places: Sequence[Opening], child: str = "") -> None:
+        """Offer these slots; `child` is the robot that was pointed at."""
+        super().__init__()
+        self._store, self._openings, self._child = store, list(places), child
+
+    def compose(self) -> ComposeResult:
+        """Slots on the left, robots on the right."""
+        with Vertical(classes="dialog enslave"):
+            yield Label("Enslave", classes="dialog-title", markup=False)
+            with Horizontal(classes="choices"):
+                yield OptionList(*map(self._slot_option, self._openings), id="slots", markup=False)
+                yield OptionList(id="children", markup=False)
+            yield Label("", id="enslave-note", markup=False)
+            with Horizontal(classes="buttons"):
+                yield Button("Cancel", id="no")
+                yield Button("Enslave", id="yes", variant="primary")
+
+    def _slot_option(self, opening: Opening) -> Option:
+        return Option(Text.assemble((opening.path, "bold"), f"  takes {opening.kind}"), id=opening.path)
+
+    def on_mount(self) -> None:
+        """Offer the children of the first slot."""
+        slots, children = self.query_one("#slots", OptionList), self.query_one("#children", OptionList)
+        slots.border_title, children.border_title = "slot", "robot"
+        slots.highlighted = 0
+        (children if len(self._openings) == 1 else slots).focus()
+
+    @property
+    def _opening(self) -> Opening:
+        highlighted = self.query_one("#slots", OptionList).highlighted
+        return self._openings[highlighted or 0]
+
+    @on(OptionList.OptionHighlighted, "#slots")
+    def _offer(self) -> None:
+        opening = self._opening
+        children = self.query_one("#children", OptionList)
+        found = self._store.candidates(opening.parent, opening.kind)
+        children.clear_options()
+        for listing in found:
+            about = wording.summary(listing.doc)
+            children.add_option(
+                Option(Text.assemble((listing.name, "bold"), f"  {listing.kind}  {about}"), id=listing.name)
+            )
+        names = [one.name for one in found]
+        if names:
+            children.highlighted = names.index(self._child) if self._child in names else 0
+        note = opening.doc if names else f"no free {opening.kind} is listed: start or release one first"
+        self.query_one("#enslave-note", Label).update(note)
+        self.query_one("#yes", Button).disabled = not names
+
+    def action_other(self) -> None:
+        """Go to the other list."""
+        self.focus_next()
+
+    @on(OptionList.OptionSelected, "#slots")
+    def _on_to_children(self) -> None:
+        self.query_one("#children", OptionList).focus()
+
+    @on(OptionList.OptionSelected, "#children")
+    @on(Button.Pressed, "#yes")
+    def _choose(self) -> None:
+        children = self.query_one("#children", OptionList)
+        chosen = children.highlighted_option
+        if chosen and chosen.id:
+            self.dismiss(Line("enslave", {"PARENT.SLOT": self._opening.path, "CHILD": chosen.id}))
+
+    @on(Button.Pressed, "#no")
+    def _cancel(self) -> None:
+        self.dismiss(None)
+
+
+class ReleaseDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
+    """Choose which of several children to let go."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Cancel")]
+
+    def __init__(self, slots: Sequence[tuple[str, str]]) -> None:
+        """Offer these pairs of `PARENT.SLOT` and child."""
+        super().__init__()
+        self._slots = list(slots)
+
+    def compose(self) -> ComposeResult:
+        """A list."""
+        with Vertical(classes="dialog"):
+            yield Label("Release which child?", classes="dialog-title", markup=False)
+            options = [
+                Option(Text.assemble((path, "bold"), f"  holds {child}"), id=path)
+                for path, child in self._slots
+            ]
+            yield OptionList(*options, markup=False)
+
+    @on(OptionList.OptionSelected)
+    def _chosen(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(Line("release", {"PARENT.SLOT": event.option.id or ""}))

@@ -1,0 +1,90 @@
+"""All keys and verbs: from the registry, and from what the pages bind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+from textual.binding import Binding
+
+from robotree.tui.line.action import Action, Scope, Where
+from robotree.tui.line.actions import ACTIONS, BY_VERB, groups
+from robotree.tui.line.manual import spell
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.marks import MOODS, tint
+
+if TYPE_CHECKING:
+    from robotree.tui.screen.app import Supervisor
+
+ROOM = 11
+"""Columns that the keys of a line take."""
+
+
+def help_text(app: Supervisor) -> Text:
+    """Return the help page."""
+    strong, muted = tint(app, "primary", bold=True), tint(app, "muted")
+    text = Text()
+
+    def block(title: str, rows: Iterable[tuple[str, str]]) -> None:
+        text.append(f"{title}\n", strong)
+        for keys, meaning in rows:
+            text.append(f"  {keys:<{ROOM}}", strong)
+            text.append(f"{meaning}\n")
+        text.append("\n")
+
+    _stop(app, text)
+    block("On every page, but not in a field that you type in", _actions(app, Scope.PROGRAM))
+    block("On the main page", [*_actions(app, Scope.PAGE), *_own(MainPage)])
+    block("In the panel of a robot", page_keys(PanelPage))
+    block("In the tele-operation of an arm", page_keys(TeleopPage))
+    text.append("Verbs", strong)
+    text.append("  at the `:` prompt, on the command line after `robotree`, and in session scripts\n", muted)
+    for actions in groups(Where.PROMPT).values():
+        for action in actions:
+            text.append(f"  {action.usage}\n", "bold")
+            text.append(f"      {action.help}\n", muted)
+    text.append("\nSigns\n", strong)
+    text.append(f"  {'   '.join(f'{sign} {mood}' for mood, (sign, _) in MOODS.items())}\n")
+    return text
+
+
+def page_keys(page: type[Page]) -> list[tuple[str, str]]:
+    """Return the keys that a page binds, with what they do; those that do the same share a line."""
+    found: dict[str, list[str]] = {}
+    for one in page.BINDINGS:
+        if isinstance(one, Binding):
+            found.setdefault(one.tooltip, []).append(one.key_display or spell(one.key))
+    return [(" ".join(keys), meaning) for meaning, keys in found.items()]
+
+
+def _own(page: type[Page]) -> list[tuple[str, str]]:
+    """Return what a page binds beside the registry."""
+    told = {action.help for action in ACTIONS}
+    return [row for row in page_keys(page) if row[1] not in told]
+
+
+def _stop(app: Supervisor, text: Text) -> None:
+    strong, stop = tint(app, "primary", bold=True), BY_VERB["stop"]
+    text.append("Protective stop\n", tint(app, "error", bold=True))
+    text.append(f"  {spell(stop.key):<{ROOM}}", strong)
+    text.append("stops every robot at once, on every page. In a field that you type in it is a space:\n")
+    text.append(f"  {spell(stop.typing_key):<{ROOM}}", strong)
+    release = spell(BY_VERB["resume"].key)
+    text.append(f"stops every robot even then. {release} releases the stop; nothing moves by itself.\n\n")
+
+
+def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:
+    """Return keys and meanings of the actions of a scope; the stop has been told."""
+    for action in ACTIONS:
+        if action.key and action.scope is scope and not action.typing_key:
+            yield spell(action.key), _meaning(app, action)
+    if scope is Scope.PROGRAM:
+        yield spell(app.COMMAND_PALETTE_BINDING), "Palette: everything by name, colours, a screenshot."
+
+
+def _meaning(app: Supervisor, action: Action) -> str:
+    return f"Leave. {app.farewell}" if action.verb == "quit" and app.farewell else action.help

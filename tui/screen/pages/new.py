@@ -1,0 +1,218 @@
+"""Creating a virtual robot: choose its file, choose its class, name it, choose its host."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.widgets import Button, DirectoryTree, Input, Label, Static
+
+from robotree.tui.line.grammar import Line
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
+from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen import wording
+from robotree.vr.address import check_name
+from robotree.vr.errors import BadName
+
+LARGEST = 200_000
+"""Bytes of a source that are looked into."""
+
+ANY_HOST = "*"
+
+
+class SourceTree(Fenced, DirectoryTree):
+    """Folders and Python files, without what nobody wants to run."""
+
+    ICON_NODE = "▸ "
+    ICON_NODE_EXPANDED = "▾ "
+    ICON_FILE = "  "
+
+    def filter_paths(self, paths: Iterable[Path]) -> Iterable[Path]:
+        """Leave out hidden things, caches and whatever is no source."""
+        return [
+            path
+            for path in paths
+            if not path.name.startswith((".", "__")) and (path.suffix == ".py" or _is_folder(path))
+        ]
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def places() -> list[tuple[str, Path]]:
+    """Return where one may want to begin: here, and in the examples that come with robotree."""
+    from importlib.resources import files
+
+    found = [("this folder", Path.cwd())]
+    try:
+        examples = Path(str(files("robotree.examples").joinpath("")))
+    except (ModuleNotFoundError, ValueError):
+        return found
+    return [("examples", examples), *found] if examples.is_dir() else found
+
+
+class NewPage(Page):
+    """The file picker, and what is in the file."""
+
+    PAGE: ClassVar[str] = "new virtual robot"
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "Back")]
+
+    def __init__(self) -> None:
+        """Nothing is chosen yet."""
+        super().__init__()
+        self.path: Path | None = None
+        self._found: list[ClassOutline] = []
+        self._named_by_hand = False
+        self._places = places()
+
+    def parts(self) -> ComposeResult:
+        """Tree on the left, form on the right."""
+        with Horizontal(classes="columns"):
+            with VerticalScroll(classes="picker", can_focus=False):
+                places = [(f"{word}  {_short(path)}", str(path)) for word, path in self._places]
+                yield Choice(places, chosen=places[0][1], id="place")
+                yield SourceTree(self._places[0][1], id="sources")
+            with VerticalScroll(classes="source", can_focus=False):
+                yield Static("Choose a Python file.", id="source-about", markup=False)
+                yield Label("class", classes="caption", markup=False)
+                yield Choice([], prompt="choose a file first", id="class")
+                yield Label("name", classes="caption", markup=False)
+                yield Input(placeholder="letters, digits, - and _", compact=True, id="name", max_length=64)
+                yield Label("host", classes="caption", markup=False)
+                yield Choice(self._hosts(), chosen=ANY_HOST, id="host")
+                yield Label("", id="new-complaint", classes="field-complaint", markup=False)
+                yield Button("Create", id="create", variant="primary", disabled=True)
+
+    def _hosts(self) -> list[tuple[str, str]]:
+        return [("any", ANY_HOST), *((name, name) for name in self.app.store.hosts)]
+
+    def on_mount(self) -> None:
+        """Begin in the tree."""
+        tree = self.query_one(SourceTree)
+        tree.show_root = False
+        tree.focus()
+
+    @on(Choice.Changed, "#place")
+    def _elsewhere(self, event: Choice.Changed) -> None:
+        if isinstance(event.value, str):
+            self.query_one(SourceTree).path = event.value
+
+    @on(DirectoryTree.FileSelected)
+    def _choose(self, event: DirectoryTree.FileSelected) -> None:
+        self._read(event.path)
+
+    @work(exclusive=True, thread=True, exit_on_error=False)
+    def _read(self, path: Path) -> None:
+        """Look into a file without running it."""
+        found: list[ClassOutline] = []
+        try:
+            with path.open("rb") as file:
+                found = outline(file.read(LARGEST).decode())
+            trouble = "" if found else "It defines no virtual robot: no class derives from VirtualRobot."
+        except SyntaxError as error:
+            trouble = f"It is no Python that can be read: line {error.lineno}: {error.msg}"
+        except (OSError, ValueError) as error:
+            trouble = f"It cannot be read: {error}"
+        self.app.call_from_thread(self._offer, path, found, trouble)
+
+    def _offer(self, path: Path, found: list[ClassOutline], trouble: str) -> None:
+        self.path, self._found = path, found
+        chooser = self.query_one("#class", Choice)
+        chooser.offer((one.name, one.name) for one in found)
+        if found:
+            chooser.value = found[-1].name
+        self._describe(trouble)
+
+    @on(Choice.Changed, "#class")
+    def _class_changed(self) -> None:
+        self._describe("")
+
+    @property
+    def _chosen(self) -> ClassOutline | None:
+        name = self.query_one("#class", Choice).chosen
+        return next((one for one in self._found if one.name == name), None)
+
+    def _describe(self, trouble: str) -> None:
+        chosen = self._chosen
+        muted = tint(self.app, "muted")
+        text = Text.assemble((self.path.name if self.path else "", "bold"))
+        if trouble:
+            text.append(f"\n{trouble}", tint(self.app, "warning"))
+        if chosen:
+            text.append(f"\n{wording.summary(chosen.doc)}")
+            for name, kind in chosen.slots:
+                text.append(f"\nslot {name}: {kind}", muted)
+            text.append(f"\ncommands {', '.join(chosen.commands) or 'none'}", muted)
+            if not self._named_by_hand:
+                taken = frozenset(self.app.store.descriptions) | frozenset(self.app.store.robots)
+                with self.prevent(Input.Changed):
+                    self.query_one("#name", Input).value = suggested_name(chosen.name, taken)
+            self.query_one("#name", Input).focus()
+        self.query_one("#source-about", Static).update(text)
+        self._judge()
+
+    @on(Input.Changed, "#name")
+    def _named(self, event: Input.Changed) -> None:
+        self._named_by_hand = bool(event.value)
+        self._judge()
+
+    def _judge(self) -> bool:
+        """Say what is wrong with the name; return whether the robot can be created."""
+        name, wrong = self.query_one("#name", Input).value, ""
+        store = self.app.store
+        if name:
+            try:
+                check_name(name)
+            except BadName as error:
+                wrong = str(error)
+        if name in store.descriptions or name in store.robots:
+            wrong = f"a robot named {name} is already running"
+        complaint = self.query_one("#new-complaint", Label)
+        complaint.update(wrong and f"✗ {wrong}")
+        ready = bool(self._chosen and name and not wrong)
+        self.query_one("#create", Button).disabled = not ready
+        return ready
+
+    @on(Input.Submitted, "#name")
+    @on(Button.Pressed, "#create")
+    def create(self) -> None:
+        """Ask for the robot of the file."""
+        chosen = self._chosen
+        if not (self._judge() and chosen and self.path):
+            return
+        host = self.query_one("#host", Choice).chosen
+        values = {"FILE": f"{self.path}:{chosen.name}", "NAME": self.query_one("#name", Input).value}
+        if host != ANY_HOST:
+            values["HOST"] = host
+        self.query_one("#create", Button).disabled = True
+        self._ask_for(Line("create", values))
+
+    @work(exclusive=True, exit_on_error=False)
+    async def _ask_for(self, line: Line) -> None:
+        """Create; go back to where the robot appears, or stay and say what was wrong."""
+        refusal = await self.app.attempt(line)
+        if not refusal:
+            self.dismiss()
+            return
+        self.query_one("#new-complaint", Label).update(f"✗ {refusal}")
+        self.query_one("#create", Button).disabled = False
+
+
+def _short(path: Path) -> str:
+    try:
+        return f"~/{path.relative_to(Path.home())}"
+    except ValueError:
+        return str(path)

@@ -1,0 +1,66 @@
+"""What all full pages share: top line, banner, flash line, keys; drawn a few times a second."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.widgets import Footer
+
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.leaving import Leaving
+from robotree.tui.screen.widgets.flash import FlashLine
+from robotree.tui.screen.widgets.topbar import Banner, TopBar
+
+TICK = 0.25
+"""[s] between two drawings of a page: tables cost too much for more."""
+
+
+class Page(Fenced, Leaving[None]):
+    """A full page."""
+
+    PAGE: ClassVar[str] = ""
+    HORIZONTAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-narrow"), (100, "-wide")]  # noqa: RUF012 # as Textual declares it
+    VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-low"), (32, "-high")]  # noqa: RUF012
+
+    def compose(self) -> ComposeResult:
+        """Frame the page's own parts."""
+        yield TopBar(classes="topbar")
+        yield Banner(classes="banner")
+        yield from self.parts()
+        yield FlashLine(classes="flash")
+        yield Footer(show_command_palette=False, compact=True)
+
+    def parts(self) -> ComposeResult:
+        """Yield the page's own parts."""
+        yield from ()
+
+    def on_mount(self) -> None:
+        """Draw now and then regularly."""
+        self.draw()
+        self.set_interval(TICK, self.fenced(self._tick))
+
+    def on_screen_resume(self) -> None:
+        """Draw what changed while another page was in front."""
+        self.draw()
+
+    def _tick(self) -> None:
+        if self.is_active:
+            self.draw()
+
+    def title_of_page(self) -> str:
+        """Return what stands in the line on top."""
+        return self.PAGE
+
+    def draw(self) -> None:
+        """Draw everything that may have changed; pages add their own."""
+        app = self.app
+        self.query_one(TopBar).draw(app.store, app.realm, self.title_of_page())
+        self.query_one(Banner).draw(app.store)
+        self.query_one(FlashLine).draw(app.store, app.now())
+
+    @staticmethod
+    def wall() -> float:
+        """[s] since 1970."""
+        return time.time()

@@ -1,0 +1,214 @@
+"""The panel of one robot: a form for each of its commands, made from their types, and what it reads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.widgets import ContentSwitcher, OptionList
+from textual.widgets.option_list import Option
+
+from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.gauges import Gauges
+from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen import wording
+
+if TYPE_CHECKING:
+    from robotree.vr.description import RobotDescription
+
+
+ENTER = "Into the form, and on to the next field."
+AT_REST = "at the list of commands"
+"""Where letters are keys: nobody types there."""
+LETTERS = {"teleoperate", "cancel", "about"}
+"""Actions whose keys are letters."""
+
+
+class PanelPage(Page):
+    """Commands on the left, the form of the chosen one on the right."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "back", "Back", tooltip="Out of the form to the list of commands, and back."),
+        Binding("enter", "fill_in", "Form", show=False, tooltip=f"{ENTER} It never runs anything."),
+        Binding("ctrl+r", "run", "Run", tooltip="Run the command as it is filled in."),
+        Binding("x", "teleoperate", "Tele-operate", tooltip=f"Tele-operate, {AT_REST}."),
+        Binding("c", "cancel", "Cancel", tooltip=f"Cancel all that the robot does, {AT_REST}."),
+        Binding("i", "about", "About", show=False, tooltip=f"Describe the robot in full, {AT_REST}."),
+    ]
+
+    def __init__(self, robot: RobotDescription) -> None:
+        """Open the panel of a robot as it described itself."""
+        super().__init__()
+        self.robot = robot
+        self._gone = False
+
+    def title_of_page(self) -> str:
+        """Return the robot's name."""
+        return f"{self.robot.name} / panel"
+
+    def parts(self) -> ComposeResult:
+        """List of commands, form, readings."""
+        yield Still(id="who")
+        with Horizontal(classes="columns"):
+            with Vertical(classes="side"):
+                yield OptionList(
+                    *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
+                )
+                yield Gauges(id="readings")
+            yield ContentSwitcher(id="forms")
+
+    def _option(self, index: int) -> Option:
+        command = self.robot.commands[index]
+        muted = tint(self.app, "muted")
+        return Option(Text(command.name, "bold" if command.available else muted), id=_form_id(index))
+
+    def on_mount(self) -> None:
+        """Open the first form."""
+        commands = self.query_one("#commands", OptionList)
+        commands.border_title, self.query_one("#readings").border_title = "commands", "readings"
+        if self.robot.commands:
+            commands.highlighted = 0
+        commands.focus()
+
+    @property
+    def _readings(self) -> dict[str, float]:
+        return self.app.store.readings(self.robot.name)
+
+    # -- forms -------------------------------------------------------------------------------------
+
+    @on(OptionList.OptionHighlighted, "#commands")
+    async def _show(self, event: OptionList.OptionHighlighted) -> None:
+        """Show the form of a command; it is made when it is shown first, and keeps what was typed."""
+        forms = self.query_one("#forms", ContentSwitcher)
+        wanted = _form_id(event.option_index)
+        if not forms.query(f"#{wanted}"):
+            spec = self.robot.commands[event.option_index]
+            form = CommandForm(spec, self._readings)
+            form.id = wanted
+            form.gone = self._gone
+            form.display = False  # until all of it is there
+            form.border_title = Text(wording.signature(spec))
+            await forms.mount(form)
+        forms.current = wanted
+
+    @on(OptionList.OptionSelected, "#commands")
+    def action_fill_in(self) -> None:
+        """Go into the form in front."""
+        form = self.query_one("#forms", ContentSwitcher).visible_content
+        if isinstance(form, CommandForm):
+            form.focus_first()
+
+    @on(CommandForm.Run)
+    def _run(self, event: CommandForm.Run) -> None:
+        """Have a command carried out; it goes on when this page is left, for then one looks at the robot."""
+        self.app.call(self.robot.name, event.form.spec.name, event.arguments, event.form)
+
+    @on(CommandForm.Cancel)
+    def action_cancel(self) -> None:
+        """Cancel everything that the robot does."""
+        self.app.do("cancel", NAME=self.robot.name)
+
+    # -- keys --------------------------------------------------------------------------------------
+
+    def action_back(self) -> None:
+        """Out of a form to the list of commands; from there back to where one came from."""
+        commands = self.query_one("#commands", OptionList)
+        if commands.has_focus:
+            self.dismiss()
+        else:
+            commands.focus()
+
+    def action_run(self) -> None:
+        """Have the command in front carried out, as it is filled in."""
+        form = self.query_one("#forms", ContentSwitcher).visible_content
+        if isinstance(form, CommandForm):
+            form.send()
+
+    def action_about(self) -> None:
+        """Describe the robot in full."""
+        self.app.do("show", NAME=self.robot.name)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer tele-operation only to robots that have it, and letters only where nobody may be typing."""
+        if action == "teleoperate" and bounds(self.robot) is None:
+            return False
+        if action in LETTERS and self.is_mounted and not self._at_rest(action):
+            return False
+        return super().check_action(action, parameters)
+
+    def _at_rest(self, action: str) -> bool:
+        """Whether a letter is a key: at the list of commands; `c` also on the button that says the same."""
+        focused = self.focused
+        return focused is not None and focused.id in {"commands", action}
+
+    def action_teleoperate(self) -> None:
+        """Open the tele-operation panel."""
+        self.app.open_teleoperation(self.robot)
+
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw who it is, how it is, what it reads."""
+        super().draw()
+        store, now, name = self.app.store, self.app.now(), self.robot.name
+        newest = store.descriptions.get(name)
+        self._notice(newest)
+        muted = tint(self.app, "muted")
+        state = (
+            Text("✗ has gone", tint(self.app, "error"))
+            if self._gone
+            else mood_mark(self.app, store.mood(name, now), store.doing(name, now))
+        )
+        about = wording.summary(self.robot.doc)
+        line = Text.assemble(
+            " ", (name, "bold"), f"  {self.robot.kind}  ", state, f"   {about}", no_wrap=True
+        )
+        line.stylize(muted, len(line) - len(about))
+        self.query_one("#who", Still).show(line)
+        state_now = store.state(name)
+        stale = self._gone or (state_now is not None and not state_now.online)
+        self.query_one(Gauges).draw(self._readings, store.units(name), stale=stale)
+        form = self.query_one("#forms", ContentSwitcher).visible_content
+        if isinstance(form, CommandForm):
+            form.tell_readings(self._readings)
+
+    def _notice(self, newest: RobotDescription | None) -> None:
+        """Follow the robot: it may go, come back as another incarnation, or have other commands now."""
+        if newest is None:
+            if not self._gone and self.robot.name not in self.app.store.robots:
+                self._gone = True
+                for form in self.query(CommandForm):
+                    form.vanish()
+                self.app.tell(f"{self.robot.name} has gone; its panel stays open to be read", "warning")
+            return
+        if newest.address != self.robot.address or newest.commands != self.robot.commands:
+            self._gone = False
+            self.robot = newest
+            self._rebuild()
+        self.robot = newest
+
+    @work(exclusive=True, exit_on_error=False, group="rebuild")
+    async def _rebuild(self) -> None:
+        """Make the forms anew, of the commands that the robot has now."""
+        forms = self.query_one("#forms", ContentSwitcher)
+        forms.current = None
+        await forms.remove_children()
+        commands = self.query_one("#commands", OptionList)
+        at = commands.highlighted or 0
+        commands.clear_options()
+        commands.add_options(map(self._option, range(len(self.robot.commands))))
+        if self.robot.commands:
+            commands.highlighted = min(at, len(self.robot.commands) - 1)
+        self.refresh_bindings()
+
+
+def _form_id(index: int) -> str:
+    """Return a widget's id: names of commands may have characters that an id may not."""
+    return f"command-{index}"

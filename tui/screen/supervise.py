@@ -1,0 +1,77 @@
+"""The full screen for as long as the operator wants it: opened anew after an error, warnings in a file."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from logging.handlers import RotatingFileHandler
+from typing import TYPE_CHECKING
+
+from robotree.tui import exit_codes
+from robotree.tui.processes.state_files import state_file
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.seen.store import Store
+from robotree.tui.terminal import complain
+
+if TYPE_CHECKING:
+    from robotree.vr.supervision.fleet import Fleet
+
+LOG_FILE = "supervisor.log"
+"""In `$XDG_STATE_HOME/robotree/REALM`."""
+LOG_SIZE = 1_000_000
+"""Bytes, after which the log begins anew; the one before is kept."""
+
+CRASHES = 3
+"""Screens that may end by an error within `CRASH_WINDOW`, before the supervisor gives up."""
+CRASH_WINDOW = 30.0
+"""[s]"""
+
+
+@contextmanager
+def _logging_to_a_file(realm: str) -> Generator[None]:
+    """Write warnings to a file meanwhile: the terminal belongs to the screen."""
+    path = state_file(realm, LOG_FILE)
+    handler: logging.Handler = logging.NullHandler()
+    if path is not None:
+        handler = RotatingFileHandler(path, maxBytes=LOG_SIZE, backupCount=1, delay=True, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    logging.getLogger().addHandler(handler)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(handler)
+        handler.close()
+
+
+async def supervise(fleet: Fleet, realm: str, *, farewell: str = "") -> int:
+    """Show the full screen until the operator leaves; open it anew should an error end it.
+
+    Args:
+        fleet: the agents of the realm.
+        realm: its name, to be shown.
+        farewell: what ends with the screen; empty: nothing does.
+
+    Returns:
+        The exit code.
+    """
+    with _logging_to_a_file(realm):
+        return await _show(fleet, realm, farewell)
+
+
+async def _show(fleet: Fleet, realm: str, farewell: str) -> int:
+    store, ends = Store(), list[float]()
+    while True:
+        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell)
+        code = await app.run_async()
+        if app.fatal is None:
+            return code or exit_codes.DONE
+        now = time.monotonic()
+        ends = [one for one in ends if now - one < CRASH_WINDOW] + [now]
+        if len(ends) >= CRASHES:
+            complain(
+                f"the screen ended {CRASHES} times by {app.fatal!r}; the robots go on; use the command line"
+            )
+            return exit_codes.REFUSED
+        store.tell(f"the screen had to be opened anew: {app.fatal!r}", "error", now)

@@ -1,0 +1,93 @@
+"""Which camera one looks through: all cameras of all views, one after the other."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from rich.text import Text
+from textual import work
+
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.still import Still
+from robotree.vr.errors import VrError
+from robotree.vr.requests import Picture
+
+QUALITY = 80
+"""JPEG quality: above, a terminal shows no difference."""
+
+
+class Cameras(Still):
+    """Names the camera and points a picture at it."""
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Know no camera yet."""
+        super().__init__(id=id)
+        self.all: list[tuple[str, str]] = []
+        """View and camera."""
+        self.at = 0
+        self._picture: PictureView | None = None
+        self._known: tuple[str, ...] | None = None
+
+    def attach(self, picture: PictureView) -> None:
+        """Point this picture from now on."""
+        self._picture = picture
+        self.draw()
+
+    def draw(self) -> None:
+        """Name the camera; ask the views for their cameras when other views are there."""
+        views = tuple(sorted(self.app.store.views))
+        if self._picture is not None and (views != self._known):
+            self._known = views
+            self._ask(views)
+        muted = tint(self.app, "muted")
+        if not self.all:
+            self.show(Text("no view is listed", muted))
+            return
+        view, camera = self.all[self.at]
+        self.show(
+            Text.assemble(
+                (f"{view}", "bold"), (" / ", muted), camera, (f"   {self.at + 1} of {len(self.all)}", muted)
+            )
+        )
+
+    def turn(self, by: int = 1) -> None:
+        """Look through the next camera."""
+        if self.all:
+            self.choose((self.at + by) % len(self.all))
+
+    def choose(self, at: int) -> None:
+        """Look through this camera."""
+        self.at = at
+        self._point()
+        self.draw()
+
+    @work(exclusive=True, exit_on_error=False)
+    async def _ask(self, views: tuple[str, ...]) -> None:
+        before = self.all[self.at] if self.all else None
+        found: list[tuple[str, str]] = []
+        for view in views:
+            try:
+                described = await self.app.fleet.describe_view(view)
+            except VrError as error:
+                self.app.tell(str(error), "warning")
+                continue
+            found += [(view, camera) for camera in described.cameras or ("",)]
+        if found == self.all and found:
+            return
+        self.all = found
+        self.at = found.index(before) if before in found else 0
+        self._point()
+        self.draw()
+
+    def _point(self) -> None:
+        if self._picture is None:
+            return
+        if not self.all:
+            self._picture.show(None, "no view is listed")
+            return
+        view, camera = self.all[self.at]
+        self._picture.show(partial(self._fetch, view, camera), f"looking through {camera or view} …")
+
+    async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
+        return await self.app.fleet.look(view, camera=camera, width=width, height=height, quality=QUALITY)

@@ -1,0 +1,184 @@
+"""The form of one command: its fields, a button, progress, result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, VerticalScroll
+from textual.message import Message
+from textual.widget import Widget
+from textual.widgets import Button, Label, ProgressBar, Static
+
+from robotree.tui.screen import entry
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen import wording
+from robotree.vr.description import CommandSpec
+
+HOW_TO_RUN = "ctrl+r runs it, or the button"
+
+
+class CommandForm(Fenced, VerticalScroll):
+    """Draws one command; asks the screen to run or to cancel it."""
+
+    class Run(Message):
+        """The form is filled in well and shall be carried out."""
+
+        def __init__(self, form: CommandForm, arguments: Mapping[str, Any]) -> None:
+            """Carry the form and what was filled in."""
+            super().__init__()
+            self.form, self.arguments = form, arguments
+
+    class Cancel(Message):
+        """What runs shall be cancelled."""
+
+    def __init__(self, spec: CommandSpec, readings: Mapping[str, float]) -> None:
+        """Draw `spec`, with what the robot reads now."""
+        super().__init__(classes="form", can_focus=False)
+        self.spec = spec
+        self._readings = dict(readings)
+        self.running = False
+        self.gone = False
+        self._came_from: Widget | None = None
+        """What had the focus when the command was sent."""
+
+    def compose(self) -> ComposeResult:
+        """Documentation, fields, buttons, progress, result."""
+        yield Label(self.spec.doc.strip() or "No description.", classes="form-doc", markup=False)
+        for field in self.spec.parameters:
+            yield FieldRow(field, self._readings)
+        with Horizontal(classes="buttons"):
+            yield Button(Text(f"▶ {self.spec.name}"), variant="primary", id="run", compact=True)
+            yield Button("■ cancel", id="cancel", disabled=True, compact=True)
+        progress = ProgressBar(total=1.0, show_eta=False, id="progress")
+        progress.display = False
+        yield progress
+        yield Static("", id="outcome", markup=False)
+
+    def on_mount(self) -> None:
+        """Say at once when the command cannot be used."""
+        self._enable()
+        if not self.spec.available:
+            slot = self.spec.through.partition(".")[0]
+            self._say("!", "warning", f"the slot {slot} is empty: enslave a robot first (key e)")
+
+    def focus_first(self) -> None:
+        """Put the cursor into the first field; where there is none, say how it is run.
+
+        Never on the button: a hasty Enter after the one that led here would make a robot move.
+        """
+        rows = list(self.query(FieldRow))
+        if rows:
+            rows[0].focus_entry()
+        elif self.spec.available:
+            self._say("·", "muted", HOW_TO_RUN)
+
+    @on(FieldRow.Onward)
+    def _onward(self, event: FieldRow.Onward) -> None:
+        rows = list(self.query(FieldRow))
+        following = rows[rows.index(event.row) + 1 :]
+        if following:
+            following[0].focus_entry()
+        else:
+            self._say("·", "muted", HOW_TO_RUN)
+
+    def tell_readings(self, readings: Mapping[str, float]) -> None:
+        """Show the values now."""
+        for row in self.query(FieldRow):
+            row.tell_readings(readings)
+
+    # -- what the person does ----------------------------------------------------------------------
+
+    @on(Button.Pressed, "#run")
+    def send(self) -> None:
+        """Ask for the command, if the form is filled in well; else explain beside the fields."""
+        if self.running or self.gone or not self.spec.available:
+            return
+        rows = {row.spec.name: row for row in self.query(FieldRow)}
+        read = entry.read(self.spec, {name: row.text for name, row in rows.items()})
+        for name, row in rows.items():
+            row.complain(read.complaints.get(name, ""))
+        if read.complaints:
+            rows[next(iter(read.complaints))].focus_entry()
+            return
+        self.post_message(self.Run(self, read.arguments))
+
+    @on(Button.Pressed, "#cancel")
+    def _cancel(self) -> None:
+        self.post_message(self.Cancel())
+
+    # -- what comes of it (`app.Hearer`) -----------------------------------------------------------
+
+    def began(self) -> None:
+        """The command was sent."""
+        self.running = True
+        self._came_from = self.screen.focused
+        bar = self.query_one(ProgressBar)
+        bar.display = True
+        bar.update(total=None, progress=0)
+        self._say("…", "accent", "sent")
+        self._enable()
+
+    @property
+    def _left(self) -> bool:
+        """Whether the panel was left meanwhile and the form has gone with it."""
+        return not self.query("#outcome")
+
+    def went_on(self, fraction: float, text: str) -> None:
+        """The command tells how far it is."""
+        if self._left:
+            return
+        bar = self.query_one(ProgressBar)
+        if math.isfinite(fraction):
+            bar.update(total=1.0, progress=min(max(fraction, 0.0), 1.0))
+        self._say("…", "accent", text or "running")
+
+    def returned(self, value: Any, seconds: float) -> None:
+        """The command succeeded."""
+        if self._left:
+            return
+        self._ended()
+        rows = wording.result(self.spec, value)
+        body = wording.columns([(name, text) if name else (text,) for name, text in rows]) if rows else ""
+        self._say("✓", "success", f"done in {seconds:.1f} s", body)
+
+    def failed(self, reason: str) -> None:
+        """The command was refused or failed."""
+        if self._left:
+            return
+        self._ended()
+        self._say("✗", "error", reason)
+
+    def vanish(self) -> None:
+        """The robot has gone: nothing can be sent any more."""
+        self.gone = True
+        self._enable()
+
+    def _ended(self) -> None:
+        self.running = False
+        self.query_one(ProgressBar).display = False
+        if self.query_one("#cancel", Button).has_focus and self._came_from is not None:
+            self._came_from.focus()  # a button that can no longer be pressed would keep the keys
+        self._enable()
+
+    def _enable(self) -> None:
+        usable = self.spec.available and not self.gone
+        self.query_one("#run", Button).disabled = self.running or not usable
+        self.query_one("#cancel", Button).disabled = not self.running
+        if self.running:
+            self.query_one("#cancel", Button).focus()
+
+    def _say(self, sign: str, colour: str, text: str, body: str = "") -> None:
+        style = tint(self.app, colour)
+        lines = Text.assemble((f"{sign} ", style), (text, style if colour == "error" else ""))
+        if body:
+            lines.append(f"\n{body}")
+        outcome = self.query_one("#outcome", Static)
+        outcome.update(lines)
+        outcome.scroll_visible(animate=False)

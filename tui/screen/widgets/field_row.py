@@ -1,0 +1,108 @@
+"""One field of a form: name, entry, what it takes; what is wrong with it stands below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.message import Message
+from textual.widgets import Input, Label
+
+from robotree.tui.screen import entry
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.seen import wording
+from robotree.vr.description import FieldSpec
+
+YES_NO = ("yes", "no")
+
+
+class FieldRow(Fenced, Vertical):
+    """Draws one parameter of a command."""
+
+    class Onward(Message):
+        """Enter was pressed in the field: the next one shall have the cursor."""
+
+        def __init__(self, row: FieldRow) -> None:
+            """Carry the row."""
+            super().__init__()
+            self.row = row
+
+    def __init__(self, spec: FieldSpec, readings: Mapping[str, float]) -> None:
+        """Draw `spec`, with what the robot reads now."""
+        super().__init__(classes="field")
+        self.spec = spec
+        self._first = entry.first_text(spec, readings)
+        self._hint = entry.hint(spec, readings)
+        self._touched = False
+
+    @property
+    def _options(self) -> tuple[str, ...]:
+        return YES_NO if self.spec.type == "bool" else self.spec.choices
+
+    def compose(self) -> ComposeResult:
+        """Name, entry, hint; below them room for a complaint."""
+        with Horizontal():
+            yield Label(self.spec.name, classes="field-name", markup=False)
+            if self._options:
+                chosen = self._first if self._first in self._options else None
+                yield Choice([(option, option) for option in self._options], chosen=chosen, classes="entry")
+            else:
+                yield Input(self._first, compact=True, classes="entry", select_on_focus=True)
+            yield Label(self._hint, classes="field-hint", markup=False)
+        if self.spec.doc:
+            yield Label(wording.summary(self.spec.doc), classes="field-doc", markup=False)
+        complaint = Label("", classes="field-complaint", markup=False)
+        complaint.display = False
+        yield complaint
+
+    @property
+    def text(self) -> str:
+        """What stands in the field."""
+        if self._options:
+            return self.query_one(Choice).chosen
+        return self.query_one(Input).value
+
+    def focus_entry(self) -> None:
+        """Put the cursor into the field."""
+        self.query_one(".entry").focus()
+
+    def tell_readings(self, readings: Mapping[str, float]) -> None:
+        """Show the value now; a field that nobody touched and that is empty takes it over."""
+        hint = entry.hint(self.spec, readings)
+        if hint != self._hint:
+            self._hint = hint
+            self.query_one(".field-hint", Label).update(hint)
+        if not self._options and not self._touched and not self.text:
+            with self.prevent(Input.Changed):
+                self.query_one(Input).value = entry.first_text(self.spec, readings)
+            if self.text:
+                self.complain("")
+
+    def complain(self, reason: str) -> None:
+        """Show why the field is refused; empty: nothing is wrong."""
+        label = self.query_one(".field-complaint", Label)
+        label.update(reason and f"✗ {reason}")
+        label.display = bool(reason)
+        self.set_class(bool(reason), "-wrong")
+
+    @on(Input.Changed)
+    def _changed(self) -> None:
+        self._touched = True
+        self.complain("")
+
+    @on(Choice.Changed)
+    def _chosen(self) -> None:
+        self.complain("")
+
+    @on(Input.Blurred)
+    def _left(self) -> None:
+        if self._touched:
+            self.complain(entry.complaint(self.spec, self.text))
+
+    @on(Input.Submitted)
+    def _submitted(self, event: Input.Submitted) -> None:
+        event.stop()
+        self.post_message(self.Onward(self))

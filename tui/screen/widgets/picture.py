@@ -1,0 +1,119 @@
+"""A live picture of a workspace. It is fetched only while somebody can see it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from functools import lru_cache
+
+from rich.color import Color
+from rich.segment import Segment
+from rich.style import Style
+from textual import work
+from textual.geometry import Size
+from textual.strip import Strip
+from textual.widget import Widget
+
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.halfblocks import BLOCK, Colour, Run, decode
+from robotree.vr.errors import VrError
+from robotree.vr.requests import Picture
+
+RATE = 4.0
+"""[Hz] Pictures in a second: 5 cost 40 % of a core in a large terminal, 4 look alive."""
+
+FINER = 2
+"""Pixels for each cell: half of them are thrown away, with the noise of the compression."""
+
+SMALLEST, LARGEST = 96, 480
+"""[px] Width that is asked for."""
+
+AGAIN = 1.0
+"""[s] before a view that did not answer is asked again."""
+
+Fetch = Callable[[int, int], Awaitable[Picture]]
+"""Fetches a picture of about this width and height [px]."""
+
+
+@lru_cache(maxsize=8192)
+def _style(upper: Colour, lower: Colour) -> Style:
+    return Style.from_color(_rich(upper), _rich(lower))
+
+
+@lru_cache(maxsize=8192)
+def _rich(colour: Colour) -> Color:
+    return Color.from_rgb(*colour)
+
+
+class PictureView(Fenced, Widget):
+    """Draws the pictures that `fetch` brings, one after the other; None: nothing to look at."""
+
+    DEFAULT_CSS = "PictureView { width: 1fr; height: 1fr; }"
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Show nothing yet."""
+        super().__init__(id=id)
+        self._fetch: Fetch | None = None
+        self._rows: list[list[Run]] = []
+        self._message = "no view is selected"
+        self.frames = 0
+        """Pictures shown so far."""
+
+    def show(self, fetch: Fetch | None, message: str = "no view is selected") -> None:
+        """Look through another view from now on; `message` stands there until its first picture comes."""
+        self._fetch, self._rows, self._message = fetch, [], message
+        self.refresh()
+        if fetch is not None:
+            self._keep_looking()
+
+    @property
+    def seen(self) -> bool:
+        """Whether somebody can see this widget now."""
+        return self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
+
+    @work(exclusive=True, exit_on_error=False)
+    async def _keep_looking(self) -> None:
+        while self._fetch is not None:
+            began = time.monotonic()
+            pause = 1 / RATE
+            if self.seen:
+                try:
+                    await self._look(self._fetch)
+                except (VrError, OSError) as error:
+                    self._rows, self._message = [], str(error)
+                    self.refresh()
+                    pause = AGAIN
+            await asyncio.sleep(max(pause - (time.monotonic() - began), 0.02))
+
+    async def _look(self, fetch: Fetch) -> None:
+        columns, rows = self.size.width, self.size.height
+        width = min(max(FINER * columns, SMALLEST), LARGEST)
+        picture = await fetch(width, max(width * 9 // 16, 1))
+        drawn = await asyncio.to_thread(decode, picture.jpeg, columns, rows)
+        if fetch is self._fetch:
+            self._rows = drawn
+            self.frames += 1
+            self.refresh()
+
+    def get_content_width(self, container: Size, viewport: Size) -> int:  # noqa: ARG002 # Textual's signature
+        """Take what there is."""
+        return container.width
+
+    def render_line(self, y: int) -> Strip:
+        """Draw one line of cells."""
+        width = self.size.width
+        background = self.rich_style
+        if not self._rows:
+            middle = y == self.size.height // 2
+            return Strip(
+                [Segment(self._message[:width].center(width) if middle else " " * width, background)]
+            )
+        row = y - max((self.size.height - len(self._rows)) // 2, 0)
+        if not 0 <= row < len(self._rows):
+            return Strip.blank(width, background)
+        cells = [Segment(BLOCK * count, _style(upper, lower)) for count, upper, lower in self._rows[row]]
+        drawn = sum(count for count, _, _ in self._rows[row])
+        left = max((width - drawn) // 2, 0)
+        strip = Strip([Segment(" " * left, background), *cells], left + drawn)
+        return strip.adjust_cell_length(width, background)

@@ -1,0 +1,186 @@
+"""The line at the bottom for `:` verbs and `/` letters, with completion from the registry and the realm."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Protocol
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.message import Message
+from textual.suggester import Suggester
+from textual.widgets import Input, Label
+
+from robotree.tui.line import completion
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.still import Still
+
+Kind = Literal["verb", "filter"]
+SIGNS: dict[Kind, str] = {"verb": ":", "filter": "/"}
+REMEMBERED = 100
+NONE_YET = -1
+"""Position among the candidates before Tab was pressed."""
+BEFORE = 3
+"""Candidates that stay in sight before the one that Tab has come to."""
+
+
+class Known(Protocol):
+    """Where completion takes the names from."""
+
+    def words(self) -> completion.Words:
+        """Return the names of the moment."""
+        ...
+
+
+class VerbSuggester(Suggester):
+    """Suggests the rest of a line."""
+
+    def __init__(self, known: Known) -> None:
+        """Take names from `known`."""
+        super().__init__(use_cache=False, case_sensitive=True)
+        self._known = known
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """Return the line with its last word completed, or None."""
+        return completion.complete(value, self._known.words())
+
+
+class Prompt(Fenced, Vertical):
+    """One line of input, and above it what the last word may become; hidden while nobody types."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "Leave", show=False),
+        Binding("up", "recall(-1)", "Before", show=False),
+        Binding("down", "recall(1)", "After", show=False),
+        Binding("tab", "complete(1)", "Complete", show=False, priority=True),
+        Binding("shift+tab", "complete(-1)", "Complete", show=False, priority=True),
+    ]
+
+    class Entered(Message):
+        """A verb was typed."""
+
+        def __init__(self, text: str) -> None:
+            """Carry the line."""
+            super().__init__()
+            self.text = text
+
+    class Filtered(Message):
+        """Other letters shall be filtered by."""
+
+        def __init__(self, text: str) -> None:
+            """Carry the letters."""
+            super().__init__()
+            self.text = text
+
+    class Left(Message):
+        """The prompt was left."""
+
+    def __init__(self, known: Known, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Complete from what `known` knows."""
+        super().__init__(id=id)
+        self._known, self._suggester = known, VerbSuggester(known)
+        self._stem = ""
+        """What was typed before Tab began to go through the candidates."""
+        self._offered: tuple[str, ...] = ()
+        self._taken = NONE_YET
+        self.kind: Kind = "verb"
+        self._past: list[str] = []
+        self._at = 0
+        self.letters = ""
+
+    def compose(self) -> ComposeResult:
+        """Candidates; a sign and an input."""
+        yield Still(id="candidates")
+        with Horizontal():
+            yield Label(":", id="sign", markup=False)
+            yield Input(compact=True, id="line", suggester=self._suggester, select_on_focus=False)
+
+    def on_mount(self) -> None:
+        """Hide until somebody types."""
+        self.display = False
+
+    def open(self, kind: Kind, text: str = "") -> None:
+        """Begin to type a verb, or letters to filter by."""
+        self.kind = kind
+        self.query_one("#sign", Label).update(SIGNS[kind])
+        line = self.query_one(Input)
+        line.suggester = self._suggester if kind == "verb" else None
+        with self.prevent(Input.Changed):
+            line.value = self.letters if kind == "filter" and not text else text
+        line.cursor_position = len(line.value)
+        self._at = len(self._past)
+        self._offer(line.value)
+        self.display = True
+        line.focus()
+
+    @on(Input.Submitted)
+    def _submitted(self, event: Input.Submitted) -> None:
+        event.stop()
+        text = event.value.strip()
+        self._close()
+        if self.kind == "verb" and text:
+            self._past = [*[one for one in self._past if one != text], text][-REMEMBERED:]
+            self.post_message(self.Entered(text))
+
+    @on(Input.Changed)
+    def _changed(self, event: Input.Changed) -> None:
+        event.stop()
+        if self.kind == "filter":
+            self.letters = event.value
+            self.post_message(self.Filtered(event.value))
+        self._offer(event.value)
+
+    def action_leave(self) -> None:
+        """Leave; a filter is taken away."""
+        if self.kind == "filter":
+            self.letters = ""
+            self.post_message(self.Filtered(""))
+        self._close()
+
+    def action_recall(self, by: int) -> None:
+        """Bring back an earlier line."""
+        if self.kind == "verb" and self._past:
+            self._at = min(max(self._at + by, 0), len(self._past))
+            line = self.query_one(Input)
+            line.value = self._past[self._at] if self._at < len(self._past) else ""
+            line.cursor_position = len(line.value)
+
+    def action_complete(self, by: int) -> None:
+        """Complete as far as there is no choice; then go through the candidates."""
+        line = self.query_one(Input)
+        whole = completion.complete(line.value, self._known.words()) if self._taken == NONE_YET else None
+        if self.kind != "verb" or not (whole or self._offered):
+            return
+        if whole:
+            line.value = whole  # what is offered changes with it
+        else:
+            first = 0 if by > 0 else -1
+            self._taken = first if self._taken == NONE_YET else self._taken + by
+            self._taken %= len(self._offered)
+            with self.prevent(Input.Changed):
+                line.value = self._stem + self._offered[self._taken]
+            self._draw_candidates()
+        line.cursor_position = len(line.value)
+
+    def _offer(self, text: str) -> None:
+        """Show what the last word may become."""
+        self._stem = text[: text.rfind(" ") + 1]
+        self._offered = completion.candidates(text, self._known.words()) if self.kind == "verb" else ()
+        self._taken = NONE_YET
+        self._draw_candidates()
+
+    def _draw_candidates(self) -> None:
+        shown, muted = self.query_one("#candidates", Still), tint(self.app, "muted")
+        shown.display = len(self._offered) > 1
+        text = Text(" ", no_wrap=True, overflow="ellipsis")
+        chosen = tint(self.app, "primary", bold=True)
+        for position in range(max(self._taken - BEFORE, 0), len(self._offered)):
+            text.append(f" {self._offered[position]} ", chosen if position == self._taken else muted)
+        shown.show(text)
+
+    def _close(self) -> None:
+        self.display = False
+        self.post_message(self.Left())

@@ -1,0 +1,34 @@
+"""A text that is drawn again only when it differs, so that a calm screen costs nothing."""
+
+from __future__ import annotations
+
+from rich.text import Text
+from textual.widgets import Static
+
+from robotree.tui.screen.fence import Fenced
+
+
+class Still(Fenced, Static):
+    """Shows a text. Pages draw themselves a few times a second; most of it is the same as before."""
+
+    def __init__(
+        self,
+        *,
+        id: str | None = None,  # noqa: A002 # Textual's name for it
+        classes: str | None = None,
+    ) -> None:
+        """Show nothing; whatever will be shown is no markup."""
+        super().__init__("", id=id, classes=classes, markup=False)
+        self._shown = Text()
+
+    def show(self, text: Text) -> None:
+        """Show a text, unless it is shown already; the page is laid out anew only where that may matter."""
+        if text == self._shown:
+            return
+        moved = _lengths(text) != _lengths(self._shown)
+        self._shown = text
+        self.update(text, layout=moved)
+
+
+def _lengths(text: Text) -> list[int]:
+    return [len(line) for line in text.plain.split("\n")]

@@ -1,0 +1,54 @@
+"""The line on top: where one is and who is there; below it, in red, what one must not overlook."""
+
+from __future__ import annotations
+
+from rich.text import Text
+
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.manual import spell
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen.store import Store
+
+
+class TopBar(Still):
+    """Name of the program, realm, page; on the right the counts."""
+
+    def draw(self, store: Store, realm: str, page: str) -> None:
+        """Draw the line."""
+        muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
+        left = Text.assemble((" robotree ", strong), (f" {realm} ", muted), ("/", muted), f" {page}")
+        counts = [
+            (len(store.robots), "robot"),
+            (len(store.views), "view"),
+            (len(store.hosts), "host"),
+            (len(store.services), "lookup"),
+        ]
+        stop = Text.assemble(
+            (spell(BY_VERB["stop"].key), tint(self.app, "error", bold=True)),
+            (" STOP ", tint(self.app, "error")),
+        )
+        right = Text()
+        for count, noun in counts:
+            right.append(f"{count}", "" if count else tint(self.app, "warning"))
+            right.append(f" {noun}{'' if count == 1 else 's'}  ", muted)
+        width = max(self.size.width, 1)
+        if left.cell_len + right.cell_len + stop.cell_len >= width:
+            right = Text()
+        gap = max(width - left.cell_len - right.cell_len - stop.cell_len, 1)
+        self.show(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
+
+
+class Banner(Still):
+    """What one must not overlook; not there when there is nothing."""
+
+    def draw(self, store: Store) -> None:
+        """Draw the banner, or take it away."""
+        lines: list[str] = []
+        if store.stopped:
+            names = ", ".join(store.stopped)
+            lines.append(f"■ PROTECTIVE STOP: {names} — {spell(BY_VERB['resume'].key)} releases")
+        if store.orphaned:
+            lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
+        self.display = bool(lines)
+        self.show(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))

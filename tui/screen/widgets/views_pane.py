@@ -1,0 +1,100 @@
+"""The views: which there are, what their instruments read, and the picture of the chosen camera."""
+
+from __future__ import annotations
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import OptionList
+from textual.widgets.option_list import Option
+
+from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.widgets.cameras import Cameras
+from robotree.tui.screen.widgets.gauges import is_of_robot, rank
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen import wording
+from robotree.vr.errors import VrError
+
+INSTRUMENTS = 0.5
+"""[s] between two looks at the instruments."""
+
+
+class ViewsPane(Fenced, Horizontal):
+    """Cameras on the left, the picture on the right."""
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Know no view yet."""
+        super().__init__(id=id)
+        self._options: list[tuple[str, str]] = []
+
+    def compose(self) -> ComposeResult:
+        """List, instruments, picture."""
+        with Vertical(classes="side"):
+            yield OptionList(id="cameras", markup=False)
+            yield Still(id="instruments")
+        with Vertical(classes="picture-side"):
+            yield Cameras()
+            yield PictureView()
+
+    def on_mount(self) -> None:
+        """Point the picture and read the instruments regularly."""
+        self.query_one("#cameras").border_title = "cameras"
+        self.query_one("#instruments").border_title = "instruments"
+        self.query_one(Cameras).attach(self.query_one(PictureView))
+        self.set_interval(INSTRUMENTS, self.fenced(self._tick))
+
+    def draw(self) -> None:
+        """Draw the list of cameras."""
+        cameras = self.query_one(Cameras)
+        cameras.draw()
+        if cameras.all != self._options:
+            self._options = list(cameras.all)
+            options = self.query_one("#cameras", OptionList)
+            options.clear_options()
+            options.add_options(Option(Text(f"{view} / {camera}")) for view, camera in self._options)
+            if self._options:
+                options.highlighted = cameras.at
+
+    @on(OptionList.OptionHighlighted)
+    def _choose(self, event: OptionList.OptionHighlighted) -> None:
+        cameras = self.query_one(Cameras)
+        if event.option_index != cameras.at and event.option_index < len(cameras.all):
+            cameras.choose(event.option_index)
+
+    def turn(self) -> None:
+        """Look through the next camera."""
+        cameras, options = self.query_one(Cameras), self.query_one("#cameras", OptionList)
+        cameras.turn()
+        if cameras.all:
+            options.highlighted = cameras.at
+
+    def _tick(self) -> None:
+        if self.query_one(PictureView).seen and self.query_one(Cameras).all:
+            self._read()
+
+    @work(exclusive=True, exit_on_error=False, group="instruments")
+    async def _read(self) -> None:
+        cameras = self.query_one(Cameras)
+        view, _ = cameras.all[cameras.at]
+        try:
+            told = await self.app.fleet.describe_view(view)
+        except VrError as error:
+            self.query_one("#instruments", Still).show(Text(str(error), tint(self.app, "error")))
+            return
+        text = Text()
+        muted, width = tint(self.app, "muted"), max((len(name) for name in told.readings), default=0)
+        for name, value in sorted(told.readings.items(), key=_of_the_workspace_first):
+            text.append(f"{name.ljust(width)} ", muted)
+            text.append(f"{wording.number(value, 4):>9}", "bold")
+            text.append(f" {told.units.get(name, '')}".rstrip() + "\n", muted)
+        text.rstrip()
+        self.query_one("#instruments", Still).show(text)
+
+
+def _of_the_workspace_first(reading: tuple[str, float]) -> tuple[bool, tuple[int, str]]:
+    """Order instruments: what only the workspace has (a lever's angle) before what its robot tells too."""
+    name = reading[0]
+    return is_of_robot(name), rank(name)

@@ -1,0 +1,97 @@
+"""Keeps a store up to date from a fleet: arrivals and states as they come, the tree when it changed.
+
+Callbacks of the fleet arrive on the event loop; asking who commands whom costs a question to every robot,
+so it is done only after something hinted at a change, and never more often than `PAUSE`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from robotree.tui.seen.store import Store
+from robotree.vr.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.transport import Registration
+
+PAUSE = 0.4
+"""[s] at least between two looks at the tree."""
+
+PATROL = 5.0
+"""[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
+
+log = logging.getLogger(__name__)
+
+
+class Feed:
+    """Feeds one store from one fleet while it is open."""
+
+    def __init__(self, fleet: Fleet, store: Store, clock: Callable[[], float]) -> None:
+        """Feed `store` from `fleet`; `clock` gives the store's `now` [s]."""
+        self.fleet, self.store, self.clock = fleet, store, clock
+        self._hint = asyncio.Event()
+        self._watching: Registration | None = None
+        self._forget: Callable[[], None] | None = None
+        self._patrol: asyncio.Task[None] | None = None
+
+    async def open(self) -> None:
+        """Begin to feed: the lists at once, the rest as it comes."""
+        self._take_lists()
+        self._forget = self.fleet.on_change(self._take_lists)
+        self._watching = await self.fleet.watch_state(None, self._take_state)
+        self._patrol = asyncio.create_task(self._keep_looking(), name="feed of the supervisor")
+
+    async def close(self) -> None:
+        """End. Twice is once."""
+        if self._forget:
+            self._forget()
+            self._forget = None
+        if self._patrol:
+            self._patrol.cancel()
+            await asyncio.gather(self._patrol, return_exceptions=True)
+            self._patrol = None
+        if self._watching:
+            await self._watching.close()
+            self._watching = None
+
+    def _take_lists(self) -> None:
+        now = self.clock()
+        self.store.take_services(self.fleet.services, now, stale=self.fleet.stale)
+        self.store.take_lists(self.fleet.robots(), self.fleet.views(), now)
+        self._hint.set()
+
+    def _take_state(self, name: str, state: State) -> None:
+        shape = self.store.shape
+        self.store.take_state(name, state, self.clock())
+        if self.store.shape != shape:
+            self._hint.set()
+
+    def hint(self) -> None:
+        """Look soon again who commands whom: somebody changed it."""
+        self._hint.set()
+
+    async def _keep_looking(self) -> None:
+        while True:
+            self._hint.clear()
+            await self._look()
+            await asyncio.sleep(PAUSE)
+            try:
+                await asyncio.wait_for(self._hint.wait(), PATROL)
+            except TimeoutError:
+                continue
+
+    async def _look(self) -> None:
+        try:
+            self.store.take_descriptions(await self.fleet.tree())
+            self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
+            self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
+        except VrError as error:
+            self.store.tell(f"cannot see the tree: {error}", "warning", self.clock())
+        except Exception:  # the last fence of this task: the supervisor goes on with what it knows
+            log.exception("a look at the tree failed")
+            self.store.tell("cannot see the tree: the log file says why", "error", self.clock())

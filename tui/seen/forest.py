@@ -1,0 +1,115 @@
+"""Who commands whom: the robots as trees, free ones at the roots. Pure.
+
+lever (OpenCloseLever)
+└─ mover: move-1 (MoveTo)
+   └─ arm: arm-1 (Arm) busy: go_to
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robotree.tui.seen import mood
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.description import RobotDescription, SlotSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One place in a tree: a robot, or an empty slot that waits for one."""
+
+    slot: SlotSpec | None
+    """The slot of the robot above that this one is in; None at a root."""
+    robot: RobotDescription | None
+    """None: the slot is empty, or its child does not answer."""
+    branches: tuple[Branch, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the robot, also of a child that does not answer; empty for an empty slot."""
+        if self.robot:
+            return self.robot.name
+        return self.slot.child.name if self.slot and self.slot.child else ""
+
+
+def forest(robots: Iterable[RobotDescription]) -> tuple[Branch, ...]:
+    """Plant the trees.
+
+    Args:
+        robots: all that answered, in any order.
+
+    Returns:
+        The roots by name: robots that are nobody's child. A robot whose parent is unknown is a root too,
+        so that none is lost from sight.
+    """
+    known = {robot.address.key: robot for robot in sorted(robots, key=lambda one: one.name)}
+    children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
+    planted: set[str] = set()
+    roots = [_grow(None, robot, known, planted) for key, robot in known.items() if key not in children]
+    # What is left goes round in a circle: that should not be, all the more must it be seen.
+    roots += [_grow(None, robot, known, planted) for key, robot in known.items() if key not in planted]
+    return tuple(roots)
+
+
+def _grow(
+    slot: SlotSpec | None,
+    robot: RobotDescription | None,
+    known: Mapping[str, RobotDescription],
+    planted: set[str],
+) -> Branch:
+    if robot is None or robot.address.key in planted:
+        return Branch(slot, robot)
+    planted.add(robot.address.key)
+    inner = [
+        _grow(one, known.get(one.child.key) if one.child else None, known, planted) for one in robot.slots
+    ]
+    return Branch(slot, robot, tuple(inner))
+
+
+def drawing(roots: Iterable[Branch]) -> str:
+    """Draw the trees as text."""
+    return "\n".join(line for root in roots for line in _lines(root, "", ""))
+
+
+def names(branch: Branch) -> Iterable[str]:
+    """Return the names of all robots of a tree, from the top."""
+    if branch.name:
+        yield branch.name
+    for one in branch.branches:
+        yield from names(one)
+
+
+def label(branch: Branch) -> str:
+    """Return one line for a branch, without its lead."""
+    place = f"{branch.slot.name}: " if branch.slot else ""
+    if branch.robot:
+        shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.words(branch.robot)}"
+        return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}"
+    if branch.name:
+        return f"{place}{branch.name} (does not answer)"
+    wants = f"takes {branch.slot.kind}" if branch.slot else ""
+    lost = f"; {branch.slot.lost}" if branch.slot and branch.slot.lost else ""
+    return f"{place}empty ({wants}{lost})"
+
+
+def _lines(branch: Branch, lead: str, below: str) -> Iterable[str]:
+    yield lead + label(branch)
+    last = len(branch.branches) - 1
+    for position, one in enumerate(branch.branches):
+        elbow, bar = ("└─ ", "   ") if position == last else ("├─ ", "│  ")
+        yield from _lines(one, below + elbow, below + bar)
+
+
+def structure(branch: Branch) -> dict[str, object]:
+    """Return a branch as plain data, for `--json`."""
+    facts: dict[str, object] = {
+        "name": branch.name,
+        "kind": branch.robot.kind if branch.robot else "",
+        "state": mood.words(branch.robot) if branch.robot else "",
+    }
+    if branch.slot:
+        facts |= {"slot": branch.slot.name, "takes": branch.slot.kind}
+    return {**facts, "children": [structure(one) for one in branch.branches]}

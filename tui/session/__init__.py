@@ -1,0 +1,1 @@
+"""Session scripts: the verbs, one a line, with what is expected of them."""

@@ -1,0 +1,214 @@
+"""Plays session scripts against a fleet: waits, looks, does, and tells each step as it happens."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import SessionError
+from robotree.tui.line.carrying import Refusal, Silent, carry_out
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.shell import Console
+from robotree.tui.line.verbs import Teller
+from robotree.tui.session.conditions import Scene, Verdict
+from robotree.tui.session.script import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
+from robotree.tui.terminal import note, put
+
+if TYPE_CHECKING:  # a script is read before the agents are needed
+    from robotree.vr.description import RobotDescription
+    from robotree.vr.requests import State
+    from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.transport import Registration
+
+LOOK_AGAIN = 0.1
+"""[s] between two looks at a condition that does not hold yet."""
+
+STDIN = "-"
+"""What is given instead of a file to read standard input."""
+
+Tell = Callable[[Told], None]
+
+
+class Player:
+    """Plays one script."""
+
+    def __init__(self, fleet: Fleet, script: Script, tell: Tell, teller: Teller | None = None) -> None:
+        """Prepare.
+
+        Args:
+            fleet: on which it is played.
+            script: what is played.
+            tell: hears of each step when it is over.
+            teller: hears of each verb while it goes on.
+        """
+        self.fleet, self.script, self.tell, self.teller = fleet, script, tell, teller or Silent()
+        self.result: Any = None
+        self.refusal = ""
+        self._heard: dict[str, Mapping[str, float]] = {}
+        self._listening: list[Registration] = []
+
+    async def play(self) -> Report:
+        """Play until the end or until a step does not hold."""
+        try:
+            return await self._play()
+        finally:
+            for listening in self._listening:
+                await listening.close()
+            self._listening.clear()
+            self._heard.clear()
+
+    async def _play(self) -> Report:
+        began = time.monotonic()
+        told: list[Told] = []
+        for position, step in enumerate(self.script.steps):
+            start = time.monotonic()
+            verdict, data = await self._step(step)
+            now = time.monotonic()
+            told.append(
+                Told(
+                    step=step,
+                    held=verdict.holds,
+                    seen=verdict.seen,
+                    began=start - began,
+                    took=now - start,
+                    data=data,
+                )
+            )
+            self.tell(told[-1])
+            if not verdict.holds:
+                left = tuple(one.text for one in self.script.steps[position + 1 :])
+                return self._report(told, began, left)
+        return self._report(told, began, ())
+
+    def _report(self, told: list[Told], began: float, left: tuple[str, ...]) -> Report:
+        wall = time.monotonic() - began
+        return Report(script=self.script.path, told=tuple(told), wall_s=wall, left=left)
+
+    async def _step(self, step: Step) -> tuple[Verdict, Any]:
+        match step.deed:
+            case Pause(seconds):
+                await asyncio.sleep(seconds)
+                return Verdict(holds=True, seen=""), None
+            case Expect() as expect:
+                return await self._expect(expect), None
+            case Do(line, may_fail):
+                return await self._do(line, may_fail=may_fail)
+
+    async def _do(self, line: Line, *, may_fail: bool) -> tuple[Verdict, Any]:
+        outcome = await carry_out(self.fleet, self._placed(line), self.teller)
+        if isinstance(outcome, Refusal):
+            self.refusal = type(outcome.error).__name__
+            return Verdict(may_fail, f"{self.refusal}: {outcome}"), None
+        self.refusal = ""
+        if line.verb == "call":
+            self.result = outcome.data
+        return Verdict(holds=True, seen=outcome.text), outcome.data
+
+    def _placed(self, line: Line) -> Line:
+        """Find a source beside the script when it is not in the current folder."""
+        given = line.text("FILE")
+        beside = Path(self.script.path).parent / given
+        if line.verb != "create" or not given or Path(given.rpartition(":")[0] or given).exists():
+            return line
+        return replace(line, values={**line.values, "FILE": str(beside)})
+
+    async def _expect(self, expect: Expect) -> Verdict:
+        end = time.monotonic() + expect.within
+        while True:
+            verdict = expect.condition.judge(await self._scene(expect))
+            if verdict.holds or expect.condition.settled:
+                return verdict
+            if time.monotonic() >= end:
+                return Verdict(holds=False, seen=f"not within {expect.within:g} s: {verdict.seen}")
+            await asyncio.sleep(LOOK_AGAIN)
+
+    async def _scene(self, expect: Expect) -> Scene:
+        wanted = expect.condition
+        robots = {name: await self._described(name) for name in wanted.robots}
+        return Scene(
+            listed=frozenset(one.name for one in self.fleet.robots()),
+            robots={name: robot for name, robot in robots.items() if robot},
+            readings={name: await self._readings(name) for name in wanted.readings},
+            result=self.result,
+            refusal=self.refusal,
+        )
+
+    async def _described(self, name: str) -> RobotDescription | None:
+        from robotree.vr.errors import VrError
+
+        try:
+            return await self.fleet.describe(name)
+        except VrError:
+            return None
+
+    async def _readings(self, name: str) -> Mapping[str, float]:
+        from robotree.vr.errors import VrError
+
+        try:
+            if any(view.name == name for view in self.fleet.views()):
+                return (await self.fleet.describe_view(name)).readings
+            return await self._robot_readings(name)
+        except VrError:
+            return {}
+
+    async def _robot_readings(self, name: str) -> Mapping[str, float]:
+        """Return what a robot tells by itself: it is listened to from the first question on."""
+        if name not in self._heard:
+            self._heard[name] = (await self.fleet.describe(name)).readings
+
+            def hear(_: str, state: State) -> None:
+                self._heard[name] = state.readings
+
+            self._listening.append(await self.fleet.watch_state(name, hear))
+        return self._heard[name]
+
+
+def read_file(path: str) -> Script:
+    """Read a script from a file; `-` is standard input.
+
+    Raises:
+        BadScript: a line cannot be understood.
+        SessionError: the file cannot be read.
+    """
+    try:
+        text = sys.stdin.read() if path == STDIN else Path(path).read_text(encoding="utf-8")
+        return read(text, path)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise SessionError(f"cannot read the session {path}: {reason}") from None
+
+
+async def play_file(path: str, realm: str, *, as_json: bool) -> int:
+    """Play a script in a realm and print it as it happens.
+
+    Returns:
+        The exit code: 0 only when everything held.
+
+    Raises:
+        BadScript: a line cannot be understood; nothing was played.
+        SessionError: the file cannot be read.
+        TransportError: the realm cannot be joined.
+    """
+    from robotree.tui.processes.realm import joined
+
+    console = Console(as_json=as_json)
+
+    def tell(told: Told) -> None:
+        console.settle()
+        (note if as_json else put)(transcript(told))
+
+    script = await asyncio.to_thread(read_file, path)
+    async with joined(realm) as fleet:
+        report = await Player(fleet, script, tell, console).play()
+    if as_json:
+        put(json.dumps(report.structure(), ensure_ascii=False))
+    else:
+        put(f"{'held' if report.ok else 'did NOT hold'}: {path}, {report.wall_s:.1f} s")
+    return exit_codes.DONE if report.ok else exit_codes.REFUSED

@@ -1,0 +1,193 @@
+"""Session scripts: the verbs, one per line, with what is expected after them. Pure.
+
+    # anything after a hash is a comment
+    create examples/move_to.py as mover
+    enslave mover.arm arm-1
+    expect arm-1 enslaved by mover.arm within 2s
+    call mover.move x=0.45 y=0 z=0.3 twist=0
+    call mover.get_info
+    expect result.z > 0.25
+    try call arm-1.hold                        # may be refused, the session goes on
+    expect refused NotInControl
+    pause 500ms
+    look cell before.jpg
+
+Paths of `create` are taken from the folder of the script when they are not there from the current one;
+everything else is as on the command line.
+"""
+# `playing.py` plays what is read here.
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+from robotree.tui.errors import BadScript, SupervisorError
+from robotree.tui.line import grammar, values
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.grammar import Line
+from robotree.tui.session.conditions import Condition, condition
+
+PATIENCE = 5.0
+"""[s] that an expectation may take to come true when the line does not say."""
+
+WORTH_TELLING = 0.5
+"""[s] from which on a transcript says how long a step took."""
+
+_WITHIN = re.compile(r"(.*?)(?:\s+within\s+(\S+(?:\s*(?:ms|s|min|h))?))?")
+
+
+@dataclass(frozen=True, slots=True)
+class Do:
+    """Carry out a verb."""
+
+    line: Line
+    may_fail: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Expect:
+    """Wait until a condition holds."""
+
+    condition: Condition
+    within: float
+    """[s] from the moment the step begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Wait."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One line of a script that does something."""
+
+    number: int
+    """Line number, from 1."""
+    text: str
+    deed: Do | Expect | Pause
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A script, understood as a whole before anything is played."""
+
+    path: str
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """One step, played."""
+
+    step: Step
+    held: bool
+    seen: str
+    """What came of it, in one line or more."""
+    began: float
+    """[s] after the session began."""
+    took: float
+    """[s]."""
+    data: Any = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """A session, played."""
+
+    script: str
+    told: tuple[Told, ...] = ()
+    wall_s: float = 0.0
+    left: tuple[str, ...] = field(default=())
+    """Steps that were not played any more because one before them did not hold."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything was played and held."""
+        return not self.left and all(told.held for told in self.told)
+
+    def structure(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        steps = [
+            {
+                "line": told.step.number,
+                "text": told.step.text,
+                "held": told.held,
+                "seen": told.seen,
+                "began_s": round(told.began, 3),
+                "took_s": round(told.took, 3),
+                "data": told.data,
+            }
+            for told in self.told
+        ]
+        return {
+            "ok": self.ok,
+            "script": self.script,
+            "wall_s": round(self.wall_s, 3),
+            "steps": steps,
+            "not_played": list(self.left),
+        }
+
+
+def read(text: str, path: str) -> Script:
+    """Understand a script.
+
+    Args:
+        text: its lines.
+        path: for messages.
+
+    Raises:
+        BadScript: a line cannot be understood; the first one is named.
+    """
+    steps: list[Step] = []
+    for number, raw in enumerate(text.splitlines(), 1):
+        try:
+            words = grammar.split(raw)
+            if words:
+                steps.append(Step(number, raw.strip(), _deed(words, raw)))
+        except SupervisorError as error:
+            raise BadScript(path, number, str(error)) from None
+    return Script(path, tuple(steps))
+
+
+def _deed(words: tuple[str, ...], raw: str) -> Do | Expect | Pause:
+    match words[0]:
+        case "expect":
+            return _expect(" ".join(words[1:]))
+        case "pause":
+            return Pause(values.duration(" ".join(words[1:])))
+        case "try":
+            if len(words) == 1:
+                raise SupervisorError(f"{raw.strip()!r} names no verb to try")
+            return Do(_line(words[1:]), may_fail=True)
+        case _:
+            return Do(_line(words))
+
+
+def _line(words: tuple[str, ...]) -> Line:
+    return grammar.parse(words, shapes(Where.SCRIPT), {})
+
+
+def _expect(text: str) -> Expect:
+    found = _WITHIN.fullmatch(text)
+    if not found:
+        raise SupervisorError(f"expect: cannot read {text!r}")
+    within = values.duration(found[2]) if found[2] else PATIENCE
+    return Expect(condition(found[1]), within)
+
+
+def transcript(told: Told) -> str:
+    """Return a played step as one line of a transcript, with what was seen below it where that is long."""
+    mark = "✓" if told.held else "✗"
+    lines = told.seen.splitlines() or [""]
+    lead = f"{told.began:7.2f} s  {mark}  {told.step.text}"
+    lasted = f"  ({told.took:.1f} s)" if told.took >= WORTH_TELLING else ""
+    if len(lines) == 1:
+        return f"{lead}  → {lines[0]}{lasted}" if lines[0] else f"{lead}{lasted}"
+    lead += lasted
+    return "\n".join([lead, *(f"{'':14}{line}" for line in lines)])
