@@ -1,8 +1,8 @@
 """What a link is: a way for bytes to go there and back, told through callbacks.
 
 A link neither knows messages nor cuts the incoming stream at frames; a `Handler`, usually an
-`robotree.protocol.endpoint.Endpoint`, does. `robotree.protocol.testing.check_link` and `check_close_in_accept`
-examine any new one.
+`robotree.protocol.endpoint.Endpoint`, does. `check_link` and `check_close_in_accept` of
+`robotree.protocol.testing` examine any new one.
 """
 
 from __future__ import annotations
