@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextvars
-import io
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import pytest_asyncio
-from rich.console import Console
 from textual.pilot import Pilot
 from textual.widgets import Button, DirectoryTree, Input
 
@@ -24,6 +22,11 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr.supervision.fleet import Fleet
+
+
+def shows(text: str, words: Iterable[str]) -> bool:
+    """Whether all words are on a screen; it is read once, for reading costs more than looking."""
+    return all(word in text for word in words)
 
 
 class Stage:
@@ -53,15 +56,13 @@ class Stage:
 
     async def sees(self, *words: str, within: float = 10.0) -> None:
         """Wait until all words are on the screen."""
-        await self.until(lambda: all(word in self.text for word in words), within)
+        await self.until(lambda: shows(self.text, words), within)
 
     @property
     def text(self) -> str:
-        """What is on the screen, as plain text."""
-        width, height = self.app.size
-        console = Console(width=width, height=height, file=io.StringIO(), record=True, force_terminal=True)
-        console.print(self.app.screen._compositor.render_update(full=True))
-        return console.export_text(styles=False)
+        """What is on the screen, without colours."""
+        strips = self.app.screen._compositor.render_strips()
+        return "\n".join("".join(segment.text for segment in strip) for strip in strips)
 
     @property
     def listed(self) -> set[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Iterable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import TYPE_CHECKING, TypeVar
 
@@ -25,6 +25,11 @@ KEYS = {
 
 W = TypeVar("W", bound=Widget)
 S = TypeVar("S", bound="Screen[object]")
+
+
+def shows(text: str, words: Iterable[str]) -> bool:
+    """Whether all words are on a screen; it is read once, for reading costs more than looking."""
+    return all(word in text for word in words)
 
 
 class Operator:
@@ -59,7 +64,7 @@ class Operator:
 
     async def sees(self, *words: str) -> None:
         """Wait until all words are on the screen."""
-        await self.until(lambda: all(word in self.text for word in words), str(words))
+        await self.until(lambda: shows(self.text, words), str(words))
 
     async def at(self, kind: type[S]) -> S:
         """Wait until a page of this kind is in front."""
