@@ -208,5 +208,5 @@ def _checked(url: str) -> str:
     try:
         parse(url)
     except BadUrl as error:
-        raise BadController(detail=str(error)) from None
+        raise BadController(detail=str(error)) from error
     return url

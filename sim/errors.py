@@ -17,6 +17,7 @@ Whoever sent the goal is to blame for a GoalRefused; the robot has not moved.
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
+from robotree.protocol.links.url import instead
 from robotree.protocol.messages import Reason
 
 
@@ -85,9 +86,7 @@ class CannotListen(SimError, OSError):
 
     def __init__(self, address: str, cause: str) -> None:
         self.address, self.cause = address, cause
-        super().__init__(
-            f"cannot listen at {address}: {cause}; choose another port (0: any free one) or end its owner"
-        )
+        super().__init__(f"cannot listen at {address}: {cause}; {instead(address)}")
 
 
 def _metres(point: Sequence[float]) -> str:

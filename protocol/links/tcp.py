@@ -172,7 +172,7 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     Raises:
         LinkRefused: nobody listens there, or nobody answers.
     """
-    address = f"tcp:{host}:{port}"
+    address = name("tcp", (host, port))
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT):
@@ -197,7 +197,7 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
         LinkRefused: the port is taken, or the address is not ours.
         BadUrl: the address is not loopback and nobody asked for that.
     """
-    address = f"tcp:{host}:{port}"
+    address = name("tcp", (host, port))
     require_loopback(address, host, exposed=exposed)
     crowd: set[Link] = set()
     loop = asyncio.get_running_loop()

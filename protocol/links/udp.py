@@ -215,7 +215,7 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     Raises:
         LinkRefused: there can be no such address.
     """
-    address = f"udp:{host}:{port}"
+    address = name("udp", (host, port))
     loop = asyncio.get_running_loop()
     try:
         _, carrier = await loop.create_datagram_endpoint(
@@ -243,7 +243,7 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
         LinkRefused: the port is taken, or the address is not ours.
         BadUrl: the address is not loopback and nobody asked for that.
     """
-    address = f"udp:{host}:{port}"
+    address = name("udp", (host, port))
     require_loopback(address, host, exposed=exposed)
     loop = asyncio.get_running_loop()
     try:

@@ -102,7 +102,24 @@ def require_loopback(address: str, host: str, *, exposed: bool) -> None:
     """
     if not exposed and not _is_loopback(host):
         reached = f"{host or 'every address'} can be reached from outside"
-        raise BadUrl(address, f"{reached}; listen on {LOOPBACK} or ask for exposure")
+        raise BadUrl(address, f"{reached}; listen on {LOOPBACK}, and let a tunnel such as ssh lead there")
+
+
+def instead(address: str) -> str:
+    """What to do when somebody else has the address that we want to listen at.
+
+    Args:
+        address: any; one that means nothing gets the most general advice.
+    """
+    match address.partition(":")[0]:
+        case "tcp" | "udp":
+            return "choose another port (0: any free one) or end its owner"
+        case "can":
+            return "choose another number with ?node=N, or end who has this one"
+        case "serial":
+            return "name the device of a port that is there, or end its owner"
+        case _:
+            return "choose another address"
 
 
 def is_private(address: str) -> bool:

@@ -67,11 +67,24 @@ class Contest(NamedTuple):
     theirs: Callable[[], object]
 
 
+RESTLESS = 1.5
+"""A side whose middle turn took so many times its best one was disturbed: its figures are unsure."""
+
+
 class Outcome(NamedTuple):
-    """Medians of the times per message, [us]."""
+    """Times per message, [us]: of the best turn, which is the one that nothing else disturbed."""
 
     ours: float
     theirs: float
+    ours_typical: float
+    """Of the middle turn."""
+    theirs_typical: float
+    """Of the middle turn."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether both sides mostly had the machine for themselves."""
+        return self.ours_typical <= RESTLESS * self.ours and self.theirs_typical <= RESTLESS * self.theirs
 
     @property
     def ratio(self) -> float:
@@ -126,4 +139,4 @@ def compare(contest: Contest, rounds: int) -> Outcome:
             begin = time.perf_counter()
             side()
             times.append((time.perf_counter() - begin) / BATCH * 1e6)
-    return Outcome(statistics.median(ours), statistics.median(theirs))
+    return Outcome(min(ours), min(theirs), statistics.median(ours), statistics.median(theirs))

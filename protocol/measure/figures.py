@@ -63,6 +63,9 @@ def codec(rounds: int = 60) -> Iterable[Figure]:
             if each.name in CODEC:
                 outcome = contest.compare(each, rounds)
                 detail = f"{outcome.ours:.2f} us, pymavlink {outcome.theirs:.2f} us"
+                if not outcome.sure:
+                    typical = f"mostly {outcome.ours_typical:.2f} us and {outcome.theirs_typical:.2f} us"
+                    detail += f" at best, {typical}; unsure, for the machine is busy: measure again"
                 yield Figure(CODEC[each.name], outcome.ratio, detail)
     try:
         count = check_codec(reference.encoder(mavgen))

@@ -14,7 +14,7 @@ from robotree.protocol.links.url import connect, listen
 from robotree.protocol.relay.joint import Joint, Traffic
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator
+    from collections.abc import AsyncGenerator, Callable
 
     from robotree.protocol.links.link import Link
 
@@ -48,10 +48,11 @@ class _Pair:
     async def _open(self) -> None:
         try:
             far = await connect(self._relay.target, lambda _: _Side(self, "far"))
-        except LinkError:
-            self._relay.refused += 1
+        except LinkError as error:
+            self._relay.refuse(error)
             self.close()
             return
+        self._relay.joined += 1
         if self._over:
             far.close()
             return
@@ -99,6 +100,10 @@ class Relay:
         self._ended: dict[str, Traffic] = {side: Traffic(0, 0) for side in ("near", "far")}
         self.refused = 0
         """Links for which none could be opened to the target."""
+        self.joined = 0
+        """Links that were joined with one to the target."""
+        self.on_refused: Callable[[LinkError], None] = lambda _: None
+        """Told why none could be opened."""
         self.address = ""
         """Where it listens."""
 
@@ -137,6 +142,11 @@ class Relay:
         """End all links that run; others may come."""
         for pair in [*self._pairs]:
             pair.close()
+
+    def refuse(self, reason: LinkError) -> None:
+        """No link could be opened to the target."""
+        self.refused += 1
+        self.on_refused(reason)
 
     def forget(self, pair: _Pair) -> None:
         """A pair has ended."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotree.protocol.errors import BadUrl
-from robotree.protocol.links.url import listen, parse, require_loopback
+from robotree.protocol.links.url import SCHEMES, instead, listen, parse, require_loopback
 from robotree.protocol.testing import Recorder
 
 
@@ -66,3 +66,10 @@ async def test_nobody_listens_to_the_world_by_accident(host: str) -> None:
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_loopback_is_always_allowed(host: str) -> None:
     require_loopback("tcp:…", host, exposed=False)
+
+
+def test_the_advice_for_a_taken_address_fits_its_scheme() -> None:
+    assert all(instead(f"{scheme}:x") != instead("x") for scheme in SCHEMES)
+    assert "port (0: any free one)" in instead("udp:127.0.0.1:14550")
+    assert "?node=N" in instead("can:robotree/cell?node=1")
+    assert "device" in instead("serial:/dev/ttyUSB0")

@@ -196,6 +196,7 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
 
     Raises:
         UnknownVerb: it begins with none.
+        BadLine: it is only the first of two words.
     """
     for count in range(min(len(words), LONGEST_VERB), 0, -1):
         if (verb := " ".join(words[:count])) in shapes:
@@ -203,6 +204,9 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
     if not words:
         raise UnknownVerb("", ())
     family = [verb for verb in shapes if verb.startswith(f"{words[0]} ")]
+    if family and len(words) == 1:
+        known = ", ".join(verb.partition(" ")[2] for verb in family)
+        raise BadLine(f"{words[0]} needs a second word: {known}", f"{words[0]} VERB …")
     asked = " ".join(words[:2]) if family else words[0]
     near = difflib.get_close_matches(asked, family or shapes, n=2)
     raise UnknownVerb(asked, tuple(near or family))

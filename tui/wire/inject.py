@@ -15,6 +15,7 @@ import msgspec
 
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.relay import Relay, relaying
+from robotree.tui import exit_codes
 from robotree.tui.errors import SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
@@ -63,6 +64,7 @@ async def _relay(line: Line, accidents: Accidents) -> int:
         lasting(line) as here,
         relaying(line.text("--listen"), line.text("--connect"), accidents) as relay,
     ):
+        relay.on_refused = complain
         put(f"ready {relay.address}")
         loop = asyncio.get_running_loop()
         threading.Thread(target=_read, args=(loop, relay), name="accidents", daemon=True).start()
@@ -74,7 +76,16 @@ async def _relay(line: Line, accidents: Accidents) -> int:
         for side, one in traffic.items():
             withheld = f"; {one.withheld} with keys were kept back" if one.withheld else ""
             put(f"from the {side} side: {one.taken} frames came, {one.passed} passed{withheld}")
+    if relay.refused and not relay.joined:
+        return here.exit_code() or exit_codes.REFUSED
     return here.exit_code()
+
+
+def told(accidents: Accidents) -> str:
+    """What is done to the link, for people."""
+    loss, duplication = f"{accidents.loss * 100:.3g}%", f"{accidents.duplication * 100:.3g}%"
+    delay, jitter = f"{accidents.delay * 1e3:g} ms", f"{accidents.jitter * 1e3:g} ms"
+    return f"loss {loss}, delay {delay}, jitter {jitter}, duplication {duplication}"
 
 
 def _read(loop: asyncio.AbstractEventLoop, relay: Relay) -> None:
@@ -107,4 +118,4 @@ def obey(relay: Relay, text: str) -> None:
     except SupervisorError as error:
         complain(error)
     else:
-        note(f"{relay.accidents}")
+        note(told(relay.accidents))

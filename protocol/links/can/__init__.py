@@ -43,5 +43,7 @@ async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
     """`can:INTERFACE/CHANNEL?node=…`."""
     address = read(url)
     if address.interface in NETWORKED and not exposed:
-        raise BadUrl(url.text, f"{address.interface} can be reached from outside; ask for exposure")
+        raise BadUrl(
+            url.text, f"{address.interface} can be reached from outside; use an interface of this machine"
+        )
     return await listen(address, accept)

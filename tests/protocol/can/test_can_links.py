@@ -244,7 +244,7 @@ async def test_an_unknown_interface_is_refused(channel: str) -> None:
 
 
 async def test_a_bus_that_other_machines_reach_must_be_asked_for() -> None:
-    with pytest.raises(BadUrl, match="ask for exposure"):
+    with pytest.raises(BadUrl, match="use an interface of this machine"):
         await listen_url("can:udp_multicast/239.0.0.1", Recorder)
 
 

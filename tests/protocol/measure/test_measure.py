@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import ModuleType
 
 import pytest
@@ -36,6 +37,25 @@ def test_every_codec_promise_is_measured_on_40_bytes(mavgen: ModuleType) -> None
         outcome = codec.compare(each, rounds=2)
         assert outcome.ours > 0
         assert outcome.ratio == outcome.theirs / outcome.ours
+
+
+def test_a_reference_that_was_disturbed_makes_the_figure_unsure_and_not_better() -> None:
+    turns = {"ours": 0, "theirs": 0}
+
+    def work(side: str, *, disturbed: bool) -> None:
+        turns[side] += 1
+        end = time.perf_counter() + (0.004 if disturbed and turns[side] % 4 else 0.001)
+        while time.perf_counter() < end:
+            pass
+
+    quiet = codec.Contest("quiet", lambda: work("ours", disturbed=False), lambda: None)
+    busy = codec.Contest(
+        "busy", lambda: work("ours", disturbed=False), lambda: work("theirs", disturbed=True)
+    )
+    outcome = codec.compare(busy, rounds=12)
+    assert outcome.ratio == pytest.approx(1, rel=0.3)
+    assert not outcome.sure
+    assert codec.compare(quiet, rounds=1).sure
 
 
 def test_both_sides_of_a_contest_do_the_same(mavgen: ModuleType) -> None:

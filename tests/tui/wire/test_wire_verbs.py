@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import signal
@@ -62,6 +63,7 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
         ("wire", "replay", tmp_path / "a.raw", "--listen", "tcp:0"): "has no times",
         ("wire", "dialect", "--lang", "ada", "out"): "there is c, c++",
         ("wire", "ping", "--connect", "tcp:127.0.0.1:1"): "cannot be opened",
+        ("wire", "ping", "--connect", "tcp:[::1]:1"): "tcp:[::1]:1 cannot be opened",
     }
     for words, sentence in refused.items():
         said = say(*words)
@@ -77,6 +79,17 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
         ("wire", "bench", "luck"): "there is codec, trips",
         ("wire", "inject", "--listen", "tcp:0", "--connect", "tcp:1", "--loss", "2"): "is no share",
         ("wire", "decoed", "a"): "did you mean wire decode",
+        ("wire",): "wire needs a second word: decode, record, replay, monitor, ping",
+        ("wire", "ping", "--connect", "loop:x"): "begin it with can: or serial: or tcp: or udp:",
+        (
+            "wire",
+            "replay",
+            taken,
+            "--listen",
+            "tcp:0.0.0.0:0",
+        ): "0.0.0.0 can be reached from outside",
+        ("sim", "arm", "--listen", "udp:192.0.2.1:0"): "192.0.2.1 can be reached from outside; listen on",
+        ("proxy", "arm", "arm-1", "--connect", "loop:x", "--space", "none"): "'loop:x' is no address",
         ("wire", "dissector", "--port", "port"): "is no port",
     }
     for words, sentence in misunderstood.items():
@@ -161,7 +174,7 @@ def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
         address = process.stdout.readline().split()[1]
         process.stdin.write("loss 50%\n")
         process.stdin.flush()
-        assert "loss=0.5" in process.stderr.readline()
+        assert process.stderr.readline() == "loss 50%, delay 40 ms, jitter 0 ms, duplication 0%\n"
         said = say("wire", "monitor", "--connect", address, "--for", "2.5s", "--every", "500ms", "--json")
         link = said.objects[-1]["links"][0]
         assert 0.2 < link["loss"] < 0.8
@@ -201,3 +214,49 @@ def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
     assert process.returncode == exit_codes.DONE
     assert json.loads(out)["frames"] >= 0
     assert Recording(str(tmp_path / "a.mcap")).form == "mcap"
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.tlog.gz", gzip.compress(b"\xfd" * 500)),
+        ("a.txt", b"(no recording), but a text with words.\n" * 50),
+        ("a.raw", b""),
+        ("a.mcap", b"\x89MCAP0\r\n" + bytes(100)),
+    ],
+)
+def test_a_file_that_is_no_recording_is_not_decoded_with_success(
+    say: Any, tmp_path: Path, name: str, data: bytes
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(data)
+    said = say("wire", "decode", path)
+    assert said.code == exit_codes.REFUSED
+    assert (
+        said.err
+        == f"robotree: {path}: there is no frame in it that we know; is it a recording, and not compressed?\n"
+    )
+
+
+def test_who_stands_before_a_robot_that_is_not_there_says_so_and_fails(say: Any, tmp_path: Path) -> None:
+    words = [*ROBOTREE, "wire", "inject", "--listen", "tcp:127.0.0.1:0", "--connect", "tcp:127.0.0.1:1"]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        address = process.stdout.readline().split()[1]
+        say("wire", "record", "--connect", address, tmp_path / "a.tlog", "--for", "5s")
+        assert process.stderr.readline() == "robotree: tcp:127.0.0.1:1 cannot be opened: Connection refused\n"
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=10)
+    assert process.returncode == exit_codes.REFUSED
+
+
+def test_a_taken_address_is_answered_with_what_can_be_done_about_it(
+    say: Any, arm: str, tmp_path: Path
+) -> None:
+    assert "choose another port (0: any free one)" in say("sim", "arm", "--listen", arm).err
+    missing = say("sim", "arm", "--listen", f"serial:{tmp_path}/ttyX").err
+    assert "name the device of a port that is there" in missing
+    assert "port (0" not in missing
