@@ -23,12 +23,12 @@ def ours(error: Exception) -> bool:
 def code_of(error: Exception) -> int:
     """Return the exit code for an error that ended a verb."""
     from robotree.protocol.errors import BadUrl
-    from robotree.vr.errors import TransportError
+    from robotree.vr.errors import Hanging, TransportError
 
     if isinstance(error, UsageError | ValueRefused | BadScript | BadUrl):
         return USAGE
     if isinstance(error.__cause__, BadUrl):  # a room's own sentence about an address
         return USAGE
-    if isinstance(error, NothingToAsk | OldList | TransportError):
+    if isinstance(error, NothingToAsk | OldList | Hanging | TransportError):
         return NOBODY
     return REFUSED

@@ -90,6 +90,9 @@ async def test_a_stop_that_cannot_reach_a_frozen_host_is_no_success(crew: Crew) 
         assert (code, out) == (exit_codes.NOBODY, "")
         assert f"NOT by clerk (in process {pid}, which hangs); press the emergency stop" in complaints
         assert f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it" in complaints
+        code, out, complaints = await robotree("show", "clerk")
+        assert (code, out) == (exit_codes.NOBODY, "")
+        assert f"is in process {pid}, which hangs and does not answer" in complaints
     finally:
         os.kill(pid, signal.SIGCONT)
     code, out, _ = await robotree("stop")
