@@ -61,10 +61,7 @@ class Codec:
 
     def __init__(self, definition: Definition, build: Callable[..., Any], *, finite: bool = False) -> None:
         self.definition = definition
-        self.build = build
-        """From declared values to the message."""
-        self.finite = finite
-        """Whether NaN and infinity are refused when it is sent."""
+        self.makes(build, finite=finite)
         self.id = definition.id.to_bytes(3, "little")
         self.crc_extra = bytes((definition.crc_extra,))
         self.length = definition.length
@@ -77,8 +74,6 @@ class Codec:
         self.wire = tuple(sorted(definition.fields, key=lambda field: field.offset))
         names = [field.name for field in definition.fields]
         order = [field.name for field in self.wire]
-        self.read = _reader(definition, build)
-        """From bytes and the place of the payload, which goes to their end, to the message."""
         self.flatten = _flattener(definition, astuple if order == names else _wrapped(attrgetter, order))
         """From a typed message to flat values."""
         places = [names.index(name) for name in order]
@@ -86,6 +81,15 @@ class Codec:
             definition, tuple if order == names else _wrapped(itemgetter, places)
         )
         """From declared values to flat values."""
+
+    def makes(self, build: Callable[..., Any], *, finite: bool) -> None:
+        """Have messages of this kind made by `build` from now on; the class may come after the first frame."""
+        self.build = build
+        """From declared values to the message."""
+        self.finite = finite
+        """Whether NaN and infinity are refused when it is sent."""
+        self.read = _reader(self.definition, build)
+        """From bytes and the place of the payload, which goes to their end, to the message."""
 
     def content(self, message: Message) -> bytes:
         """The full payload of a message, zeros at its end included; equal when every bit is.

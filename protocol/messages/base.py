@@ -77,6 +77,7 @@ def wire(name: str) -> Callable[[type[M]], type[M]]:
         definition = by_name()[name]
         TYPED[definition.id] = cls
         cls.codec = codec_of(definition.id)
+        cls.codec.makes(cls, finite=cls.finite)  # who had the codec already gets the class, too
         return cls
 
     return register

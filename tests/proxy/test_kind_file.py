@@ -110,6 +110,8 @@ def test_a_name_that_cannot_be_one_is_the_callers_mistake_and_not_the_files(writ
 
 
 def test_a_kind_reads_messages_that_robotree_has_no_class_for(write: Path) -> None:
+    early = encode(make("ALTITUDE"), sequence=0, system=1, component=1)
+    assert [type(frame.message) for frame in Parser().feed(early)]  # heard before it has a class
     (write / "balloon.py").write_text(
         '''"""A balloon."""
 from robotree.protocol.messages.base import Message, wire
