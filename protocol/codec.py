@@ -83,7 +83,7 @@ class Codec:
         """From declared values to flat values."""
 
     def makes(self, build: Callable[..., Any], *, finite: bool) -> None:
-        """Have messages of this kind made by `build` from now on; the class may come after the first frame."""
+        """Have messages made by `build` from now on: the class may come after the first frame."""
         self.build = build
         """From declared values to the message."""
         self.finite = finite
