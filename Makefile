@@ -32,7 +32,7 @@ demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, h
 	@$(BIN)/robotree demo
 
 test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 soak: $(STAMP)  ## the slow tests
 	$(BIN)/python -m pytest -m soak

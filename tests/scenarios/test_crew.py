@@ -7,6 +7,8 @@ import os
 import signal
 import socket
 import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -94,15 +96,22 @@ async def test_a_member_that_cannot_start_says_why_in_one_sentence(tmp_path: Pat
     assert "Traceback" not in sentence
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder whose name leaves room for the sockets' in it: 107 bytes are all that Linux allows."""
+    with tempfile.TemporaryDirectory(prefix="crew-") as folder:
+        yield Path(folder)
+
+
 async def test_a_demo_that_is_killed_leaves_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for variable, name in (("XDG_RUNTIME_DIR", "r"), ("XDG_STATE_HOME", "s"), ("TMPDIR", "t")):
-        (tmp_path / name).mkdir(mode=0o700)
-        monkeypatch.setenv(variable, str(tmp_path / name))
+        (short_path / name).mkdir(mode=0o700)
+        monkeypatch.setenv(variable, str(short_path / name))
     demo = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "robotree.tui", "demo", "--headless", "--realm", "killed"),
-        cwd=tmp_path,
+        cwd=short_path,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
     )
@@ -116,10 +125,10 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     assert all(await asyncio.gather(*(ended(handle, 20) for handle in handles)))
     async with joined("killed") as fleet:
         assert not any(fleet.directory.present(role) for role in ROLES)
-    entries = {path.name for path in (tmp_path / "r" / "robotree" / "killed").iterdir()}
+    entries = {path.name for path in (short_path / "r" / "robotree" / "killed").iterdir()}
     assert entries == {".door"}, "no socket and no entry"
-    assert list((tmp_path / "t").iterdir()) == []
-    assert list((tmp_path / "s").iterdir()) == [], "it counts no calls"
+    assert list((short_path / "t").iterdir()) == []
+    assert list((short_path / "s").iterdir()) == [], "it counts no calls"
 
 
 def children(pid: int) -> list[int]:
