@@ -69,11 +69,12 @@ class McapWriter:
 
     def flush(self) -> None:
         """End the chunk, so that whoever reads the file while it grows, or after we were killed, has it."""
-        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined] # noqa: SLF001  the library's gap
+        # mcap 1.x ends a chunk when it is full or the file is closed, and offers no public way in between.
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined] # noqa: SLF001
 
     def close(self) -> None:
         """Write the index; without it the file can still be read from its beginning."""
-        self._writer.finish()  # type: ignore[no-untyped-call]  # the library's gap
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it without types
 
     def _channel(self, frame: Frame) -> int:
         key = frame.system, frame.component, frame.msgid

@@ -81,7 +81,7 @@ class Unsigned:
         """Never."""
         return False
 
-    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:  # noqa: ARG002
+    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:  # noqa: ARG002  without a file none matters
         """There is no file in which a key could be kept.
 
         Raises:
