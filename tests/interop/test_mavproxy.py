@@ -85,6 +85,21 @@ def test_our_own_messages_have_names_fields_and_rates(proxy: Any) -> None:
     proxy.reads(r"Msg:ROBOTREE_JOINTS  rate:5\.00Hz")
 
 
+def keyed(proxy: Any, word: str = "sesame") -> Any:
+    """MAVProxy that signs with the key that it makes of a word."""
+    proxy.type("module load signing")
+    proxy.reads("Loaded module signing")
+    proxy.type(f"signing key {word}")
+    proxy.reads("Setup signing key")
+    return proxy
+
+
+def obeyed(proxy: Any) -> None:
+    """Wait until the arm answers it."""
+    proxy.type("param fetch")
+    proxy.reads(r"Received \d+ parameters")
+
+
 class TestSigning:
     """The arm has a key; MAVProxy makes its own from a passphrase."""
 
@@ -96,25 +111,15 @@ class TestSigning:
         return simulate("--key", keys)
 
     def test_with_the_right_key_it_is_obeyed(self, mavproxy: Callable[..., Any], arm: str) -> None:
-        proxy = mavproxy(arm, WITH_RADIO)
-        proxy.type("module load signing")
-        proxy.reads("Loaded module signing")
-        proxy.type("signing key sesame")
-        proxy.reads("Setup signing key")
-        proxy.type("param fetch")
-        proxy.reads(r"Received \d+ parameters")
+        proxy = keyed(mavproxy(arm, WITH_RADIO))
+        obeyed(proxy)
 
     def test_it_changes_the_key_and_is_obeyed_with_the_new_one_while_another_is_heard_no_more(
         self, mavproxy: Callable[..., Any], arm: str, tmp_path: Path
     ) -> None:
-        changer, other = (mavproxy(arm, WITH_RADIO) for _ in range(2))
-        for proxy in (changer, other):
-            proxy.type("module load signing")
-            proxy.reads("Loaded module signing")
-            proxy.type("signing key sesame")
-            proxy.reads("Setup signing key")
-            proxy.type("param fetch")
-            proxy.reads(r"Received \d+ parameters")
+        changer, other = (keyed(mavproxy(arm, WITH_RADIO)) for _ in range(2))
+        obeyed(changer)
+        obeyed(other)
         changer.type("signing setup poppy")
         changer.reads("Sent secret_key")
         other.reads(r"The signing key was changed by system 255\.")
@@ -134,13 +139,8 @@ class TestSigning:
         self, mavproxy: Callable[..., Any], arm: str, tmp_path: Path
     ) -> None:
         before = (tmp_path / "keys").read_text()
-        proxy = mavproxy(arm, WITH_RADIO)
-        proxy.type("module load signing")
-        proxy.reads("Loaded module signing")
-        proxy.type("signing key sesame")
-        proxy.reads("Setup signing key")
-        proxy.type("param fetch")
-        proxy.reads(r"Received \d+ parameters")
+        proxy = keyed(mavproxy(arm, WITH_RADIO))
+        obeyed(proxy)
         proxy.type("signing remove")
         proxy.reads(r"Signing is not switched off over the wire; edit the key file\.")
         proxy.type("long DO_GRIPPER 1 0")
@@ -149,11 +149,7 @@ class TestSigning:
         assert (tmp_path / "keys").read_text() == before
 
     def test_with_a_wrong_key_it_is_not_heard(self, mavproxy: Callable[..., Any], arm: str) -> None:
-        proxy = mavproxy(arm, WITH_RADIO)
-        proxy.type("module load signing")
-        proxy.reads("Loaded module signing")
-        proxy.type("signing key wheat")
-        proxy.reads("Setup signing key")
+        proxy = keyed(mavproxy(arm, WITH_RADIO), "wheat")
         proxy.type("param fetch")
         proxy.type("long DO_GRIPPER 1 0")
         with pytest.raises(AssertionError, match="never printed"):
