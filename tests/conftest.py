@@ -1,15 +1,48 @@
-"""What tests of several rooms need: a cable between two serial ports."""
+"""What tests of several rooms need: a place apart, and a cable between two serial ports."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import os
+import tempfile
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
+
+
+@contextlib.contextmanager
+def place_apart() -> Generator[Path]:
+    """Set a runtime and a state folder for this process and those that it starts, without realm or key.
+
+    Yields:
+        The runtime folder, empty. It lies beside pytest's own temporary folders, not in them: their names
+        grow with the test's and with the number of runs, and Linux takes 107 bytes for a socket's path.
+    """
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder, pytest.MonkeyPatch.context() as environment:
+        runtime, state = Path(folder, "run"), Path(folder, "state")
+        for variable, path in (("XDG_RUNTIME_DIR", runtime), ("XDG_STATE_HOME", state)):
+            path.mkdir(mode=0o700)
+            environment.setenv(variable, str(path))
+        for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
+            environment.delenv(variable, raising=False)
+        yield runtime
+
+
+@pytest.fixture
+def place() -> Iterator[Path]:
+    """Where the processes of this test meet, apart from everybody else's: a runtime folder."""
+    with place_apart() as runtime:
+        yield runtime
+
+
+@pytest.fixture(scope="module")
+def shared_place() -> Iterator[Path]:
+    """The same for all tests of a module."""
+    with place_apart() as runtime:
+        yield runtime
 
 
 class Cable:

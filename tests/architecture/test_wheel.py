@@ -50,7 +50,7 @@ def test_nothing_but_robotree_lands_in_site_packages(wheel: Path) -> None:
     assert {root for root in roots if not root.endswith(".dist-info")} == {"robotree"}
 
 
-def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path: Path) -> None:
+def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path: Path, place: Path) -> None:
     """The thesis' chapter 4.2, played by real processes, by a product that nothing else is installed with."""
     venv.create(tmp_path / "env", with_pip=False)
     python = tmp_path / "env" / "bin" / "python"
@@ -58,11 +58,9 @@ def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path
     assert uv, "`make setup` provides uv"
     lock = ROOT / "requirements.lock"
     run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel)
-    runtime = tmp_path / "run"
-    runtime.mkdir(mode=0o700)
     done = run(
         *(tmp_path / "env" / "bin" / "robotree", "demo", "--headless", "--pictures", tmp_path),
-        XDG_RUNTIME_DIR=str(runtime),
+        XDG_RUNTIME_DIR=str(place),
         PYTHONPATH="",
     )
     verdict = json.loads(done.stdout.splitlines()[-1])

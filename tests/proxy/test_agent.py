@@ -35,11 +35,8 @@ async def cell() -> AsyncIterator[Server]:
 
 
 @pytest.fixture
-async def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Transport]:
-    runtime = tmp_path / "run"
-    runtime.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    transport = await join("test")
+async def realm(place: Path) -> AsyncIterator[Transport]:
+    transport = await join("test", root=place / "robotree")
     yield transport
     await transport.close()
 

@@ -99,12 +99,9 @@ def command(command: MavCmd, param: float) -> CommandLong:
 
 
 @pytest.fixture
-async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+async def crew(place: Path) -> AsyncIterator[Crew]:
     """A lookup service and the controller of a rover."""
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    async with Crew(REALM, tmp_path) as crew:
+    async with Crew(REALM, place) as crew:
         await crew.start_all(("lookup", "lu-1"), ("sim", "rover", "--listen", "tcp:127.0.0.1:0"))
         yield crew
 

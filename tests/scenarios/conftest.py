@@ -163,15 +163,11 @@ class Stage:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def stage(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Stage]:
-    folder: Path = tmp_path_factory.mktemp("stage")
-    with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("XDG_RUNTIME_DIR", str(folder))
-        environment.setenv("XDG_STATE_HOME", str(folder))
-        async with Crew("thesis", folder) as crew:
-            await cast(crew)
-            async with (
-                joined("thesis") as fleet,
-                Supervisor(fleet, realm="thesis").run_test(size=(140, 44)) as pilot,
-            ):
-                yield Stage(pilot, fleet)
+async def stage(shared_place: Path) -> AsyncIterator[Stage]:
+    async with Crew("thesis", shared_place) as crew:
+        await cast(crew)
+        async with (
+            joined("thesis") as fleet,
+            Supervisor(fleet, realm="thesis").run_test(size=(140, 44)) as pilot,
+        ):
+            yield Stage(pilot, fleet)

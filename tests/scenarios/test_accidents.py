@@ -62,14 +62,11 @@ async def busy() -> str:
 
 
 @pytest.fixture
-async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+async def crew(place: Path) -> AsyncIterator[Crew]:
     """A lookup service, and a host with a talkative robot."""
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    source = tmp_path / "talkative.py"
+    source = place / "talkative.py"
     source.write_text(AUTHOR)
-    async with Crew(REALM, tmp_path) as crew:
+    async with Crew(REALM, place) as crew:
         await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
         assert await robotree("create", str(source), "as", "talker") == (
             exit_codes.DONE,

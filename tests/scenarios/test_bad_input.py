@@ -202,13 +202,9 @@ class Bench:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def bench(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Bench]:
-    folder = tmp_path_factory.mktemp("bad-input")
-    with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("XDG_RUNTIME_DIR", str(folder))
-        environment.delenv("ROBOTREE_KEY", raising=False)
-        async with Crew("bad-input", folder) as crew:
-            yield Bench(folder, crew, await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0"))
+async def bench(shared_place: Path) -> AsyncIterator[Bench]:
+    async with Crew("bad-input", shared_place) as crew:
+        yield Bench(shared_place, crew, await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0"))
 
 
 C = TypeVar("C", bound=Client)

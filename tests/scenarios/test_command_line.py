@@ -40,18 +40,13 @@ asyncio.run(be())
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(shared_place: Path) -> Iterator[Path]:
     """The demo's cast in a realm of this module alone; the folder takes what verbs write."""
-    found = tmp_path_factory.mktemp("line")
-    with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("XDG_RUNTIME_DIR", str(found))
-        environment.setenv("XDG_STATE_HOME", str(found))
-        environment.delenv("ROBOTREE_REALM", raising=False)
-        words = [sys.executable, "-c", CAST, str(found)]
-        with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crew:
-            assert crew.stdout
-            assert crew.stdout.readline() == "ready\n"
-            yield found
+    words = [sys.executable, "-c", CAST, str(shared_place)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crew:
+        assert crew.stdout
+        assert crew.stdout.readline() == "ready\n"
+        yield shared_place
 
 
 Say = Callable[..., Any]

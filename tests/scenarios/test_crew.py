@@ -7,8 +7,6 @@ import os
 import signal
 import socket
 import sys
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,7 +16,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.address import ROLES
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
 STARTER = """
 import asyncio, sys
@@ -33,13 +31,6 @@ async def main():
 
 asyncio.run(main())
 """
-
-
-@pytest.fixture(autouse=True)
-def private_runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runtime = tmp_path / "run"
-    runtime.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
 
 
 def is_running(pid: int) -> bool:
@@ -96,22 +87,15 @@ async def test_a_member_that_cannot_start_says_why_in_one_sentence(tmp_path: Pat
     assert "Traceback" not in sentence
 
 
-@pytest.fixture
-def short_path() -> Iterator[Path]:
-    """A folder whose name leaves room for the sockets' in it: 107 bytes are all that Linux allows."""
-    with tempfile.TemporaryDirectory(prefix="crew-") as folder:
-        yield Path(folder)
-
-
 async def test_a_demo_that_is_killed_leaves_nothing_behind(
-    short_path: Path, monkeypatch: pytest.MonkeyPatch
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for variable, name in (("XDG_RUNTIME_DIR", "r"), ("XDG_STATE_HOME", "s"), ("TMPDIR", "t")):
-        (short_path / name).mkdir(mode=0o700)
-        monkeypatch.setenv(variable, str(short_path / name))
+    temporary, state = place.with_name("tmp"), place.with_name("state")
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
     demo = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "robotree.tui", "demo", "--headless", "--realm", "killed"),
-        cwd=short_path,
+        cwd=tmp_path,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
     )
@@ -125,10 +109,10 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     assert all(await asyncio.gather(*(ended(handle, 20) for handle in handles)))
     async with joined("killed") as fleet:
         assert not any(fleet.directory.present(role) for role in ROLES)
-    entries = {path.name for path in (short_path / "r" / "robotree" / "killed").iterdir()}
+    entries = {path.name for path in (place / "robotree" / "killed").iterdir()}
     assert entries == {".door"}, "no socket and no entry"
-    assert list((short_path / "t").iterdir()) == []
-    assert list((short_path / "s").iterdir()) == [], "it counts no calls"
+    assert list(temporary.iterdir()) == []
+    assert list(state.iterdir()) == [], "it counts no calls"
 
 
 def children(pid: int) -> list[int]:

@@ -25,17 +25,9 @@ from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300), pytest.mark.usefixtures("place")]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
-
-
-@pytest.fixture(autouse=True)
-def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runtime = tmp_path / "run"
-    runtime.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 @asynccontextmanager

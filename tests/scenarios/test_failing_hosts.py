@@ -61,15 +61,12 @@ async def show(name: str) -> dict[str, Any]:
 
 
 @pytest.fixture
-async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
+async def crew(place: Path) -> AsyncIterator[Crew]:
     """A lookup service, a host, and a clerk on it."""
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    (tmp_path / "clerk.py").write_text(AUTHOR)
-    async with Crew(REALM, tmp_path) as crew:
+    (place / "clerk.py").write_text(AUTHOR)
+    async with Crew(REALM, place) as crew:
         await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
-        await hire(tmp_path)
+        await hire(place)
         yield crew
 
 
@@ -101,7 +98,7 @@ async def test_a_stop_that_cannot_reach_a_frozen_host_is_no_success(crew: Crew) 
 
 @pytest.mark.parametrize("next_host", ["host-1", "host-2"])
 async def test_calls_go_on_being_counted_after_a_host_was_killed_wherever_the_robot_returns(
-    crew: Crew, tmp_path: Path, next_host: str
+    crew: Crew, place: Path, next_host: str
 ) -> None:
     for _ in range(2):
         assert (await robotree("call", "clerk.count"))[0] == exit_codes.DONE
@@ -111,7 +108,7 @@ async def test_calls_go_on_being_counted_after_a_host_was_killed_wherever_the_ro
     member.process.kill()
     await member.stop()  # nothing is left to stop but its pipes
     await crew.start("host", next_host)
-    await hire(tmp_path)
+    await hire(place)
     assert (await robotree("call", "clerk.count"))[0] == exit_codes.DONE
     clerk = await show("clerk")
     assert (clerk["host"], clerk["calls"]) == (next_host, {"count": 3})

@@ -85,27 +85,23 @@ def robotree(*words: str | Path, **environment: str) -> subprocess.CompletedProc
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def cell(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Guarded]:
-    folder = tmp_path_factory.mktemp("keys")
-    ours, others = folder / "ours.key", folder / "others.key"
-    with pytest.MonkeyPatch.context() as environment:
-        environment.setenv("XDG_RUNTIME_DIR", str(folder))
-        environment.delenv("ROBOTREE_KEY", raising=False)
-        for file in (ours, others):
-            made = robotree("wire", "key", file)
-            assert made.returncode == exit_codes.DONE, made.stderr
-        async with Crew(REALM, folder) as crew:
-            arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--key", str(ours))
-            where = ("--connect", arm.address)
-            await crew.start_all(
-                ("lookup", "lookup-1"),
-                ("proxy", "arm", "right", *where, "--key", str(ours), "--space", "none"),
-                ("proxy", "arm", "wrong", *where, "--key", str(others), "--space", "none"),
-                ("proxy", "arm", "without", *where, "--space", "none"),
-                ("view", "cell", *where, "--key", str(ours)),
-            )
-            async with joined(REALM) as fleet:
-                yield Guarded(folder, crew, fleet, arm.address)
+async def cell(shared_place: Path) -> AsyncIterator[Guarded]:
+    ours, others = shared_place / "ours.key", shared_place / "others.key"
+    for file in (ours, others):
+        made = robotree("wire", "key", file)
+        assert made.returncode == exit_codes.DONE, made.stderr
+    async with Crew(REALM, shared_place) as crew:
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--key", str(ours))
+        where = ("--connect", arm.address)
+        await crew.start_all(
+            ("lookup", "lookup-1"),
+            ("proxy", "arm", "right", *where, "--key", str(ours), "--space", "none"),
+            ("proxy", "arm", "wrong", *where, "--key", str(others), "--space", "none"),
+            ("proxy", "arm", "without", *where, "--space", "none"),
+            ("view", "cell", *where, "--key", str(ours)),
+        )
+        async with joined(REALM) as fleet:
+            yield Guarded(shared_place, crew, fleet, arm.address)
 
 
 @on_the_cells_loop

@@ -20,14 +20,8 @@ HEAVY = {"asyncio", "textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "num
 
 
 @pytest.fixture
-def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A runtime folder and a state folder of this test alone."""
-    folder = tmp_path / "r"
-    folder.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.delenv("ROBOTREE_REALM", raising=False)
-    return folder
+def runtime(place: Path) -> Path:
+    return place
 
 
 def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str]:

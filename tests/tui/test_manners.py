@@ -23,11 +23,9 @@ ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 
 
 @pytest.fixture
-def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def nowhere(place: Path) -> Path:
     """A runtime folder in which no realm was ever made."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.delenv("ROBOTREE_REALM", raising=False)
-    return tmp_path
+    return place
 
 
 @pytest.mark.parametrize(

@@ -46,11 +46,8 @@ async def answer(*words: str) -> Any:
 
 
 @pytest.fixture
-async def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Crew]:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    async with Crew(REALM, tmp_path) as crew:
+async def crew(place: Path) -> AsyncIterator[Crew]:
+    async with Crew(REALM, place) as crew:
         await crew.start("lookup", "lu-1")
         yield crew
 

@@ -14,15 +14,10 @@ from robotree.protocol import Parser
 from robotree.protocol.links.keyring import create
 from robotree.tui import exit_codes
 
+pytestmark = pytest.mark.usefixtures("place")
 LISTENING = ("sim", "arm", "--listen", "tcp:127.0.0.1:0")
 DIALLING = ("proxy", "arm", "arm-1", "--connect", "tcp:127.0.0.1:1", "--space", "none")
 WATCHING = ("wire", "monitor", "--connect", "udp:127.0.0.1:9", "tcp:127.0.0.1:1")
-
-
-@pytest.fixture(autouse=True)
-def apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.delenv("ROBOTREE_KEY", raising=False)
 
 
 def key_for(pattern: str, folder: Path) -> Path:

@@ -16,12 +16,12 @@ from robotree.vr.transport import Transport
 
 
 @pytest.fixture
-async def join_zenoh(tmp_path: Path) -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]:
+async def join_zenoh(place: Path) -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]:
     """Enter a realm of this test alone; whoever is still in it at the end is closed."""
     members: list[ZenohTransport] = []
 
     async def enter() -> ZenohTransport:
-        members.append(await join("test", root=tmp_path / "robotree"))
+        members.append(await join("test", root=place / "robotree"))
         return members[-1]
 
     yield enter
@@ -68,7 +68,7 @@ Start = Callable[..., Awaitable[Process]]
 
 
 @pytest.fixture
-async def start(tmp_path: Path) -> AsyncIterator[Start]:
+async def start(place: Path) -> AsyncIterator[Start]:
     """Start members of the test's realm; all are killed at the end."""
     started: list[Process] = []
 
@@ -78,7 +78,7 @@ async def start(tmp_path: Path) -> AsyncIterator[Start]:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
-            env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "ROBOTREE_REALM": "test"},
+            env={**os.environ, "XDG_RUNTIME_DIR": str(place), "ROBOTREE_REALM": "test"},
         )
         started.append(Process(process))
         return started[-1]
