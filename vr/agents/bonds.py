@@ -11,20 +11,14 @@ from typing import Any
 
 from robotree.vr.address import Address
 from robotree.vr.agents.bond_link import Link
-from robotree.vr.bond import Bond, Slots
+from robotree.vr.agents.petition import Petitioner
+from robotree.vr.bond import Slots
 from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.context import CommandContext
 from robotree.vr.description import RobotDescription
-from robotree.vr.errors import (
-    CycleOfBonds,
-    DeadlineExceeded,
-    Garbled,
-    SlotEmpty,
-    TransportError,
-    VrError,
-)
-from robotree.vr.exchange.client import OnProgress, RobotClient, fresh_key
-from robotree.vr.lease import DEFAULT_TERM, Lessee
+from robotree.vr.errors import DeadlineExceeded, SlotEmpty, VrError
+from robotree.vr.exchange.client import OnProgress, RobotClient
+from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.transport import Transport
 
 FAREWELL = 2.0
@@ -36,9 +30,6 @@ knows who did not answer before the one at the top gives up."""
 
 LONGEST = 60.0
 """[s] Nobody waits longer for a stop."""
-
-RETRY = 0.2
-"""[s] before a child that cannot be reached is told again that a petition is taken back."""
 
 _log = logging.getLogger(__name__)
 
@@ -67,11 +58,11 @@ class BondKeeper:
             term: [s] asked of the children.
         """
         self._parent, self._slots, self._transport = parent, slots, transport
-        self._lineage, self._on_change, self._term = lineage, on_change, term
+        self._lineage, self._on_change = lineage, on_change
         self._links: dict[str, Link] = {}
         self._closed = False
         self._endings: set[asyncio.Task[None]] = set()
-        self._retracting: set[asyncio.Task[None]] = set()
+        self._petitioner = Petitioner(parent, transport, lineage=lineage, term=term)
 
     # -- binding ----------------------------------------------------------------------------------
 
@@ -85,13 +76,10 @@ class BondKeeper:
         """
         reserved = self._slots.begin(slot, child)
         client = RobotClient(self._transport, child)
-        key = fresh_key()
         try:
-            bond = await self._petition(client, slot, reserved.spec.kind, key)
-        except BaseException as error:
+            bond = await self._petitioner.ask(client, slot, reserved.spec.kind)
+        except BaseException:
             self._slots.abort(slot)
-            if isinstance(error, TransportError) or not isinstance(error, VrError):
-                self._retract(client, key)  # it may have been granted, and only the answer was lost
             raise
         self._slots.bind(slot, bond)
         link = self._links[slot] = Link(
@@ -108,34 +96,6 @@ class BondKeeper:
         self._on_change()
         if self._closed:  # it was deleted meanwhile
             await self._free_if_bound(slot)
-
-    async def _petition(self, client: RobotClient, slot: str, kind: str, key: str) -> Bond:
-        lineage, child = self._lineage(), client.address
-        if child.name in lineage:
-            raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
-        sent = _now()
-        granted = await client.petition(
-            self._parent, slot, kind=kind, lineage=lineage, term=self._term, key=key
-        )
-        if granted.robot is None:
-            raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
-        lease = Lessee(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
-        return Bond(child=child, lease=lease, description=granted.robot)
-
-    def _retract(self, client: RobotClient, key: str) -> None:
-        async def tell() -> None:
-            latest = _now() + self._term  # then the lease is over, if there is one
-            while _now() < latest:
-                try:
-                    await client.retract(self._parent, key, timeout=FAREWELL)
-                except TransportError:
-                    await asyncio.sleep(RETRY)
-                else:
-                    return
-
-        task = asyncio.ensure_future(tell())
-        self._retracting.add(task)
-        task.add_done_callback(self._retracting.discard)
 
     async def free(self, slot: str) -> None:
         """Release the child in a slot; it is told, and else its lease runs out.
@@ -154,10 +114,7 @@ class BondKeeper:
         self._closed = True
         await asyncio.gather(*(self._free_if_bound(slot) for slot in self._slots.bonds()))
         await asyncio.gather(*self._endings)
-        if self._retracting:
-            _, late = await asyncio.wait(self._retracting, timeout=FAREWELL)
-            for task in late:
-                task.cancel()
+        await self._petitioner.close(FAREWELL)
 
     async def _free_if_bound(self, slot: str) -> None:
         with contextlib.suppress(SlotEmpty):  # it was lost meanwhile

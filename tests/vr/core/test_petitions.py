@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot
-from robotree.vr.errors import NoAnswer
+from robotree.vr.agents.petition import REUNION
+from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.rehearsal.memory import MemoryTransport
 from robotree.vr.requests import Petition, decode_request
 
@@ -68,3 +69,37 @@ async def test_a_petition_that_comes_after_it_was_taken_back_is_refused(realm: A
     await asyncio.sleep(1.0)
     assert rover.description().bond is None
     await realm.client(pair).enslave("left", rover.address)
+
+
+async def test_a_child_whose_link_is_just_coming_back_is_waited_for(realm: Any) -> None:
+    """One of the two hung for longer than the network's lease, and has just woken."""
+    rover = await realm.start(Rover("rover"))
+    pair = await realm.start(Pair("pair"))
+    realm.network.cut(pair.transport, rover.transport)
+    await asyncio.sleep(2 * realm.network.lease)
+    enslaving = asyncio.create_task(realm.client(pair).enslave("left", rover.address))
+    await asyncio.sleep(REUNION / 2)
+    realm.network.heal(pair.transport, rover.transport)
+    await enslaving
+    assert rover.description().bond is not None
+
+
+async def test_a_child_that_is_dead_is_not_waited_for(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    pair = await realm.start(Pair("pair"))
+    realm.network.kill(rover.transport)
+    asked = asyncio.get_running_loop().time()
+    with pytest.raises(Unreachable):
+        await realm.client(pair).enslave("left", rover.address)
+    assert asyncio.get_running_loop().time() - asked < REUNION / 2
+
+
+async def test_a_child_whose_link_stays_away_is_given_up(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    pair = await realm.start(Pair("pair"))
+    realm.network.cut(pair.transport, rover.transport)
+    await asyncio.sleep(2 * realm.network.lease)
+    asked = asyncio.get_running_loop().time()
+    with pytest.raises(Unreachable):
+        await realm.client(pair).enslave("left", rover.address)
+    assert REUNION <= asyncio.get_running_loop().time() - asked < REUNION + 1
