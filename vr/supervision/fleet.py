@@ -7,20 +7,20 @@ Of those that do not answer it says which process holds them, if that lives (`Ha
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.bundle import Bundle
-from robotree.vr.confirmation import Confirmations, Order
 from robotree.vr.description import Listing, RobotDescription, Template
-from robotree.vr.errors import Hanging, NoAnswer, NoHost, NotInControl, Unreachable, VrError
+from robotree.vr.errors import NoAnswer, NoHost, Unreachable, VrError
 from robotree.vr.exchange.client import DEFAULT_DEADLINE, RobotClient
 from robotree.vr.exchange.host_client import HostClient
 from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
-from robotree.vr.transport import Registration, Silent, Transport
+from robotree.vr.supervision.orders import Orders
+from robotree.vr.transport import Registration, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -28,18 +28,8 @@ CALLER = "operator"
 GLANCE = 1.5
 """[s] to wait for each agent when many are asked at once: one that hangs must not hide the others."""
 
-CONFIRM = 3.0
-"""[s] for all robots to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
-nothing; this is how long it takes to say that somebody has not confirmed it."""
-
-LOOK = 0.05
-"""[s] between two looks at who is there and has not been told."""
-
 OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
-Tell = Callable[[RobotClient], Coroutine[Any, Any, None]]
-"""Gives one robot an order."""
-
 _R = TypeVar("_R")
 
 
@@ -50,6 +40,7 @@ class Fleet:
         """Prepare; `start` looks around."""
         self.directory = Directory(transport)
         self._transport = transport
+        self._orders = Orders(self.directory, transport)
 
     async def start(self) -> None:
         """Begin to look; returns when the lookup services that are there have said what they hold."""
@@ -126,8 +117,11 @@ class Fleet:
 
         A robot that vanishes or hangs meanwhile is left out; its children are not.
         """
-        asked = (self._client(address, GLANCE).describe() for address in self.directory.present("robot"))
-        return from_the_top(await _all_that_answer(asked))
+        robots = (
+            RobotClient(self._transport, address, patience=GLANCE)
+            for address in self.directory.present("robot")
+        )
+        return from_the_top(await _all_that_answer(robot.describe() for robot in robots))
 
     async def look(
         self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
@@ -179,7 +173,7 @@ class Fleet:
             NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
                 were told before this is raised; it names both.
         """
-        return await self._tell_all(
+        return await self._orders.give(
             name, "the protective stop", lambda robot: robot.safe_stop("the operator's protective stop")
         )
 
@@ -193,7 +187,7 @@ class Fleet:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it; see `stop`.
         """
-        return await self._tell_all(name, "the release of the stop", lambda robot: robot.resume())
+        return await self._orders.give(name, "the release of the stop", lambda robot: robot.resume())
 
     # -- who commands whom ------------------------------------------------------------------------
 
@@ -252,9 +246,6 @@ class Fleet:
             await self.directory.expect_awake(str(error.data["key"]))
             raise
 
-    def _client(self, address: Address, patience: float) -> RobotClient:
-        return RobotClient(self._transport, address, patience=patience)
-
     async def _choose_host(self, name: str) -> Address:
         if name:
             return await self.directory.resolve(name, "host")
@@ -262,58 +253,6 @@ class Fleet:
         if not hosts:
             raise NoHost
         return hosts[0]
-
-    async def _tell_all(self, name: str | None, order: Order, tell: Tell) -> Sequence[str]:
-        asked: dict[Address, asyncio.Future[None]] = {}
-        if name is None:
-            silent = await self._ask_all(asked, tell)
-        else:
-            silent = await self._ask_one(name, asked, tell)
-        await asyncio.gather(*asked.values(), return_exceptions=True)
-        answers = {address: asking.exception() for address, asking in asked.items()}
-        if any(answers.values()):  # of those who fell silent meanwhile, somebody else may know more
-            silent += await self._transport.silent(everyone("robot", name or "*"))
-        confirmations = Confirmations(order)
-        missed = {one.key for one in silent}
-        for one in silent:
-            address = Address.parse(one.key)
-            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
-        for address, answer in answers.items():
-            if address.key not in missed and not isinstance(answer, NotInControl):  # its parent tells it
-                confirmations.take(address.name, answer)
-        return confirmations.settle()
-
-    async def _ask_one(
-        self, name: str, asked: dict[Address, asyncio.Future[None]], tell: Tell
-    ) -> list[Silent]:
-        try:
-            address = await self.directory.resolve(name)
-        except Hanging:
-            if silent := await self._transport.silent(everyone("robot", name)):
-                return silent
-            address = await self.directory.resolve(name)  # it woke up just now
-        asked[address] = asyncio.ensure_future(tell(self._client(address, CONFIRM)))
-        return []
-
-    async def _ask_all(self, asked: dict[Address, asyncio.Future[None]], tell: Tell) -> list[Silent]:
-        """Ask all who are seen at once, then those who come to sight while everybody is looked for."""
-        loop = asyncio.get_running_loop()
-        latest = loop.time() + CONFIRM
-        seen = set(self.directory.present("robot"))
-        while True:
-            for address in seen - asked.keys():
-                asked[address] = asyncio.ensure_future(tell(self._client(address, CONFIRM)))
-            silent = await self._transport.silent(everyone("robot"))
-            # in this order: who is silent no longer is seen now
-            seen = _addresses(await self._transport.present(everyone("robot")))
-            if asked.keys() >= seen and (not silent or loop.time() > latest):
-                return silent
-            if silent:
-                await asyncio.sleep(LOOK)
-
-
-def _addresses(keys: Iterable[str]) -> set[Address]:
-    return {address for address in map(Address.parse, keys) if address is not None}
 
 
 def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:

@@ -1,0 +1,109 @@
+"""Orders that nobody may miss: given to one robot or to all at once, and confirmed by each."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Iterable, Sequence
+from typing import Any
+
+from robotree.vr.address import Address, everyone
+from robotree.vr.confirmation import Confirmations, Order
+from robotree.vr.errors import Hanging, NotInControl
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.lookup.directory import Directory
+from robotree.vr.transport import Silent, Transport
+
+CONFIRM = 3.0
+"""[s] for all robots to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
+nothing; this is how long it takes to say that somebody has not confirmed it."""
+
+LOOK = 0.05
+"""[s] between two looks at who is there and has not been told."""
+
+Tell = Callable[[RobotClient], Coroutine[Any, Any, None]]
+"""Gives one robot the order."""
+
+
+class Orders:
+    """Gives orders to the robots of a realm."""
+
+    def __init__(self, directory: Directory, transport: Transport) -> None:
+        """Prepare.
+
+        Args:
+            directory: knows the robots by name.
+            transport: the way to them.
+        """
+        self._directory, self._transport = directory, transport
+
+    async def give(self, name: str | None, order: Order, tell: Tell) -> Sequence[str]:
+        """Give an order at once to all whom it concerns, also to those who come to sight meanwhile.
+
+        Args:
+            name: of the robot; None: all.
+            order: in words.
+            tell: gives it to one robot.
+
+        Returns:
+            The names of those that have confirmed it.
+
+        Raises:
+            NoSuchRobot: there is none of this name.
+            NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
+                were told before this is raised; it names both.
+        """
+        asked: dict[Address, asyncio.Future[None]] = {}
+        if name is None:
+            silent = await self._tell_all(asked, tell)
+        else:
+            silent = await self._tell_one(name, asked, tell)
+        await asyncio.gather(*asked.values(), return_exceptions=True)
+        answers = {address: asking.exception() for address, asking in asked.items()}
+        if any(answers.values()):  # of those who fell silent meanwhile, somebody else may know more
+            silent += await self._transport.silent(everyone("robot", name or "*"))
+        confirmations = Confirmations(order)
+        missed = {one.key for one in silent}
+        for one in silent:
+            address = Address.parse(one.key)
+            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
+        for address, answer in answers.items():
+            if address.key not in missed and not isinstance(answer, NotInControl):  # its parent tells it
+                confirmations.take(address.name, answer)
+        return confirmations.settle()
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _tell_one(
+        self, name: str, asked: dict[Address, asyncio.Future[None]], tell: Tell
+    ) -> list[Silent]:
+        try:
+            address = await self._directory.resolve(name)
+        except Hanging:
+            if silent := await self._transport.silent(everyone("robot", name)):
+                return silent
+            address = await self._directory.resolve(name)  # it woke up just now
+        asked[address] = self._begin(address, tell)
+        return []
+
+    async def _tell_all(self, asked: dict[Address, asyncio.Future[None]], tell: Tell) -> list[Silent]:
+        """Tell all who are seen at once, then those who come to sight while everybody is looked for."""
+        loop = asyncio.get_running_loop()
+        latest = loop.time() + CONFIRM
+        seen = set(self._directory.present("robot"))
+        while True:
+            for address in seen - asked.keys():
+                asked[address] = self._begin(address, tell)
+            silent = await self._transport.silent(everyone("robot"))
+            # in this order: who is silent no longer is seen now
+            seen = _addresses(await self._transport.present(everyone("robot")))
+            if asked.keys() >= seen and (not silent or loop.time() > latest):
+                return silent
+            if silent:
+                await asyncio.sleep(LOOK)
+
+    def _begin(self, address: Address, tell: Tell) -> asyncio.Future[None]:
+        return asyncio.ensure_future(tell(RobotClient(self._transport, address, patience=CONFIRM)))
+
+
+def _addresses(keys: Iterable[str]) -> set[Address]:
+    return {address for address in map(Address.parse, keys) if address is not None}
