@@ -15,13 +15,9 @@ import pytest
 from robotree.tui.cli import main
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 
+pytestmark = pytest.mark.usefixtures("place")
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 HEAVY = {"asyncio", "textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "numpy", "pint", "PIL", "rich"}
-
-
-@pytest.fixture
-def runtime(place: Path) -> Path:
-    return place
 
 
 def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str]:
@@ -58,9 +54,8 @@ def test_help_waits_for_nothing_heavy(words: list[str]) -> None:
     ],
 )
 def test_each_mistake_gets_one_sentence_and_an_exit_code(
-    words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str], runtime: Path
+    words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert runtime.exists()
     assert main(words) == code
     said = capsys.readouterr()
     assert says in said.err
@@ -101,8 +96,7 @@ class Processes:
 
 
 @pytest.fixture
-def processes(runtime: Path) -> Iterator[Processes]:
-    assert runtime.exists()
+def processes() -> Iterator[Processes]:
     found = Processes()
     yield found
     codes = found.end()
@@ -172,11 +166,10 @@ def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
 
 
 @pytest.mark.e2e
-def test_an_agent_ends_politely_on_a_signal(runtime: Path) -> None:
+def test_an_agent_ends_politely_on_a_signal() -> None:
     agent = subprocess.Popen(
         [*ROBOTREE, "lookup", "lookup-1"], stdout=subprocess.PIPE, env=os.environ, text=True
     )
-    assert runtime.exists()
     assert agent.stdout
     assert agent.stdout.readline().startswith("ready lookup/lookup-1/")
     agent.send_signal(signal.SIGTERM)
@@ -184,11 +177,10 @@ def test_an_agent_ends_politely_on_a_signal(runtime: Path) -> None:
     agent.stdout.close()
 
 
-def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(runtime: Path, tmp_path: Path) -> None:
+def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(place: Path) -> None:
     from robotree.tui.processes.state_files import space_file
 
-    assert runtime.exists()
-    assert space_file("", "default") == tmp_path / "state" / "robotree" / "default" / "space.sqlite"
+    assert space_file("", "default") == place.with_name("state") / "robotree/default/space.sqlite"
     assert space_file("none", "default") is None
     assert space_file("/a/b.sqlite", "default") == Path("/a/b.sqlite")
 

@@ -76,7 +76,7 @@ async def test_sixteen_at_once_all_know_each_other(start: Start, join_zenoh: Ent
 
 
 async def test_the_dead_are_swept_out_by_the_next_who_comes(
-    start: Start, join_zenoh: Enter, tmp_path: Path
+    start: Start, join_zenoh: Enter, place: Path
 ) -> None:
     dead = [await start("serve", f"r{number}") for number in range(4)]
     for process in dead:
@@ -86,10 +86,10 @@ async def test_the_dead_are_swept_out_by_the_next_who_comes(
     begin = time.perf_counter()
     transport = await join_zenoh()
     assert time.perf_counter() - begin < 1.0
-    left = {path.name for path in (tmp_path / "robotree" / "test").iterdir()}
+    left = {path.name for path in (place / "robotree" / "test").iterdir()}
     assert len(left) == 4, left  # the door, and the newcomer's entry, socket and Zenoh's lock on it
     await transport.close()
-    assert [path.name for path in (tmp_path / "robotree" / "test").iterdir()] == [".door"]
+    assert [path.name for path in (place / "robotree" / "test").iterdir()] == [".door"]
 
 
 @pytest.mark.parametrize("times", range(3))
