@@ -6,11 +6,15 @@ import asyncio
 import contextlib
 import os
 import tempfile
+import threading
 import tty
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
+
+LONGEST_END = 5.0
+"""[s] for code that was told to end."""
 
 
 @contextlib.contextmanager
@@ -29,6 +33,25 @@ def place_apart() -> Generator[Path]:
         for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
             environment.delenv(variable, raising=False)
         yield runtime
+
+
+@pytest.fixture(autouse=True)
+def no_code_runs_on() -> Iterator[None]:
+    """Hold that a test ends what it began: code left computing slows, and so fails, whatever comes after it.
+
+    Pools keep threads that wait; those of authors' code are daemons. So are those in which asyncio waits for
+    a process, which may be a module's.
+    """
+    before = set(threading.enumerate())
+    yield
+    begun = [
+        thread
+        for thread in set(threading.enumerate()) - before
+        if thread.daemon and not thread.name.startswith("asyncio-waitpid")
+    ]
+    for thread in begun:
+        thread.join(LONGEST_END)
+    assert not [thread.name for thread in begun if thread.is_alive()], "still run"
 
 
 @pytest.fixture

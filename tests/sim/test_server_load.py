@@ -159,15 +159,26 @@ async def test_a_flood_of_work_is_carried_out_at_a_bearable_pace() -> None:
         flooding.cancel()
 
 
+@contextlib.asynccontextmanager
+async def half_open(address: str, number: int) -> AsyncIterator[None]:
+    """Connections on which nothing is ever said."""
+    host, port = address.removeprefix("tcp:").split(":")
+    writers: list[asyncio.StreamWriter] = []
+    try:
+        for _ in range(number):
+            _, writer = await asyncio.open_connection(host, int(port))
+            writers.append(writer)
+        yield
+    finally:
+        for writer in writers:
+            writer.transport.abort()
+
+
 async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
     async with serving("arm", ANY) as server:
-        host, port = server.address.removeprefix("tcp:").split(":")
         first = await Client().dial(server.address)
         await first.ping()
-        async with keeping_pace(server), contextlib.AsyncExitStack() as crowd:
-            for _ in range(1000):
-                _, writer = await asyncio.open_connection(host, int(port))
-                crowd.callback(writer.transport.abort)
+        async with keeping_pace(server), half_open(server.address, 1000):
             last = await Client().dial(server.address)
             await last.ping()
             await first.ping()

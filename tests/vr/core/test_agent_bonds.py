@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 import threading
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar
 
 import pytest
 
@@ -62,9 +63,19 @@ class Pair(VirtualRobot):
         while True:
             pass
 
+    test_is_over: ClassVar[threading.Event]
+
     @command
     def hang(self) -> None:
-        threading.Event().wait()
+        self.test_is_over.wait()
+
+
+@pytest.fixture(autouse=True)
+def hanging() -> Iterator[None]:
+    """What hangs in a test ends with it."""
+    Pair.test_is_over = threading.Event()
+    yield
+    Pair.test_is_over.set()
 
 
 class Box(VirtualRobot):

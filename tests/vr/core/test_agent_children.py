@@ -433,12 +433,14 @@ async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(real
 
 
 async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -> None:
+    release = threading.Event()
+
     class Deaf(Driver):
         def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # deaf
-            threading.Event().wait()
+            release.wait()
 
         def readings(self) -> dict[str, float]:
-            threading.Event().wait()
+            release.wait()
             return {}
 
     driver = await realm.start(Deaf("deaf"))
@@ -447,6 +449,7 @@ async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -
     await asyncio.sleep(3.0)
     await realm.client(driver).safe_stop("now")
     assert rover.robot.stops == ["now"]
+    release.set()
 
 
 def test_a_future_is_what_the_contract_says() -> None:

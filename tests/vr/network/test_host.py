@@ -182,6 +182,8 @@ async def test_a_robot_that_blocks_does_not_stop_its_neighbours(realm: Realm) ->
     assert await RobotClient(realm.operator, adder.address).call("add", {"a": 1.0, "b": 2.0}) == 3.0
     assert time.monotonic() - begin < 2
     await blocking.cancel()
+    while (await blocking.describe()).busy:  # noqa: ASYNC110 # what is asked is the law
+        await asyncio.sleep(0.01)
 
 
 DEFIER = f"""{HEADER}
