@@ -145,18 +145,23 @@ class Directory:
     async def expect_awake(self, pattern: str) -> None:
         """See that nobody under a pattern lives in a process that hangs.
 
-        A question to it may end a moment before its presence does, so this looks until that is over, or for
-        a while: who is present and does not answer may be busy.
-
         Raises:
             Hanging: somebody does.
+        """
+        _complain(await self.hanging(pattern))
+
+    async def hanging(self, pattern: str) -> list[Silent]:
+        """Return who lives under a pattern in a process that hangs, of those who have just not answered.
+
+        A question to it may end a moment before its presence does, so this looks until that is over, or for
+        a while: who is present and does not answer may be busy.
         """
         latest = asyncio.get_running_loop().time() + FAREWELL
         while True:
             there = await self._transport.present(pattern)
-            _complain(await self._transport.silent(pattern))
-            if not there or asyncio.get_running_loop().time() > latest:
-                return
+            silent = await self._transport.silent(pattern)
+            if silent or not there or asyncio.get_running_loop().time() > latest:
+                return silent
             await asyncio.sleep(SETTLE)
 
     # -- inside -----------------------------------------------------------------------------------

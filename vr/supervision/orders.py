@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from typing import Any
 
 from robotree.vr.address import Address, everyone
 from robotree.vr.confirmation import Confirmations, Order
-from robotree.vr.errors import Hanging, NotInControl
+from robotree.vr.errors import Hanging, NotInControl, Unreachable
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.transport import Silent, Transport
@@ -59,8 +59,7 @@ class Orders:
             silent = await self._tell_one(name, asked, tell)
         await asyncio.gather(*asked.values(), return_exceptions=True)
         answers = {address: asking.exception() for address, asking in asked.items()}
-        if any(answers.values()):  # of those who fell silent meanwhile, somebody else may know more
-            silent += await self._transport.silent(everyone("robot", name or "*"))
+        silent += await self._fell_silent(name, answers)
         confirmations = Confirmations(order)
         missed = {one.key for one in silent}
         for one in silent:
@@ -100,6 +99,18 @@ class Orders:
                 return silent
             if silent:
                 await asyncio.sleep(LOOK)
+
+    async def _fell_silent(
+        self, name: str | None, answers: Mapping[Address, BaseException | None]
+    ) -> list[Silent]:
+        """Return who lives and hangs: of those who gave no answer, somebody else may know more."""
+        if not any(answers.values()):
+            return []
+        lost = [address.key for address, answer in answers.items() if isinstance(answer, Unreachable)]
+        found = await asyncio.gather(
+            self._transport.silent(everyone("robot", name or "*")), *map(self._directory.hanging, lost)
+        )
+        return [one for silent in found for one in silent]
 
     def _begin(self, address: Address, tell: Tell) -> asyncio.Future[None]:
         return asyncio.ensure_future(tell(RobotClient(self._transport, address, patience=CONFIRM)))

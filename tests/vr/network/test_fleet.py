@@ -239,6 +239,16 @@ async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -
     assert key.startswith("robot/r1/")
 
 
+async def test_who_hangs_is_known_also_when_the_question_ends_before_the_presence(world: World) -> None:
+    world.network.lease = 0.2
+    silenced = world.agents["r1"].transport
+    silenced.served.clear()  # type: ignore[attr-defined] # its link is down already, and it is seen still
+    world.network.freeze(silenced)  # type: ignore[arg-type]
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
+        await world.fleet.stop(None)
+    world.network.thaw(silenced)  # type: ignore[arg-type]
+
+
 async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World) -> None:
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
     newcomer = Fleet(world.network.join("newcomer"))
