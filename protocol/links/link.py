@@ -114,6 +114,15 @@ Accept = Callable[[Link], Handler]
 It may send and close at once; then what it returns is told of the end, once, and of nothing else."""
 
 
+def handler_of(link: Link, accept: Accept) -> Handler:
+    """Return who hears a link that has just opened; nobody is left with an open link that nobody hears."""
+    try:
+        return accept(link)
+    except BaseException:
+        link.close()
+        raise
+
+
 class Listener(Protocol):
     """Waits for links from outside."""
 

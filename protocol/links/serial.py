@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkError
 from robotree.protocol.frame import LARGEST_FRAME
+from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.serial_port import BAUD, BAUDS, Setting, ended, open_port
 
@@ -73,14 +74,9 @@ class SerialLink:
 
     def begin(self, accept: Accept) -> None:
         """Let somebody hear the link; who closes it at once is told of the end at once, too."""
-        try:
-            handler = accept(self)
-        except BaseException:
-            self.close()
-            raise
-        self._handler = handler
+        self._handler = handler_of(self, accept)
         if self._reason is not None:
-            handler.closed(self._reason)
+            self._handler.closed(self._reason)
         else:
             self._loop.add_reader(self._descriptor, self._readable)
 

@@ -11,6 +11,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any, cast
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
+from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.sockets import cause, name
 from robotree.protocol.links.url import require_loopback
@@ -50,14 +51,9 @@ class UdpLink:
 
     def begin(self, accept: Accept) -> None:
         """Let somebody hear the link; who closes it at once is told of the end at once, too."""
-        try:
-            handler = accept(self)
-        except BaseException:
-            self.close()
-            raise
-        self._handler = handler
+        self._handler = handler_of(self, accept)
         if self._reason is not None:
-            handler.closed(self._reason)
+            self._handler.closed(self._reason)
 
     @property
     def congested(self) -> bool:

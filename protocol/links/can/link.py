@@ -18,6 +18,7 @@ from robotree.protocol.isotp import LARGEST, Channel
 from robotree.protocol.isotp.frames import is_flow_control
 from robotree.protocol.links.can.control import Code, Control, Presence
 from robotree.protocol.links.can.identifiers import Kind, Priority, identifier
+from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import BOUND, Outbox
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class CanLink:
 
     def begin(self, accept: Accept) -> None:
         """Let somebody hear the link."""
-        self._handler = accept(self)
+        self._handler = handler_of(self, accept)
         self._schedule()
 
     @property
