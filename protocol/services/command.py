@@ -3,11 +3,11 @@
 MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
 repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a second or two. So a request with
 the same content from the same peer is answered with the stored result when it says that it is a repetition,
-or when it comes within `REPETITION` of its success; a command that moves should be a goal, which has a key.
-One that was cancelled or has failed is not taken for a repetition by the time alone: who orders it again
-wants it. A refusal is not stored: nothing was done, and what was in the way may be gone. While a command
-is in progress the same request is answered with its progress, and another one of its kind is rejected for
-now. Questions and stops are carried out every time, whoever asks.
+or when it comes within `REPETITION` of its success and nothing else was done meanwhile; a command that moves
+should be a goal, which has a key. One that was cancelled or has failed is not taken for a repetition by the
+time alone: who orders it again wants it. A refusal is not stored: nothing was done, and what was in the way
+may be gone. While a command is in progress the same request is answered with its progress, and another one of
+its kind is rejected for now. Questions and stops are carried out every time, whoever asks.
 """
 
 from __future__ import annotations
@@ -87,6 +87,7 @@ class _Record(msgspec.Struct):
     ack: CommandAck
     since: float
     told: float
+    turn: object
 
 
 class CommandServer:
@@ -95,10 +96,17 @@ class CommandServer:
     Args:
         handlers: what is carried out once, by command.
         always: what is carried out at every repetition and for anyone: questions and stops.
+        turn: returns another value whenever something else was done, a stop for instance.
     """
 
-    def __init__(self, handlers: Mapping[int, Handler], always: Mapping[int, Handler]) -> None:
-        self._handlers, self._always = dict(handlers), dict(always)
+    def __init__(
+        self,
+        handlers: Mapping[int, Handler],
+        always: Mapping[int, Handler],
+        *,
+        turn: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._handlers, self._always, self._turn = dict(handlers), dict(always), turn
         self._records: dict[tuple[Peer, int], _Record] = {}
 
     @property
@@ -119,8 +127,7 @@ class CommandServer:
         record = self._records.get((peer, request.command))
         if record is not None and _same(record.params, request.params):
             going_on = record.ack.result == MavResult.IN_PROGRESS
-            lately = record.ack.result == MavResult.ACCEPTED and now - record.since < REPETITION
-            if going_on or lately or repeated:
+            if going_on or repeated or self._stands(record, now):
                 return self._tell(record, now)
         if any(command == request.command for _, command in self.in_progress):
             return [_ack(peer, request.command, MavResult.TEMPORARILY_REJECTED)]
@@ -143,7 +150,7 @@ class CommandServer:
         if record is None:
             return []
         record.ack = _ack_message(peer, command, result, detail)
-        record.since = now
+        record.since, record.turn = now, self._turn()
         return self._tell(record, now)
 
     def tick(self, now: float) -> list[Effect]:
@@ -160,7 +167,7 @@ class CommandServer:
         effects = _sends(request, answer)
         if answer.result in _DONE:
             ack = _answer_ack(request, answer)
-            self._store(_Record(request.peer, request.params, ack, since=now, told=now))
+            self._store(_Record(request.peer, request.params, ack, since=now, told=now, turn=self._turn()))
         else:
             self._records.pop((request.peer, request.command), None)
         return effects
@@ -176,6 +183,11 @@ class CommandServer:
     def _open(self, peer: Peer, command: int) -> _Record | None:
         record = self._records.get((peer, command))
         return record if record is not None and record.ack.result == MavResult.IN_PROGRESS else None
+
+    def _stands(self, record: _Record, now: float) -> bool:
+        """Whether a success is so young, and nothing else was done since, that nobody orders it again."""
+        lately = now - record.since < REPETITION and record.turn == self._turn()
+        return lately and record.ack.result == MavResult.ACCEPTED
 
     def _tell(self, record: _Record, now: float) -> list[Effect]:
         record.told = now

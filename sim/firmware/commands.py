@@ -112,7 +112,7 @@ class Commands:
             MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             MavCmd.REQUEST_OPERATOR_CONTROL: rights.control.handle,
         }
-        self._server = CommandServer(moving, {**always, **questions})
+        self._server = CommandServer(moving, {**always, **questions}, turn=lambda: movement.turns)
 
     def hear(self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int) -> list[Outgoing]:
         """Take a command, or the end of one."""

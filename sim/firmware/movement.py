@@ -51,6 +51,8 @@ class Movement:
         """Whether a safe stop is in force."""
         self.overtaken = False
         """Whether what is being heard arrived before the newest stop; it neither moves nor releases."""
+        self.turns = 0
+        """How often something began, or was ended before its end: what was so before need not be so now."""
         self._silent = False
 
     @property
@@ -85,6 +87,7 @@ class Movement:
         """Begin a job in place of whatever runs."""
         out = self._finish(GoalState.CANCELLED, Reason.SUPERSEDED, SUPERSEDED, now)
         start()
+        self.turns += 1
         self._job, self._silent = job, False
         self.watchdog.obey(job.speaker, now)
         return out
@@ -99,18 +102,21 @@ class Movement:
         """End whatever runs, and hold."""
         if self._job is None:
             return []
+        self.turns += 1
         self._device.hold()
         return self._finish(GoalState.CANCELLED, reason, text, now)
 
     def leave(self, key: Hashable) -> None:
         """A job's own service has ended it: hold. Harmless when it does not run."""
         if self._job is not None and self._job.key == key:
+            self.turns += 1
             self._device.hold()
             self._end()
 
     def stop(self, now: int) -> list[Outgoing]:
         """Hold, and begin nothing until `release`."""
         self.stopped = True
+        self.turns += 1
         out = self._finish(GoalState.CANCELLED, Reason.STOPPED, "A safe stop was asked for.", now)
         self._device.hold()
         return out

@@ -93,6 +93,17 @@ def test_a_repetition_is_answered_again_and_not_carried_out_again(robot: Robot) 
     assert len(robot.done) == 2, "after that it is a new one"
 
 
+def test_after_something_else_was_done_only_a_counted_repetition_is_one(robot: Robot) -> None:
+    turn = 0
+    server = CommandServer({GRIP: robot.grip}, {}, turn=lambda: turn)
+    first = server.receive(_long(GRIP, 1.0), PEER, 0.0)
+    turn += 1
+    assert server.receive(_long(GRIP, 1.0, confirmation=1), PEER, 0.1) == first
+    assert len(robot.done) == 1
+    assert server.receive(_long(GRIP, 1.0), PEER, 0.2) == first
+    assert len(robot.done) == 2, "who orders it again means it"
+
+
 def test_other_content_another_peer_or_another_link_is_a_new_command(robot: Robot) -> None:
     for message, peer in [(_long(GRIP, 1.0), PEER), (_long(GRIP, 0.0), PEER), (_long(GRIP, 0.0), OTHER)]:
         robot.server.receive(message, peer, 0.0)

@@ -83,6 +83,29 @@ def test_a_command_that_was_ended_moves_when_it_is_ordered_again_at_once(arm: Ar
     assert operator.mode()[0] == ModeKind.ACTIVE
 
 
+@pytest.mark.parametrize("between", ["stop and release", "stop", "another movement", "a hold"])
+def test_a_success_is_repeated_only_while_nothing_else_was_done(arm: ArmBench, between: str) -> None:
+    """DO_GRIPPER succeeds at once; who orders it again after a stop means it."""
+    operator = arm.operator
+    assert result(operator, MavCmd.DO_GRIPPER, 1, 1) == MavResult.ACCEPTED
+    if between == "another movement":
+        result(operator, MavCmd.ROBOTREE_HOLD)
+    else:
+        operator.set_mode(ModeKind.HOLD if between == "a hold" else ModeKind.SAFE_STOP, epoch=0)
+    operator.wait(0.1)
+    if between == "stop and release":
+        operator.set_mode(ModeKind.READY, epoch=0)
+        operator.wait(0.1)
+    width = arm.world.arm.state().width
+    assert width > 0.04, "it was ended on its way"
+    again = result(operator, MavCmd.DO_GRIPPER, 1, 1)
+    if between == "stop":
+        assert again == MavResult.TEMPORARILY_REJECTED
+    else:
+        assert again == MavResult.ACCEPTED
+        operator.until(lambda: arm.world.arm.state().width < 0.002, 3.0)
+
+
 def test_a_command_int_says_the_same(rover: RoverBench) -> None:
     operator = rover.operator
     operator.say(CommandInt(1, 1, 0, MavCmd.ROBOTREE_MOVE, 0, 0, 0.1, 0.0, NAN, NAN, 0, 0, 0.5))
