@@ -46,6 +46,12 @@ class Way(NamedTuple):
         """The middle one of the ratios."""
         return statistics.median(self.ratios)
 
+    @property
+    def usual(self) -> tuple[float, float]:
+        """Between these lies the middle half of the ratios."""
+        low, _, high = statistics.quantiles(self.ratios, n=4)
+        return low, high
+
 
 class Far(NamedTuple):
     """The other process."""
