@@ -44,7 +44,7 @@ class Draft:
         signer: Signer | None,
     ) -> None:
         self._codec: Codec = message.codec
-        self._body = pack(message, 0, system, component, signed=signer is not None)
+        self._body = pack(message, 0, system, component, signer)
         self._sequences, self._signer = sequences, signer
 
     def __len__(self) -> int:
