@@ -6,6 +6,7 @@ The loop carries frames, the cell's own thread computes (`realtime`), one more t
 import asyncio
 import logging
 import sys
+from collections import Counter
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from typing import Final
@@ -55,6 +56,8 @@ class Server:
         """Where it listens, with the port that was really taken."""
         self.rotations = 0
         """Keys that were changed over the wire."""
+        self.unsaid: Counter[str] = Counter()
+        """What could not be said, by the kind of message; the first of each is logged."""
         self.failure: asyncio.Future[None] = self._loop.create_future()
         """Raises what ended the physics, if something does."""
         self._realtime = RealTime(controller, self._tell, self._fail, hurry)
@@ -149,12 +152,22 @@ class Server:
         gauges.garbled, gauges.lost = self._garbled + now, self._lost
         for outgoing in out:
             if outgoing.via is None:
-                for connection in self._connections.values():
-                    connection.send(outgoing)
+                for connection in [*self._connections.values()]:  # one that is told may leave at once
+                    self._say(outgoing, connection)
             elif isinstance(outgoing.via, Endpoint):
                 hearer = self._connections.get(outgoing.via) or self._bystanders.get(outgoing.via)
                 if hearer is not None:
-                    hearer.send(outgoing)
+                    self._say(outgoing, hearer)
+
+    def _say(self, outgoing: Outgoing, hearer: Connection | Bystander) -> None:
+        """Tell one client one thing; where that fails, the others are told theirs nevertheless."""
+        try:
+            hearer.send(outgoing)
+        except Exception:  # noqa: BLE001  the batch's last fence: acknowledgements are in it, too
+            kind = type(outgoing.message).__name__
+            if kind not in self.unsaid:  # telemetry would say it fifty times in a second
+                _log.exception("%s could not be told to %s", kind, hearer.endpoint.link.address)
+            self.unsaid[kind] += 1
 
     def _fail(self, error: Exception) -> None:
         self._loop.call_soon_threadsafe(self._break, error)

@@ -1,0 +1,75 @@
+"""What the controller says reaches everybody whom it can reach, whatever happens to one of its clients."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Hashable
+
+import pytest
+
+from robotree.protocol import Parser
+from robotree.protocol.errors import LinkClosed, LinkOverrun
+from robotree.protocol.links.link import Handler, LinkStatistics, Unsealed, sealed
+from robotree.protocol.messages import AnyMessage, CommandAck, Heartbeat, MavCmd, Statustext
+from robotree.sim.firmware import Outgoing
+from robotree.sim.serving.connection import Connection
+from robotree.sim.serving.server import Server, serving
+
+ANY = "tcp:127.0.0.1:0"
+NEWS = Statustext(6, "hello", 0, 0)
+ANSWER = CommandAck(MavCmd.REQUEST_MESSAGE, 0, 0, 0, 255, 190)
+TOO_MUCH = Heartbeat(0, 0, 0, 2**32, 0)
+"""Has a field that cannot hold its value."""
+
+
+class Wire:
+    """A link whose far end is this object; it may overrun at the next frame, and tells so at once."""
+
+    def __init__(self, server: Server, name: str) -> None:
+        self.address, self.overruns, self.congested = f"test:{name}", False, False
+        self.statistics = LinkStatistics(sent=0, received=0, waiting=0, superseded=0, dropped=0)
+        self.heard: list[AnyMessage] = []
+        self._parser = Parser()
+        self._handler: Handler | None = server.accept(self)
+        self.connection = [*server._connections.values()][-1]
+
+    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+        del topic
+        if self.overruns:
+            self._end(LinkOverrun(self.address, 1))
+        elif self._handler is not None:
+            self.heard += [each.message for each in self._parser.feed(sealed(frame))]
+
+    def close(self) -> None:
+        self._end(LinkClosed(self.address, by_us=True))
+
+    def _end(self, reason: LinkOverrun | LinkClosed) -> None:
+        handler, self._handler = self._handler, None
+        if handler is not None:
+            handler.closed(reason)
+
+
+def to(connection: Connection, message: AnyMessage) -> Outgoing:
+    return Outgoing(message, connection.endpoint)
+
+
+async def test_a_client_that_overruns_while_all_are_told_takes_nothing_from_the_others() -> None:
+    async with serving("rover", ANY) as server:
+        first, second, third = (Wire(server, name) for name in "abc")
+        first.overruns = True
+        server._deliver([Outgoing(NEWS), to(third.connection, ANSWER)])
+        assert second.heard == [NEWS]
+        assert third.heard == [NEWS, ANSWER]
+        assert first.connection not in server._connections.values()
+
+
+async def test_a_message_that_cannot_be_said_takes_no_other_along_and_is_logged_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with serving("rover", ANY) as server:
+        wire = Wire(server, "a")
+        with caplog.at_level(logging.ERROR):
+            server._deliver([Outgoing(TOO_MUCH), to(wire.connection, TOO_MUCH), to(wire.connection, ANSWER)])
+        assert wire.heard == [ANSWER]
+        assert server.unsaid == {"Heartbeat": 2}
+        assert [each.getMessage() for each in caplog.records] == ["Heartbeat could not be told to test:a"]
