@@ -5,6 +5,9 @@ status; with other content it is refused. A goal from an epoch older than one al
 (fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch and addresses are no
 content: a sender may ask for its goal again under a newer lease.
 
+Stops and questions are everyone's: they are carried out and answered, whoever comes with them. All else is
+for those whom `guard` lets pass: to begin a goal, to raise the epoch, to be the one who is told of a goal.
+
 The server decides; it does not move. It tells the firmware `Begin` and `Abandon`, and the firmware tells it
 `activate`, `progress` and `finish`. Every call returns what to do next.
 """
@@ -76,15 +79,15 @@ class GoalServer:
     Args:
         verbs: the verbs that this controller knows.
         check: why a goal cannot be begun now; None: it can.
-        guard: why a peer may not have a new goal begun; None: it may. Who may not raises no epoch, and
-            its key stays unused.
+        guard: why a peer may not command; None: it may. Who may not has no goal begun (its key stays
+            unused), raises no epoch, and does not become the one who is told of a goal.
     """
 
     def __init__(
         self,
         verbs: Collection[Verb],
         check: Callable[[Goal], Refusal | None],
-        guard: Callable[[Peer], Refusal | None] | None = None,
+        guard: Callable[[Peer], Refusal | None] = lambda _: None,
     ) -> None:
         self._verbs, self._check, self._guard = frozenset(verbs), check, guard
         self._records: dict[GoalId, _Record] = {}
@@ -98,7 +101,9 @@ class GoalServer:
         return [id_ for id_, record in self._records.items() if not record.state.final]
 
     def asker(self, id_: GoalId) -> Peer:
-        """Who asked last for a goal that is kept: for itself, its status or its end. It is told of it.
+        """Who asked last for a goal that is kept (for itself, its status or its end) and may command.
+
+        It is told of the goal.
 
         Raises:
             KeyError: its status is not kept (any more).
@@ -114,19 +119,23 @@ class GoalServer:
 
     def receive(self, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
         """Take a message that is addressed to this controller."""
-        if isinstance(message, GoalCancel):
-            return self._cancel(message, peer, now)
         id_ = GoalId(peer.system, peer.component, message.key)
+        denial = self._guard(peer)
+        may = denial is None
+        if isinstance(message, GoalCancel):
+            if not message.key:
+                return self._cancel_whichever(message.epoch, id_, peer, now, may=may)
+            return self._cancel(id_, peer, now, may=may)
         if message.verb == Verb.STATUS:
-            return self._answer(id_, peer)
+            return self._answer(id_, peer, may=may)
         if (record := self._records.get(id_)) is None:
-            return self._new(message, id_, peer, now)
+            return self._new(message, id_, peer, denial, now)
         if record.content != _content(message):
             text = "The key was used before with other content; take a new one."
             return [self._refusal(id_, peer, Reason.KEY_REUSED, text)]
-        record.peer = peer
-        self.epoch = max(self.epoch, message.epoch)
-        return [self._status(id_, record)]
+        if may:
+            self.epoch = max(self.epoch, message.epoch)
+        return self._answer(id_, peer, may=may)
 
     def activate(self, id_: GoalId, now: float) -> list[Effect]:
         """The firmware tells: it moves."""
@@ -173,10 +182,10 @@ class GoalServer:
             effect for id_ in late for effect in self._abandon(id_, GoalState.EXPIRED, Reason.NONE, text, now)
         ]
 
-    def _new(self, goal: Goal, id_: GoalId, peer: Peer, now: float) -> list[Effect]:
+    def _new(self, goal: Goal, id_: GoalId, peer: Peer, denial: Refusal | None, now: float) -> list[Effect]:
         if id_ in self._forgotten:
-            return self._answer(id_, peer)
-        if (denial := self._denial(goal, peer)) is not None:
+            return [self._unknown(id_, peer)]
+        if (denial := self._denial(goal, denial)) is not None:
             return [self._refusal(id_, peer, *denial)]
         if not self._make_room():
             return [
@@ -188,11 +197,11 @@ class GoalServer:
             return self.finish(id_, GoalState.REFUSED, now, *refusal)
         return [self._changed(id_, record, now), Begin(id_, goal.verb, goal.args)]
 
-    def _denial(self, goal: Goal, peer: Peer) -> Refusal | None:
-        """Why nothing is even noted of a goal."""
+    def _denial(self, goal: Goal, denial: Refusal | None) -> Refusal | None:
+        """Why nothing is even noted of a goal; `denial`: what the guard says."""
         if not goal.key:
             return Reason.BAD_ARGUMENT, "The key of a goal must not be 0."
-        if self._guard is not None and (denial := self._guard(peer)) is not None:
+        if denial is not None:
             return denial
         if not self.fence(goal.epoch):
             return Reason.STALE_EPOCH, f"Epoch {goal.epoch} is over; {self.epoch} was already obeyed."
@@ -206,21 +215,25 @@ class GoalServer:
             return Reason.BAD_ARGUMENT, "An argument is infinite."
         return self._check(goal)
 
-    def _cancel(self, cancel: GoalCancel, peer: Peer, now: float) -> list[Effect]:
-        id_ = GoalId(peer.system, peer.component, cancel.key)
-        if not cancel.key:
-            if not self.fence(cancel.epoch):
-                text = f"Epoch {cancel.epoch} is over; {self.epoch} was already obeyed."
-                return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
-            return self.abandon_all(Reason.OPERATOR, now)
-        if (record := self._records.get(id_)) is None:
-            if id_ not in self._forgotten:
-                self._forget(id_)  # the goal itself may still be under way: it must not begin
-            return self._answer(id_, peer)
-        record.peer = peer
-        if record.state.final:
-            return [self._status(id_, record)]
-        return self._abandon(id_, GoalState.CANCELLED, Reason.OPERATOR, "", now)
+    def _cancel_whichever(
+        self, epoch: int, id_: GoalId, peer: Peer, now: float, *, may: bool
+    ) -> list[Effect]:
+        if epoch < self.epoch:
+            text = f"Epoch {epoch} is over; {self.epoch} was already obeyed."
+            return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
+        if may:
+            self.epoch = epoch
+        return self.abandon_all(Reason.OPERATOR, now)
+
+    def _cancel(self, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
+        if id_ not in self._records and id_ not in self._forgotten:
+            self._forget(id_)  # the goal itself may still be under way: it must not begin
+        record = self._open(id_)
+        if record is None:
+            return self._answer(id_, peer, may=may)
+        record.peer = peer if may else record.peer
+        effects = self._abandon(id_, GoalState.CANCELLED, Reason.OPERATOR, "", now)
+        return effects if record.peer == peer else [*effects, self._status(id_, record, peer)]
 
     def _abandon(self, id_: GoalId, state: GoalState, reason: Reason, text: str, now: float) -> list[Effect]:
         return [Abandon(id_, reason), *self.finish(id_, state, now, reason, text)]
@@ -244,21 +257,24 @@ class GoalServer:
         if len(self._forgotten) > FORGOTTEN:
             del self._forgotten[next(iter(self._forgotten))]
 
-    def _answer(self, id_: GoalId, peer: Peer) -> list[Effect]:
-        if (record := self._records.get(id_)) is not None:
-            record.peer = peer
-            return [self._status(id_, record)]
-        return [self._refusal(id_, peer, Reason.NONE, "", GoalState.UNKNOWN)]
+    def _answer(self, id_: GoalId, peer: Peer, *, may: bool) -> list[Effect]:
+        if (record := self._records.get(id_)) is None:
+            return [self._unknown(id_, peer)]
+        record.peer = peer if may else record.peer
+        return [self._status(id_, record, peer)]
 
     def _changed(self, id_: GoalId, record: _Record, now: float) -> Send:
         record.sequence = record.sequence + 1 & 0xFFFF
         record.told = now
-        return self._status(id_, record)
+        return self._status(id_, record, record.peer)
 
-    def _status(self, id_: GoalId, record: _Record) -> Send:
+    def _status(self, id_: GoalId, record: _Record, peer: Peer) -> Send:
         return self._send(
-            record.peer, id_, record.state, record.reason, record.text, record.progress, record.sequence
+            peer, id_, record.state, record.reason, record.text, record.progress, record.sequence
         )
+
+    def _unknown(self, id_: GoalId, peer: Peer) -> Send:
+        return self._refusal(id_, peer, Reason.NONE, "", GoalState.UNKNOWN)
 
     def _refusal(
         self, id_: GoalId, peer: Peer, reason: Reason, text: str, state: GoalState = GoalState.REFUSED

@@ -50,7 +50,7 @@ class Goals:
         return self._carry_out(self._server.tick(now / 1000), now)
 
     def _hand_over(self, now: int) -> None:
-        """Who asks on another link for what runs, by its key, is the one who must be heard from then on."""
+        """Who may command and asks elsewhere for what runs, by its key, must be heard there from then on."""
         job = self._movement.job
         if job is not None and isinstance(job.key, GoalId):
             asker = self._server.asker(job.key)

@@ -13,7 +13,7 @@ from robotree.protocol import Frame
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Message, Reason, Verb
 from robotree.protocol.services.goal_client import Effect as ClientEffect
 from robotree.protocol.services.goal_client import GoalClient, GoalEnded
-from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer
+from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer, Refusal
 from robotree.protocol.services.goal_server import Effect as ServerEffect
 from robotree.protocol.services.peer import Peer, Send
 
@@ -29,7 +29,8 @@ class GoalMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now = 0.0
-        self.server = GoalServer([Verb.GO_TO], lambda _: None)
+        self.owner: int | None = None
+        self.server = GoalServer([Verb.GO_TO], lambda _: None, self._guard)
         self.clients = {sender: GoalClient(1, 1, via="wire") for sender in SENDERS}
         self.epochs = dict.fromkeys(SENDERS, 1)
         self.to_server: list[tuple[int, Message]] = []
@@ -44,6 +45,9 @@ class GoalMachine(RuleBasedStateMachine):
     @initialize(epochs=st.tuples(st.integers(1, 3), st.integers(1, 3)))
     def leases(self, epochs: tuple[int, int]) -> None:
         self.epochs = dict(zip(SENDERS, epochs, strict=True))
+
+    def _guard(self, peer: Peer) -> Refusal | None:
+        return None if self.owner in {None, peer.system} else (Reason.NOT_IN_CONTROL, "Another one is.")
 
     def _client(self, sender: int, effects: list[ClientEffect]) -> None:
         for effect in effects:
@@ -84,8 +88,16 @@ class GoalMachine(RuleBasedStateMachine):
         self._client(sender, self.clients[sender].cancel(key, epoch=self.epochs[sender], now=self.now))
 
     @rule(sender=st.sampled_from(SENDERS))
+    def cancel_whichever(self, sender: int) -> None:
+        self._client(sender, self.clients[sender].cancel(0, epoch=self.epochs[sender], now=self.now))
+
+    @rule(sender=st.sampled_from(SENDERS))
     def a_newer_lease(self, sender: int) -> None:
         self.epochs[sender] = max(self.epochs.values()) + 1
+
+    @rule(owner=st.sampled_from([None, *SENDERS]))
+    def operator_control(self, owner: int | None) -> None:
+        self.owner = owner
 
     @rule(data=st.data(), keep=st.booleans())
     @precondition(lambda self: bool(self.to_server))
@@ -97,10 +109,13 @@ class GoalMachine(RuleBasedStateMachine):
     def _hear(self, sender: int, message: Message) -> None:
         """Hand a message to the server and hold what it does against the laws."""
         assert isinstance(message, Goal | GoalCancel)
-        unfinished = set(self.server.unfinished)
+        unfinished, epoch = set(self.server.unfinished), self.server.epoch
         id_ = GoalId(sender, 1, message.key)
         effects = self.server.receive(message, Peer("wire", sender, 1), self.now)
         begins = any(isinstance(each, Begin) for each in effects)
+        if self.owner not in {None, sender}:
+            assert not begins, "who is not in control begins nothing"
+            assert self.server.epoch == epoch, "and fences nobody"
         if isinstance(message, GoalCancel):
             self.called_off.add(id_)
             assert not begins

@@ -354,3 +354,46 @@ def test_who_may_not_command_is_refused_raises_no_epoch_and_may_ask_again() -> N
     assert server.epoch == 0
     allowed.add(255)
     assert any(isinstance(each, Begin) for each in server.receive(asked, Peer("link", 255, 190), 0.0))
+
+
+# Operator control: OWNER is in control, BACK has its ids on another link, STRANGER others.
+
+OWNER, BACK, STRANGER = PROXY, Peer("link 3", 255, 190), OTHER
+
+
+@pytest.fixture
+def owned() -> GoalServer:
+    """A server on which one peer is in control, and a goal of whom runs under epoch 1."""
+    denial = (Reason.NOT_IN_CONTROL, "System 255 is in control; ask it, or wait.")
+    server = GoalServer([Verb.GO_TO], lambda _: None, lambda peer: None if peer == OWNER else denial)
+    server.receive(_goal(), OWNER, 0.0)
+    return server
+
+
+@pytest.mark.parametrize("peer", [STRANGER, BACK])
+def test_who_is_not_in_control_cancels_whatever_runs_and_raises_no_epoch(
+    owned: GoalServer, peer: Peer
+) -> None:
+    effects = owned.receive(GoalCancel(0, 2**32 - 1, 1, 1), peer, 1.0)
+    assert Abandon(ID, Reason.OPERATOR) in effects
+    assert owned.epoch == 1
+    assert any(isinstance(each, Begin) for each in owned.receive(_goal(8), OWNER, 2.0))
+
+
+@pytest.mark.parametrize("word", [_goal(epoch=9), _goal(verb=Verb.STATUS, epoch=9), _goal(epoch=0)])
+def test_who_is_not_in_control_is_answered_and_takes_no_goal_over(owned: GoalServer, word: Goal) -> None:
+    (told,) = owned.receive(word, BACK, 1.0)
+    assert isinstance(told, Send)
+    assert (told.via, _one([told]).state) == (BACK.via, GoalState.ACCEPTED)
+    assert owned.asker(ID) == OWNER
+    assert owned.epoch == 1
+
+
+def test_who_is_in_control_hears_that_another_one_has_cancelled_its_goal(owned: GoalServer) -> None:
+    abandon, *told = owned.receive(GoalCancel(7, 0, 1, 1), BACK, 1.0)
+    assert abandon == Abandon(ID, Reason.OPERATOR)
+    assert [each.via for each in told if isinstance(each, Send)] == [OWNER.via, BACK.via]
+    assert {status.state for status in _statuses([*told])} == {GoalState.CANCELLED}
+    (again,) = owned.receive(GoalCancel(7, 0, 1, 1), BACK, 2.0)
+    assert isinstance(again, Send)
+    assert again.via == BACK.via

@@ -92,6 +92,39 @@ def test_a_stop_is_everyones_and_its_release_is_not(rover: RoverBench, other: Op
     assert other.mode()[0] == ModeKind.READY
 
 
+def test_a_cancel_is_everyones_and_locks_nobody_out(rover: RoverBench, other: Operator) -> None:
+    take(rover.operator)
+    running = rover.operator.ask(Verb.MOVE, 1.0, 0.0, epoch=5)
+    rover.operator.wait(0.3)
+    other.cancel(0, epoch=2**32 - 1)
+    assert rover.operator.end_of(running, within=0.1).reason == Reason.OPERATOR
+    assert rover.operator.latest(Mode).epoch == 5
+    assert rover.operator.do(Verb.MOVE, 0.02, 0.0, epoch=5).state == GoalState.SUCCEEDED
+    other.set_mode(ModeKind.SAFE_STOP)
+    other.wait(0.05)
+    rover.operator.set_mode(ModeKind.READY, epoch=5)
+    rover.operator.wait(0.05)
+    assert other.mode()[0] == ModeKind.READY
+
+
+@pytest.mark.parametrize("verb", [Verb.STATUS, Verb.MOVE])
+def test_a_namesake_without_control_does_not_hide_that_the_owner_has_died(
+    rover: RoverBench, verb: Verb
+) -> None:
+    namesake = rover.operator.another(component=190, system=255)
+    take(rover.operator)
+    running = rover.operator.ask(Verb.MOVE, 1.0, 0.0, 0.02)
+    namesake.wait(0.1)
+    namesake.ask(verb, 1.0, 0.0, 0.02, key=running)
+    rover.operator.silent = True
+    namesake.wait(3.2)
+    assert namesake.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+    assert namesake.latest(ControlStatus).gcs_main == 0
+    namesake.ask(Verb.STATUS, key=running)
+    namesake.wait(0.1)
+    assert namesake.status_of(running).reason == Reason.LINK_SILENT
+
+
 def test_the_owner_is_told_who_wants_control_and_may_have_allowed_it(
     rover: RoverBench, other: Operator
 ) -> None:
