@@ -33,6 +33,7 @@ from robotree.protocol.messages import (
     Message,
     Mode,
     ModeKind,
+    Reason,
     SetMode,
 )
 from robotree.protocol.services.command_client import CommandClient
@@ -61,6 +62,9 @@ RESTARTED = 1.0
 """[s] by which a controller's clock must have fallen to tell of a restart; less may be a late message."""
 HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
 """Modes in which a controller takes no goal until it is released, as clauses."""
+REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL}
+"""Reasons that a MODE gives only where it answers a release: that release is not obeyed. Said once more, it
+could undo a stop that came after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +250,7 @@ class Session:
         return self._insist(now) + self._held_news()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
-        """Release the stop."""
+        """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most."""
         self._wish, self._wish_epoch = ModeKind.READY, epoch
         self._wish_until, self._wished_at = now + RELEASE_WITHIN, -math.inf
         return self._insist(now) + self._held_news()
@@ -274,7 +278,7 @@ class Session:
 
     def _compare(self, before: Mode | None, mode: Mode, now: float) -> list[Effect]:
         """The controller has told its mode: is it the one that is wished for?"""
-        if self._wish == ModeKind.READY and mode.mode not in HOLDING:
+        if self._wish == ModeKind.READY and (mode.mode not in HOLDING or mode.reason in REFUSALS):
             self._wish = None
         elif self._wish is None and before is not None and mode.mode != ModeKind.SAFE_STOP:
             fallen = (before.time_boot_ms - mode.time_boot_ms) / 1000

@@ -47,6 +47,8 @@ class Controller:
         self.abandoned: list[Abandon] = []
         self.heard: list[AnyMessage] = []
         self.mode = ModeKind.READY
+        self.objection = Reason.NONE
+        """Why it does not obey a release."""
         self.mute = False
         self.place: tuple[float, float] | None = None
         self.jpeg = b""
@@ -137,6 +139,8 @@ class Controller:
     def _set_mode(self, message: SetMode) -> None:
         if message.mode == ModeKind.SAFE_STOP:
             self.stop()
+        elif self.objection != Reason.NONE:
+            self._tell_mode(self.objection)
         elif self.goals.fence(message.epoch):
             self.release()
         else:
@@ -146,9 +150,10 @@ class Controller:
         self.mode = mode
         self._tell_mode()
 
-    def _tell_mode(self) -> None:
+    def _tell_mode(self, answer: Reason | None = None) -> None:
         self._mode_told = self.now
-        reason = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
+        standing = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
+        reason = standing if answer is None else answer
         self.say(Mode(round(1000 * (self.now - self._began)), self.goals.epoch, 1000, self.mode, reason))
 
     def _carry_out(self, effects: list[Effect]) -> None:

@@ -1,4 +1,4 @@
-"""A session that loses its link, and the simulated controller, which misses whom it does not hear."""
+"""A session and the simulated controller: it misses whom it does not hear, and others may stop it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Hashable
 import pytest
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import GoalState, ModeKind, Reason, Verb
+from robotree.protocol.messages import GoalState, ModeKind, Reason, SetMode, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress
 from robotree.protocol.services.peer import Send
 from robotree.proxy.motion import Request
-from robotree.proxy.session import SUPERVISOR_SYSTEM, Effect, Session
+from robotree.proxy.session import RELEASE_WITHIN, SUPERVISOR_SYSTEM, Effect, Session
 from robotree.sim.testing import RoverBench
 
 STEP = 0.1
@@ -41,6 +41,12 @@ class Talk:
 
     def start(self, request: Request) -> None:
         self._carry_out(self.session.start(KEY, request, epoch=1, ttl=0.0, now=self.now))
+
+    def stop(self) -> None:
+        self._carry_out(self.session.stop(self.now))
+
+    def release(self) -> None:
+        self._carry_out(self.session.release(1, self.now))
 
     def cut(self) -> None:
         self.controller.leave(self._link)
@@ -103,3 +109,16 @@ def test_a_goal_whose_session_stays_away_is_held(talk: Talk) -> None:
     talk.wait(0.3)
     (end,) = [each for each in talk.told if isinstance(each, GoalEnded)]
     assert (end.state, end.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
+
+
+def test_a_session_releases_no_stop_that_came_after_its_release(talk: Talk) -> None:
+    talk.stop()
+    talk.wait(1.0)
+    talk.release()
+    talk.controller.post(Frame.of(SetMode(0, 1, 1, ModeKind.SAFE_STOP), system=77), "another link")
+    talk.wait(RELEASE_WITHIN + 1.0)
+    assert talk.controller.firmware.mode == ModeKind.SAFE_STOP
+    assert talk.session.held
+    talk.release()
+    talk.wait(1.0)
+    assert talk.controller.firmware.mode == ModeKind.READY, "that one is newer than the stop"

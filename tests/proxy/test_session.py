@@ -26,6 +26,7 @@ from robotree.protocol.services.command_client import RESEND
 from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.motion import Request
+from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged, Session
 
 Talk = Any
@@ -229,6 +230,23 @@ def test_a_release_with_a_stale_epoch_is_given_up(talk: Talk) -> None:
     assert talk.controller.mode == ModeKind.SAFE_STOP
     asked = len([m for m in talk.controller.heard if isinstance(m, SetMode) and m.mode == ModeKind.READY])
     assert 10 <= asked <= 13
+
+
+@pytest.mark.parametrize("objection", [Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL])
+def test_a_release_that_was_refused_is_not_said_again(talk: Talk, objection: Reason) -> None:
+    talk.wait(0.5)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(1.0)
+    talk.controller.objection = objection
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert talk.session.held == f"its controller is in safe stop: {reason_in_words(objection)}"
+    talk.controller.objection = Reason.NONE  # whatever was in the way is gone; the operator has yet to ask
+    talk.wait(RELEASE_WITHIN + 1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
 
 
 def held(talk: Talk) -> list[bool]:
