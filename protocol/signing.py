@@ -6,7 +6,7 @@ timestamp. Three things are done otherwise than in the tools around us, each bec
 * the hash is verified before the timestamp is believed, else one forged frame from the far future locks the
   honest speaker out for ever;
 * our own time starts at the wall clock or at the time that was persisted, whichever is later, never at zero,
-  else a fresh receiver accepts any old recording;
+  and no stream begins before the time that was persisted, else a fresh receiver accepts an old recording;
 * one table of streams serves all links, else a recording of one link can be played on another.
 """
 
@@ -70,12 +70,16 @@ class SigningTime:
     Args:
         clock: the wall clock, Unix time in [s].
         persisted: the `last` of an earlier run.
+        heard: up to this timestamp an earlier run may have heard frames; what is left of it after the wall
+            clock, if that was set back, locks nobody out.
     """
 
-    __slots__ = ("_clock", "_passed", "last")
+    __slots__ = ("_clock", "_passed", "heard", "last")
 
-    def __init__(self, clock: Callable[[], float], persisted: int = 0) -> None:
+    def __init__(self, clock: Callable[[], float], persisted: int = 0, heard: int = 0) -> None:
         self._clock = clock
+        self.heard = min(heard, self._wall())
+        """No stream that is new to us begins as early as this."""
         self._passed = 0.0
         """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
         self.last: int = persisted
@@ -228,4 +232,5 @@ class Verifier:
 
     def _is_old(self, timestamp: int) -> bool:
         """Whether a stream that we do not know may not begin with this timestamp."""
-        return timestamp < self._time.now() - OLDEST_STREAM or len(self._newest) >= LARGEST_CROWD
+        oldest = max(self._time.now() - OLDEST_STREAM, self._time.heard + 1)
+        return timestamp < oldest or len(self._newest) >= LARGEST_CROWD

@@ -136,6 +136,32 @@ def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recor
     assert verifier.statistics.replayed == 1
 
 
+def test_what_was_heard_in_an_earlier_life_is_not_heard_again(keys: Path) -> None:
+    """A recording of a release, or of a goal whose key is forgotten, played to a robot that was restarted."""
+    address = "tcp:127.0.0.1:1"
+    client = Security(Keyring(keys), lambda: NOW).seals(address)["signer"]
+    recording = encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=client)
+    first = Security(Keyring(keys), lambda: NOW + 1)
+    assert len(Parser(first.seals(address)["verifier"]).feed(recording)) == 1
+    first.persist()
+    again = Parser(Security(Keyring(keys), lambda: NOW + 40).seals(address)["verifier"])
+    assert again.feed(recording) == []
+    later = Security(Keyring(keys), lambda: NOW + 2).seals(address)["signer"]
+    late = encode(Timesync(1, 2), sequence=1, system=255, component=190, signer=later)
+    assert len(again.feed(late)) == 1, "a clock that is 38 s late is late by less than a minute"
+
+
+def test_a_clock_that_was_ahead_in_an_earlier_life_locks_nobody_out(keys: Path) -> None:
+    address = "tcp:127.0.0.1:1"
+    Security(Keyring(keys), lambda: NOW + 20).persist()
+    verifier = Security(Keyring(keys), lambda: NOW).seals(address)["verifier"]
+    key = Keyring(keys).key_for(address)
+    assert key is not None
+    punctual = Signer(key, SigningTime(lambda: NOW + 0.01), 9)
+    frame = encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=punctual)
+    assert len(Parser(verifier).feed(frame)) == 1
+
+
 def test_signing_time_is_the_wall_clocks_however_often_a_program_starts(keys: Path) -> None:
     """Else a file used by many short programs would run ahead until long ones refuse them all."""
     first = Security(Keyring(keys), lambda: NOW)
