@@ -28,6 +28,7 @@ from robotree.sim.firmware.movement import Movement
 from robotree.sim.firmware.outgoing import Herald, Outgoing
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.stops import stop_asked_by
+from robotree.sim.firmware.telemetry import boot_ms
 
 _STATES: Final = {ModeKind.ACTIVE: MavState.ACTIVE, ModeKind.SAFE_STOP: MavState.CRITICAL}
 
@@ -99,7 +100,7 @@ class Modes:
         """The mode as it is told; `reason`: why it is not another one."""
         movement = self._movement
         why = movement.reason if reason is None else reason
-        return Mode(now, self._goals.epoch, movement.watchdog.patience, movement.mode, why)
+        return Mode(boot_ms(now), self._goals.epoch, movement.watchdog.patience, movement.mode, why)
 
     def heartbeat(self) -> Heartbeat:
         """The mode as every ground station understands it."""

@@ -9,7 +9,7 @@ from typing import Final
 from robotree.protocol.messages import Message, NamedValueFloat
 from robotree.protocol.services.interval import Intervals
 from robotree.sim.firmware.outgoing import Outgoing
-from robotree.sim.firmware.telemetry import Stream
+from robotree.sim.firmware.telemetry import Stream, boot_ms
 
 FASTEST: Final = 0.005
 """[s] between two messages of a kind: one batch of the physics."""
@@ -50,7 +50,7 @@ class Schedule:
     def read(self, msgid: int, now: int, *, busy: bool) -> Sequence[Message]:
         """One reading of what a message tells; nothing if there is no such telemetry."""
         stream = self._streams.get(msgid)
-        return () if stream is None else stream.read(now, busy)
+        return () if stream is None else stream.read(boot_ms(now), busy)
 
     def tick(self, now: int, *, busy: bool) -> list[Outgoing]:
         """What is due, for the links that it is due on; read once for all of them."""
@@ -59,7 +59,7 @@ class Schedule:
         for via, rates in self._links.items():
             for msgid in rates.due(now / 1000):
                 if (reading := readings.get(msgid)) is None:
-                    messages = self._streams[msgid].read(now, busy)
+                    messages = self._streams[msgid].read(boot_ms(now), busy)
                     reading = readings[msgid] = [(message, _instance(message)) for message in messages]
                 out += [Outgoing(message, via, True, instance) for message, instance in reading]
         return out

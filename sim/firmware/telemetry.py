@@ -12,6 +12,12 @@ HOT: Final = 20
 """[ms] between two poses: 50 Hz."""
 WARM: Final = 100
 """[ms] between two readings of what changes slowly: 10 Hz."""
+_WORD: Final = 0xFFFFFFFF
+
+
+def boot_ms(now: int) -> int:
+    """Controller time [ms] as messages hold it: it begins anew every 49.7 days, as MAVLink's does."""
+    return now & _WORD
 
 
 class Stream(NamedTuple):
@@ -20,7 +26,8 @@ class Stream(NamedTuple):
     Attributes:
         kind: of message.
         period: [ms] between two, unless a client asks for another; None: only when asked for.
-        read: the messages of one reading, at controller time [ms] and told whether something moves.
+        read: the messages of one reading, at controller time [ms] as messages hold it, and told whether
+            something moves.
     """
 
     kind: type[Message]
