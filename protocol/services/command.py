@@ -1,13 +1,15 @@
 """COMMAND_LONG and COMMAND_INT, the side that carries them out.
 
 MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
-repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a second or two. So a request with
-the same content from the same peer is answered with the stored result when it says that it is a repetition,
-or when it comes within `REPETITION` of its success and nothing else was done meanwhile; a command that moves
-should be a goal, which has a key. One that was cancelled or has failed is not taken for a repetition by the
-time alone: who orders it again wants it. A refusal is not stored: nothing was done, and what was in the way
-may be gone. While a command is in progress the same request is answered with its progress, and another one of
-its kind is rejected for now. Questions and stops are carried out every time, whoever asks.
+repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a few seconds. So a request with the
+same content from the same peer is answered with the stored result when it says that it is a repetition and
+comes within `COUNTED_REPETITION` of the last answer, or when it comes within `REPETITION` of its success and
+nothing else was done meanwhile; a command that moves should be a goal, which has a key. A repetition that
+comes later repeats a new order, the first frame of which was lost. One that was cancelled or has failed is
+not taken for a repetition by the time alone: who orders it again wants it. A refusal is not stored: nothing
+was done, and what was in the way may be gone. While a command is in progress the same request is answered
+with its progress, and another one of its kind is rejected for now. Questions and stops are carried out every
+time, whoever asks.
 """
 
 from __future__ import annotations
@@ -33,6 +35,11 @@ if TYPE_CHECKING:
 
 REPETITION = 2.0
 """[s] after its success within which the same content is taken for a repetition."""
+COUNTED_REPETITION = 10.0
+"""[s] after the last answer within which the same content is a repetition if it says so.
+
+The field's clients repeat at most three times, 3 s apart, so none still repeats an older order after that.
+"""
 PROGRESS_PERIOD = 0.5
 """[s] between two words on a command in progress; clients give up after a few seconds of silence."""
 LARGEST_CROWD = 256
@@ -123,10 +130,11 @@ class CommandServer:
         request = Request(peer, message.command, _params(message))
         if (handler := self._always.get(request.command)) is not None:
             return _sends(request, handler(request, now))
-        repeated = isinstance(message, CommandLong) and message.confirmation > 0
+        counted = isinstance(message, CommandLong) and message.confirmation > 0
         record = self._records.get((peer, request.command))
         if record is not None and _same(record.params, request.params):
             going_on = record.ack.result == MavResult.IN_PROGRESS
+            repeated = counted and now - record.told < COUNTED_REPETITION
             if going_on or repeated or self._stands(record, now):
                 return self._tell(record, now)
         if any(command == request.command for _, command in self.in_progress):

@@ -17,6 +17,7 @@ from robotree.protocol.messages import (
     Timesync,
 )
 from robotree.protocol.services.command import (
+    COUNTED_REPETITION,
     LARGEST_CROWD,
     PROGRESS_PERIOD,
     REPETITION,
@@ -87,10 +88,29 @@ def test_a_command_is_answered_to_the_one_who_asked_on_the_link_that_asked(robot
 def test_a_repetition_is_answered_again_and_not_carried_out_again(robot: Robot) -> None:
     first = robot.server.receive(_long(GRIP, 1.0), PEER, 0.0)
     assert robot.server.receive(_long(GRIP, 1.0), PEER, REPETITION * 0.9) == first
-    assert robot.server.receive(_long(GRIP, 1.0, confirmation=3), PEER, 60.0) == first
+    later = (REPETITION + COUNTED_REPETITION) * 0.9
+    assert robot.server.receive(_long(GRIP, 1.0, confirmation=3), PEER, later) == first
     assert len(robot.done) == 1
-    robot.server.receive(_long(GRIP, 1.0), PEER, 60.0)
-    assert len(robot.done) == 2, "after that it is a new one"
+    robot.server.receive(_long(GRIP, 1.0), PEER, later)
+    assert len(robot.done) == 2, "without a count it is a new one by then"
+
+
+def test_a_new_order_whose_first_frame_was_lost_is_carried_out(robot: Robot) -> None:
+    first = robot.server.receive(_long(GRIP, 1.0), PEER, 0.0)
+    assert robot.server.receive(_long(GRIP, 1.0, confirmation=1), PEER, COUNTED_REPETITION) == first
+    assert len(robot.done) == 2
+    assert robot.server.receive(_long(GRIP, 1.0, confirmation=2), PEER, COUNTED_REPETITION + 3.0) == first
+    assert len(robot.done) == 2, "and once, however often it is repeated"
+
+
+def test_a_new_order_after_a_failure_long_ago_is_carried_out_though_its_first_frame_was_lost(
+    robot: Robot,
+) -> None:
+    robot.server.receive(_long(MOVE), PEER, 0.0)
+    robot.server.finish(PEER, MOVE, MavResult.FAILED, 1.0)
+    told = robot.server.receive(_long(MOVE, confirmation=1), PEER, 1.0 + COUNTED_REPETITION)
+    assert _acks([*told]) == [("link 1", MavResult.IN_PROGRESS, 255)]
+    assert len(robot.done) == 2
 
 
 def test_after_something_else_was_done_only_a_counted_repetition_is_one(robot: Robot) -> None:
@@ -145,7 +165,7 @@ def test_a_long_command_tells_its_progress_until_the_end(robot: Robot) -> None:
     assert _acks([*server.finish(PEER, MOVE, MavResult.ACCEPTED, 2.0)]) == [("link 1", MavResult.ACCEPTED, 0)]
     assert server.finish(PEER, MOVE, MavResult.FAILED, 2.0) == server.progress(PEER, MOVE, 0.5, 9.0) == []
     assert server.in_progress == server.tick(10.0) == []
-    assert _acks([*server.receive(_long(MOVE, confirmation=2), PEER, 30.0)]) == [
+    assert _acks([*server.receive(_long(MOVE, confirmation=2), PEER, 2.0 + COUNTED_REPETITION * 0.9)]) == [
         ("link 1", MavResult.ACCEPTED, 0)
     ]
     assert len(robot.done) == 1
