@@ -3,12 +3,13 @@
 A goal is repeated with its key until its first status comes. From then on only its status is asked for, so
 that a controller which restarted in the meantime says UNKNOWN instead of beginning again. When no answer
 came for `patience`, the goal is not repeated either: a link that comes back much later must not start a
-movement.
+movement. A repetition carries what is left of the time to live. A goal whose time is over before it was
+answered is called off; when the controller then says that it never had it, it ends as EXPIRED.
 """
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, isinf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -38,7 +39,11 @@ class GoalProgress(msgspec.Struct, frozen=True):
 
 
 class GoalEnded(msgspec.Struct, frozen=True):
-    """The last word on a goal. UNKNOWN: the controller does not know it (any more)."""
+    """The last word on a goal.
+
+    UNKNOWN: the controller does not know it (any more). EXPIRED: it ran out of time, on the controller or on
+    its way there.
+    """
 
     key: int
     state: GoalState
@@ -59,7 +64,7 @@ Effect = Send | GoalProgress | GoalEnded | GoalSilent
 
 class _Pursuit(msgspec.Struct):
     goal: Goal
-    begun: float
+    deadline: float
     heard: float
     asked: float
     acknowledged: bool = False
@@ -110,8 +115,9 @@ class GoalClient:
             ttl: time to live, [s]; 0: until reached.
         """
         padded = (*args, *[float("nan")] * (ARGUMENTS - len(args)))
-        goal = Goal(key, epoch, round(ttl * 1000), padded, verb, self.system, self.component)
-        self._pursuits[key] = _Pursuit(goal, begun=now, heard=now, asked=now)
+        lives = ttl or inf
+        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, self.system, self.component)
+        self._pursuits[key] = _Pursuit(goal, deadline=now + lives, heard=now, asked=now)
         return [Send(goal, self.via)]
 
     def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
@@ -145,6 +151,8 @@ class GoalClient:
             and not (pursuit.cancelled or pursuit.silent)
         ):
             return []  # an answer to an older question; our goal is still on its way
+        if state == GoalState.UNKNOWN and _overdue(pursuit, now):
+            state = GoalState.EXPIRED
         pursuit.heard, pursuit.acknowledged, pursuit.silent = now, True, False
         if state.final or state == GoalState.UNKNOWN:
             del self._pursuits[status.key]
@@ -165,6 +173,8 @@ class GoalClient:
         return effects
 
     def _remind(self, pursuit: _Pursuit, now: float) -> list[Effect]:
+        if _overdue(pursuit, now):
+            pursuit.cancelled = True  # one that is still under way must not begin any more
         unanswered = pursuit.cancelled or not pursuit.acknowledged
         if now - pursuit.asked < (self._resend if unanswered and not pursuit.silent else self._poll):
             return []
@@ -176,4 +186,16 @@ class GoalClient:
             return [Send(GoalCancel(goal.key, goal.epoch, self.system, self.component), self.via)]
         if pursuit.acknowledged or pursuit.silent:
             goal = msgspec.structs.replace(goal, verb=Verb.STATUS)
+        else:
+            goal = msgspec.structs.replace(goal, ttl_ms=_milliseconds(pursuit.deadline - now))
         return [Send(goal, self.via)]
+
+
+def _overdue(pursuit: _Pursuit, now: float) -> bool:
+    """Whether the time to live was over before the controller answered."""
+    return not pursuit.acknowledged and now >= pursuit.deadline
+
+
+def _milliseconds(time_to_live: float) -> int:
+    """A time to live as the wire has it; 0 is for ever there, so the shortest is 1."""
+    return 0 if isinf(time_to_live) else max(1, round(time_to_live * 1000))

@@ -244,7 +244,7 @@ def _status(state: GoalState, *, key: int = 7, sequence: int = 1, reason: Reason
 @pytest.fixture
 def client() -> GoalClient:
     client = GoalClient(1, 1, via="link 1")
-    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=2.0)
+    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0)
     return client
 
 
@@ -269,6 +269,61 @@ def test_an_unanswered_goal_is_repeated_with_its_key(client: GoalClient) -> None
     assert isinstance(again, Goal)
     assert (again.key, again.verb) == (7, Verb.GO_TO)
     assert client.tick(RESEND) == []
+
+
+@pytest.fixture
+def brief() -> GoalClient:
+    """Pursues a goal that lives for 1 s."""
+    client = GoalClient(1, 1, via="link 1")
+    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=1.0)
+    return client
+
+
+def test_a_repeated_goal_carries_the_time_that_is_left_and_is_the_same_goal(
+    brief: GoalClient, server: GoalServer
+) -> None:
+    repeated = [each for i in range(1, 40) for each in _sent([*brief.tick(i * RESEND / 10)])]
+    goals = [each for each in repeated if isinstance(each, Goal)]
+    assert [goal.ttl_ms for goal in goals] == [750, 500, 250]
+    assert [each for goal in goals for each in server.receive(goal, PROXY, 1.0) if isinstance(each, Begin)]
+    assert server.unfinished == [ID]
+    assert {each.reason for goal in goals for each in _statuses([*server.receive(goal, PROXY, 1.0)])} == {0}
+
+
+def test_a_goal_whose_time_is_over_before_it_was_heard_is_called_off_and_has_expired(
+    brief: GoalClient, server: GoalServer
+) -> None:
+    (late,) = _sent([*brief.tick(RESEND)])
+    (cancel,) = _sent([*brief.tick(1.0)])
+    assert cancel == GoalCancel(7, 3, 1, 1)
+    assert _sent([*brief.tick(1.0 + RESEND)]) == [cancel], "the goal is repeated no more"
+    assert isinstance(cancel, GoalCancel)
+    assert isinstance(late, Goal)
+    unknown = _one([*server.receive(cancel, PROXY, 1.3)])
+    assert brief.receive(unknown, 1.4) == [GoalEnded(7, GoalState.EXPIRED, Reason.NONE, "")]
+    assert brief.pursued == []
+    server.receive(late, PROXY, 1.5)
+    assert server.unfinished == [], "one that is still under way begins nothing"
+
+
+def test_a_goal_that_was_reached_in_time_is_so_though_the_answers_were_lost(
+    brief: GoalClient, server: GoalServer
+) -> None:
+    (goal,) = _sent([*brief.tick(RESEND)])
+    assert isinstance(goal, Goal)
+    server.receive(goal, PROXY, 0.3)
+    server.finish(ID, GoalState.SUCCEEDED, 0.5)
+    (cancel,) = _sent([*brief.tick(1.0)])
+    assert isinstance(cancel, GoalCancel)
+    (end,) = brief.receive(_one([*server.receive(cancel, PROXY, 1.1)]), 1.2)
+    assert end == GoalEnded(7, GoalState.SUCCEEDED, Reason.NONE, "")
+
+
+def test_the_shortest_time_to_live_is_not_for_ever() -> None:
+    (send,) = GoalClient(1, 2).start(7, Verb.GO_TO, (0.5,), epoch=3, now=0.0, ttl=0.0001)
+    assert isinstance(send, Send)
+    assert isinstance(send.message, Goal)
+    assert send.message.ttl_ms == 1
 
 
 def test_an_acknowledged_goal_is_only_asked_for(client: GoalClient) -> None:
