@@ -4,11 +4,14 @@ A command that moves is a goal without a key: it is checked, planned and carried
 of whatever runs, and tells its progress. A command whose link has closed goes on, as a goal does, until its
 sender counts as silent.
 
+A release is carried out once: its repetition, sent since the answer was lost, knows nothing of a stop that
+came in between. A stop is carried out at every repetition.
+
 Pure. `now` is controller time in whole milliseconds.
 """
 
 from collections.abc import Callable, Mapping
-from math import nan
+from math import inf, nan
 from typing import Final
 
 from robotree.protocol.messages import (
@@ -24,7 +27,14 @@ from robotree.protocol.messages import (
     Reason,
     Verb,
 )
-from robotree.protocol.services.command import Answer, CommandAbandoned, CommandServer, Handler, Request
+from robotree.protocol.services.command import (
+    COUNTED_REPETITION,
+    Answer,
+    CommandAbandoned,
+    CommandServer,
+    Handler,
+    Request,
+)
 from robotree.protocol.services.peer import Peer
 from robotree.sim.arm.gripper import WIDEST
 from robotree.sim.errors import GoalRefused
@@ -39,6 +49,9 @@ _RESULTS: Final = {
     GoalState.CANCELLED: MavResult.CANCELLED,
     GoalState.FAILED: MavResult.FAILED,
 }
+
+LARGEST_CROWD: Final = 256
+"""Releases that are remembered."""
 
 _WIDTHS: Final[Mapping[float, float]] = {
     GripperActions.RELEASE: WIDEST,
@@ -98,6 +111,8 @@ class Commands:
         self._device, self._movement, self._rights, self._herald = device, movement, rights, herald
         self._stop, self._release = stop, release
         self._news: list[Outgoing] = []
+        self._confirmation = 0
+        self._releases: dict[tuple[Peer, int], tuple[int, float]] = {}
         moving: dict[int, Handler] = {
             command: self._mover(verb, arguments)
             for command, (verb, arguments) in MOVING.items()
@@ -116,6 +131,7 @@ class Commands:
 
     def hear(self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int) -> list[Outgoing]:
         """Take a command, or the end of one."""
+        self._confirmation = message.confirmation if isinstance(message, CommandLong) else 0
         effects = self._server.receive(message, peer, now / 1000)
         for effect in effects:
             if isinstance(effect, CommandAbandoned):
@@ -179,11 +195,11 @@ class Commands:
 
         return handle
 
-    def _arm(self, request: Request, _: float) -> Answer:
+    def _arm(self, request: Request, now: float) -> Answer:
         """Arm: release the stop."""
         if request.param(1, default=-1.0) != 1.0:
             return self._refuse(MavResult.DENIED, "Arm with 1, disarm with 0.")
-        return self._allowed(request, self._released)
+        return self._released(request, now)
 
     def _terminate(self, _: Request, __: float) -> Answer:
         return self._refuse(MavResult.DENIED, "A termination is not taken back; arm to release the stop.")
@@ -193,7 +209,7 @@ class Commands:
         if (main, sub) == PX4_HOLD or main == ModeKind.HOLD:
             return self._allowed(request, lambda: self._held(now))
         if main == ModeKind.READY:
-            return self._allowed(request, self._released)
+            return self._released(request, now)
         return self._refuse(MavResult.DENIED, "Modes that can be set: 1 ready, 3 hold, 4 safe stop.")
 
     def _reboot(self, _: Request, __: float) -> Answer:
@@ -201,12 +217,31 @@ class Commands:
             MavResult.DENIED, "It reboots for nobody on the wire; end its process and start it again."
         )
 
-    def _released(self) -> Answer:
-        if self._movement.overtaken:
+    def _released(self, request: Request, now: float) -> Answer:
+        """Release the stop, or answer a release that was answered before without doing anything."""
+        repeated = self._is_repeated(request, now)
+        return self._allowed(request, lambda: self._release_once(repeated=repeated))
+
+    def _release_once(self, *, repeated: bool) -> Answer:
+        if self._movement.overtaken or (repeated and self._movement.stopped):
             text = "A safe stop came after it; look at the robot, then arm again."
             return self._refuse(MavResult.TEMPORARILY_REJECTED, text, Reason.STOPPED)
-        self._news += self._release()
+        if not repeated:
+            self._news += self._release()
         return Answer(MavResult.ACCEPTED)
+
+    def _is_repeated(self, request: Request, now: float) -> bool:
+        """Whether a release was answered before; it is remembered.
+
+        The first transmission has confirmation 0 and each repetition the next number. But there are clients
+        that say the same number, such as 1, every time: then each is an order of its own.
+        """
+        order = request.peer, request.command
+        before, answered_at = self._releases.pop(order, (0, -inf))
+        if len(self._releases) >= LARGEST_CROWD:
+            del self._releases[next(iter(self._releases))]
+        self._releases[order] = self._confirmation, now
+        return now - answered_at < COUNTED_REPETITION and self._confirmation not in {0, before}
 
     def _held(self, now: float) -> Answer:
         self._news += self._movement.interrupt(

@@ -20,6 +20,7 @@ from robotree.protocol.messages import (
     Statustext,
     Verb,
 )
+from robotree.protocol.services.command import COUNTED_REPETITION
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
@@ -218,6 +219,79 @@ def test_arming_releases_the_stop(arm: ArmBench) -> None:
     assert result(arm.operator, MavCmd.COMPONENT_ARM_DISARM, 1) == MavResult.ACCEPTED
     arm.operator.wait(0.05)
     assert arm.operator.mode()[0] == ModeKind.READY
+
+
+ARM = (MavCmd.COMPONENT_ARM_DISARM, 1.0, 0.0)
+SET_READY = (MavCmd.DO_SET_MODE, 1.0, float(ModeKind.READY))
+RELEASES = pytest.mark.parametrize("release", [ARM, SET_READY], ids=["arm", "set mode"])
+
+
+def say(operator: Operator, release: tuple[float, ...], confirmation: int) -> tuple[MavResult, ModeKind]:
+    """What is answered to a release, and in which mode the robot is then."""
+    told = len(operator.all(CommandAck))
+    operator.say(CommandLong(1, 1, int(release[0]), confirmation, *release[1:], *(0.0,) * 5))
+    operator.wait(0.05)
+    (ack,) = operator.all(CommandAck)[told:]
+    return MavResult(ack.result), operator.mode()[0]
+
+
+@RELEASES
+def test_the_repetition_of_a_release_does_not_undo_a_stop_that_came_in_between(
+    arm: ArmBench, release: tuple[float, ...]
+) -> None:
+    stranger = arm.operator.another(system=99)
+    stranger.set_mode(ModeKind.SAFE_STOP)
+    stranger.wait(0.05)
+    assert say(arm.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY)
+    assert say(arm.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY), "nothing came in between"
+    stranger.set_mode(ModeKind.SAFE_STOP)
+    stranger.wait(0.05)
+    for confirmation in (2, 3):
+        refused = say(arm.operator, release, confirmation)
+        assert refused == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
+    assert last(arm.operator).result_param2 == Reason.STOPPED
+    assert "look at the robot" in text(arm.operator)
+    assert say(arm.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY), "that is a new order"
+
+
+@RELEASES
+def test_the_repetition_of_a_release_that_a_stop_has_overtaken_does_not_undo_it(
+    arm: ArmBench, release: tuple[float, ...]
+) -> None:
+    arm.operator.say(CommandLong(1, 1, int(release[0]), 0, *release[1:], *(0.0,) * 5))
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(0.05)
+    assert last(arm.operator).result == MavResult.TEMPORARILY_REJECTED
+    assert say(arm.operator, release, 1) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
+
+
+@RELEASES
+def test_a_release_whose_first_transmission_was_lost_is_obeyed(
+    arm: ArmBench, release: tuple[float, ...]
+) -> None:
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(0.05)
+    assert say(arm.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY)
+    arm.operator.wait(COUNTED_REPETITION + 1.0)
+    arm.operator.set_mode(ModeKind.SAFE_STOP)
+    arm.operator.wait(0.05)
+    assert say(arm.operator, release, 2) == (MavResult.ACCEPTED, ModeKind.READY), "nobody repeats that late"
+
+
+def test_who_says_each_order_with_the_same_confirmation_can_release_every_stop(arm: ArmBench) -> None:
+    """MAVROS arms with confirmation 1, always."""
+    for _ in range(3):
+        arm.operator.set_mode(ModeKind.SAFE_STOP)
+        arm.operator.wait(0.05)
+        assert say(arm.operator, ARM, 1) == (MavResult.ACCEPTED, ModeKind.READY)
+
+
+def test_a_stop_is_carried_out_at_every_repetition(arm: ArmBench) -> None:
+    disarm = (MavCmd.COMPONENT_ARM_DISARM, 0.0, 0.0)
+    for confirmation in range(3):
+        assert say(arm.operator, disarm, confirmation) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
+        arm.operator.set_mode(ModeKind.READY)
+        arm.operator.wait(0.05)
 
 
 def test_where_a_lease_was_obeyed_a_command_needs_control_to_move_or_to_release(arm: ArmBench) -> None:
