@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 CAPACITY = 256
 """Goals whose status is kept; the oldest finished one makes room."""
 FORGOTTEN = 4096
-"""Keys that are still known to be used when their status is kept no more."""
+"""Keys that are still known to be used when their status is kept no more; who has most gives way first."""
 PROGRESS_PERIOD = 0.1
 """[s] between two statuses that tell nothing but progress."""
 LONGEST_TEXT = 80
@@ -59,6 +59,8 @@ class Abandon(msgspec.Struct, frozen=True):
 
 Effect = Send | Begin | Abandon
 Refusal = tuple[Reason, str]
+_Speaker = tuple[int, int]
+"""System and component."""
 
 
 class _Record(msgspec.Struct):
@@ -91,7 +93,7 @@ class GoalServer:
     ) -> None:
         self._verbs, self._check, self._guard = frozenset(verbs), check, guard
         self._records: dict[GoalId, _Record] = {}
-        self._forgotten: dict[GoalId, None] = {}
+        self._forgotten: dict[_Speaker, dict[GoalId, None]] = {}
         self.epoch = 0
         """The highest epoch obeyed."""
 
@@ -183,7 +185,7 @@ class GoalServer:
         ]
 
     def _new(self, goal: Goal, id_: GoalId, peer: Peer, denial: Refusal | None, now: float) -> list[Effect]:
-        if id_ in self._forgotten:
+        if self._is_forgotten(id_):
             return [self._unknown(id_, peer)]
         if (denial := self._denial(goal, denial)) is not None:
             return [self._refusal(id_, peer, *denial)]
@@ -226,7 +228,7 @@ class GoalServer:
         return self.abandon_all(Reason.OPERATOR, now)
 
     def _cancel(self, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
-        if id_ not in self._records and id_ not in self._forgotten:
+        if id_ not in self._records and not self._is_forgotten(id_):
             self._forget(id_)  # the goal itself may still be under way: it must not begin
         record = self._open(id_)
         if record is None:
@@ -253,9 +255,16 @@ class GoalServer:
         return True
 
     def _forget(self, id_: GoalId) -> None:
-        self._forgotten[id_] = None
-        if len(self._forgotten) > FORGOTTEN:
-            del self._forgotten[next(iter(self._forgotten))]
+        """Keep a key alone; no flood of one speaker's makes the few of another forgotten."""
+        self._forgotten.setdefault((id_.system, id_.component), {})[id_] = None
+        if sum(map(len, self._forgotten.values())) > FORGOTTEN:
+            speaker, keys = max(self._forgotten.items(), key=lambda each: len(each[1]))
+            del keys[next(iter(keys))]
+            if not keys:
+                del self._forgotten[speaker]
+
+    def _is_forgotten(self, id_: GoalId) -> bool:
+        return id_ in self._forgotten.get((id_.system, id_.component), ())
 
     def _answer(self, id_: GoalId, peer: Peer, *, may: bool) -> list[Effect]:
         if (record := self._records.get(id_)) is None:

@@ -220,8 +220,21 @@ def test_the_table_is_bounded_and_a_forgotten_key_still_begins_nothing(server: G
         server.receive(_goal(key), PROXY, 0.0)
         server.finish(GoalId(255, 190, key), GoalState.SUCCEEDED, 0.0)
     assert len(server._records) <= CAPACITY
-    assert len(server._forgotten) <= FORGOTTEN
+    assert sum(map(len, server._forgotten.values())) <= FORGOTTEN
     assert _one([*server.receive(_goal(1), PROXY, 1.0)]).state == GoalState.UNKNOWN
+    assert server.unfinished == []
+
+
+@pytest.mark.parametrize("speakers", [1, 50])
+def test_no_flood_of_cancels_makes_a_goal_begin_that_another_called_off(
+    server: GoalServer, speakers: int
+) -> None:
+    for key in (6, 7):
+        server.receive(GoalCancel(key, 1, 1, 1), PROXY, 0.0)
+    for key in range(1, FORGOTTEN + 200):
+        server.receive(GoalCancel(key, 1, 1, 1), Peer("link 2", 254, key % speakers), 0.0)
+    assert sum(map(len, server._forgotten.values())) == FORGOTTEN
+    server.receive(_goal(7), PROXY, 1.0)
     assert server.unfinished == []
 
 
