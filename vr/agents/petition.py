@@ -78,19 +78,18 @@ class Petitioner:
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
 
-        async def petition() -> Granted:
-            return await client.petition(
+        async def petition() -> tuple[float, Granted]:
+            return _now(), await client.petition(
                 self._parent, slot, kind=kind, lineage=lineage, term=self._term, key=key
             )
 
-        sent = _now()
         try:
-            granted = await petition()
+            sent, granted = await petition()
         except Unreachable:
             if not await self._lives(child.key):
                 raise
             await self._reunion(child.key)
-            granted = await petition()  # the same one: whoever has granted it grants it again
+            sent, granted = await petition()  # the same one: whoever has granted it grants it again
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
         lease = Lessee(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())

@@ -85,7 +85,7 @@ class Orders:
         return []
 
     async def _tell_all(self, asked: dict[Address, asyncio.Future[None]], tell: Tell) -> list[Silent]:
-        """Tell all who are seen at once, then those who come to sight while everybody is looked for."""
+        """Tell all who are seen at once, then those who come to sight until all have answered."""
         loop = asyncio.get_running_loop()
         latest = loop.time() + CONFIRM
         seen = set(self._directory.present("robot"))
@@ -95,9 +95,12 @@ class Orders:
             silent = await self._transport.silent(everyone("robot"))
             # in this order: who is silent no longer is seen now
             seen = _addresses(await self._transport.present(everyone("robot")))
-            if asked.keys() >= seen and (not silent or loop.time() > latest):
+            waiting = [asking for asking in asked.values() if not asking.done()]
+            if loop.time() > latest or not (seen - asked.keys() or silent or waiting):
                 return silent
-            if silent:
+            if waiting:
+                await asyncio.wait(waiting, timeout=LOOK)
+            elif silent:
                 await asyncio.sleep(LOOK)
 
     async def _fell_silent(

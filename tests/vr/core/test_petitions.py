@@ -84,6 +84,20 @@ async def test_a_child_whose_link_is_just_coming_back_is_waited_for(realm: Any) 
     assert rover.description().bond is not None
 
 
+async def test_the_wait_for_a_link_is_no_part_of_the_lease(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"), term=1.0)
+    pair = await realm.start(Pair("pair"), term=1.0)
+    realm.network.cut(pair.transport, rover.transport)
+    await asyncio.sleep(2 * realm.network.lease)
+    enslaving = asyncio.create_task(realm.client(pair).enslave("left", rover.address))
+    await asyncio.sleep(1.5)
+    realm.network.heal(pair.transport, rover.transport)
+    await enslaving
+    await asyncio.sleep(3.0)
+    assert pair.description().slot("left").child == rover.address
+    assert rover.description().bond is not None
+
+
 async def test_a_child_that_is_dead_is_not_waited_for(realm: Any) -> None:
     rover = await realm.start(Rover("rover"))
     pair = await realm.start(Pair("pair"))

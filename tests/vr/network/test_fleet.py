@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -277,6 +277,31 @@ async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World)
     world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
     assert list(await stopping) == ["r1", "r2"]
     await newcomer.close()
+
+
+async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: World) -> None:
+    served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
+    ((key, answer),) = served.items()
+    at_last = asyncio.Event()
+
+    async def answer_late(body: bytes, respond: Callable[[bytes], None]) -> None:
+        await at_last.wait()
+        await answer(body, respond)
+
+    served[key] = answer_late
+    stopping = asyncio.create_task(world.fleet.stop(None))
+    await until(lambda: stopped(world, "r2"), "the others are told at once")
+    await world.add("r3")
+    await until(lambda: stopped(world, "r3"), "so is who comes now")
+    assert not stopping.done()
+    at_last.set()
+    assert list(await stopping) == ["r1", "r2", "r3"]
+
+
+def stopped(world: World, name: str) -> bool:
+    rover = world.agents[name].robot
+    assert isinstance(rover, Rover)
+    return bool(rover.stopped)
 
 
 async def test_views_are_found_and_looked_through(world: World) -> None:
