@@ -43,6 +43,7 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
+from robotree.proxy.life import Word, restarted
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import READERS, Readers, Target
@@ -58,8 +59,6 @@ DEAD = 2 * SILENCE
 """[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
 RELEASE_WITHIN = 3.0
 """[s] for which the release of a stop is repeated. A stop is repeated for ever."""
-RESTARTED = 1.0
-"""[s] by which a controller's clock must have fallen to tell of a restart; less may be a late message."""
 HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
 """Modes in which a controller takes no goal until it is released, as clauses."""
 REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL}
@@ -193,7 +192,7 @@ class Session:
         if frame.component != self.controller.component:
             return effects
         self.heard_at = now
-        before = self.twin.latest(Mode)
+        before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
         self.twin.hear(message, now)
         if isinstance(message, Heartbeat) and self._open:
             if turned := self._turn(online=True, trouble=""):
@@ -203,7 +202,7 @@ class Session:
         elif isinstance(message, GoalStatus) and self._for_us(message):
             effects += self._goals.receive(message, now)
         elif isinstance(message, Mode):
-            effects += self._compare(before, message, now)
+            effects += self._compare(message, before, told_at, now)
         return effects + self._held_news()
 
     def tick(self, now: float) -> list[Effect]:
@@ -276,13 +275,13 @@ class Session:
             effects += _said(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
         return effects
 
-    def _compare(self, before: Mode | None, mode: Mode, now: float) -> list[Effect]:
-        """The controller has told its mode: is it the one that is wished for?"""
+    def _compare(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
+        """The controller has told its mode, and `told_at` [s] the one before: is it what is wished for?"""
         if self._wish == ModeKind.READY and (mode.mode not in HOLDING or mode.reason in REFUSALS):
             self._wish = None
         elif self._wish is None and before is not None and mode.mode != ModeKind.SAFE_STOP:
-            fallen = (before.time_boot_ms - mode.time_boot_ms) / 1000
-            if before.mode == ModeKind.SAFE_STOP and fallen > RESTARTED:
+            lives = Word(before.time_boot_ms, told_at), Word(mode.time_boot_ms, now)
+            if before.mode == ModeKind.SAFE_STOP and restarted(*lives):
                 return self.stop(now)
         return self._insist(now)
 

@@ -282,13 +282,17 @@ def test_a_controller_that_cannot_move_is_held_too(talk: Talk) -> None:
     assert talk.session.held == "its controller cannot move: the controller gave no reason"
 
 
-def test_a_stop_of_somebody_else_outlives_a_restart_of_the_controller(talk: Talk) -> None:
-    talk.wait(5.0)
+@pytest.mark.parametrize(("uptime", "age"), [(5.0, 1.0), (3.0, 4.5), (60.0, 90.0)])
+def test_a_stop_of_somebody_else_outlives_a_restart_of_the_controller(
+    talk: Talk, uptime: float, age: float
+) -> None:
+    talk.wait(uptime)
     talk.controller.stop()
     talk.wait(0.1)
     talk.cut()
-    talk.controller.restart()
     talk.wait(1.0)
+    talk.controller.restart()
+    talk.wait(age)
     talk.connect()
     talk.wait(1.0)
     assert talk.controller.mode == ModeKind.SAFE_STOP
@@ -296,6 +300,19 @@ def test_a_stop_of_somebody_else_outlives_a_restart_of_the_controller(talk: Talk
     talk.perform(talk.session.release(6, talk.now))
     talk.wait(1.0)
     assert talk.controller.mode == ModeKind.READY
+
+
+def test_a_release_by_somebody_else_while_the_link_was_down_is_no_restart(talk: Talk) -> None:
+    talk.wait(5.0)
+    talk.controller.stop()
+    talk.wait(0.1)
+    talk.cut()
+    talk.controller.release()
+    talk.wait(60.0)
+    talk.connect()
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.READY
+    assert talk.session.held == ""
 
 
 def test_a_release_holds_nothing_up_while_it_is_on_the_way_and_is_taken_back_if_it_fails(talk: Talk) -> None:

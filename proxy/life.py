@@ -1,0 +1,35 @@
+"""Whether two words of a controller are of one life: by its clock, which begins anew when it restarts. Pure.
+
+A new life is younger than the time that has passed since the old one was heard. So a controller whose clock
+shows more than that is the old one, however slowly that clock goes: a simulation on a loaded machine may lose
+half of each second. One that shows less, and has fallen behind our clock, counts as new, though it may be a
+slow one that was not heard for long. Of the two mistakes it is the safe one: who takes the old for a new one
+stops what somebody has released, who takes a new one for the old forgets a stop.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+LATE = 1.0
+"""[s] by which one word may have been longer on its way than another."""
+
+
+class Word(NamedTuple):
+    """When something was said."""
+
+    boot_ms: int
+    """[ms] since the controller began to live."""
+    heard_at: float
+    """[s] on our clock."""
+
+
+def restarted(before: Word, after: Word) -> bool:
+    """Whether the controller began a new life between two words.
+
+    The wire's clock begins anew after 49.7 days; that passes for a new life, too.
+    """
+    advanced = (after.boot_ms - before.boot_ms) / 1000
+    passed = after.heard_at - before.heard_at
+    younger = after.boot_ms / 1000 < passed + LATE
+    return advanced < (passed - LATE if younger else -LATE)

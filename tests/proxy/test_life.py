@@ -1,0 +1,62 @@
+"""Laws of telling a controller's restart by its clock."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+from robotree.proxy.life import LATE, Word, restarted
+
+SECONDS = st.floats(0.0, 1e6)
+DELAY = st.floats(0.0, 0.99 * LATE)
+BEGIN = 1000.0
+"""[s] on our clock when the first life began."""
+
+
+def word(began: float, said: float, delay: float, rate: float = 1.0) -> Word:
+    """What a controller says at a moment [s] of our clock, which its own follows at a rate."""
+    return Word(int(1000 * rate * (said - began)), said + delay)
+
+
+@given(uptime=st.floats(LATE, 1e6), down=SECONDS, age=SECONDS, delays=st.tuples(DELAY, DELAY))
+@example(uptime=3.0, down=5.5, age=4.5, delays=(0.0, 0.0))
+@example(uptime=60.0, down=30.0, age=90.0, delays=(0.0, 0.0))
+def test_a_new_life_is_told_however_old_it_is_when_it_is_heard(
+    uptime: float, down: float, age: float, delays: tuple[float, float]
+) -> None:
+    died = BEGIN + uptime
+    before, after = word(BEGIN, died, delays[0]), word(died + down, died + down + age, delays[1])
+    assume(uptime + down + delays[1] - delays[0] > LATE + 0.01)  # else it could be the old one, heard late
+    assert restarted(before, after)
+
+
+@given(uptime=SECONDS, gap=SECONDS, delays=st.tuples(DELAY, DELAY))
+def test_a_life_that_goes_on_is_not_taken_for_a_new_one_whatever_the_delays(
+    uptime: float, gap: float, delays: tuple[float, float]
+) -> None:
+    said = BEGIN + uptime
+    assert not restarted(word(BEGIN, said, delays[0]), word(BEGIN, said + gap, delays[1]))
+
+
+@given(uptime=SECONDS, gap=SECONDS, rate=st.floats(0.05, 20.0), delays=st.tuples(DELAY, DELAY))
+def test_nor_is_one_whose_clock_goes_wrong_if_it_is_older_than_it_was_not_heard(
+    uptime: float, gap: float, rate: float, delays: tuple[float, float]
+) -> None:
+    assume(rate * (uptime + gap) > gap + 2 * LATE)
+    said = BEGIN + uptime
+    assert not restarted(word(BEGIN, said, delays[0], rate), word(BEGIN, said + gap, delays[1], rate))
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.5, 0.9, 10.0])
+def test_a_drift_that_grows_slowly_is_no_restart(rate: float) -> None:
+    words = [word(BEGIN, BEGIN + 0.5 * count, 0.0, rate) for count in range(10_000)]
+    assert not any(restarted(*pair) for pair in pairwise(words))
+
+
+def test_a_clock_that_has_fallen_tells_a_restart_though_ours_stood_still() -> None:
+    """Ours does while the computer sleeps."""
+    assert restarted(Word(2_000_000, 50.0), Word(1_000_000, 55.0))
+    assert not restarted(Word(2_000_000, 50.0), Word(5_600_000, 55.0))
