@@ -3,9 +3,10 @@
 A set-point lives for its time to live, counted in controller time from the moment at which it was made, so
 that one that was delayed in a queue is dropped instead of obeyed. Who does not know the controller's time
 sends 0, and it counts from arrival. An older epoch or a smaller number is dropped; what was dropped is
-counted. One sender is followed at a time: another one has to wait until its stream has ended, or to bring a
-newer epoch. A stream that was ended (a stop, a goal) stays ended: its sender begins a new one with a newer
-epoch or after a pause, so that nothing moves again by itself when the stop is released.
+counted; a sender that begins to count anew is obeyed after a pause in which none could be. One sender is
+followed at a time: another one has to wait until its stream has ended, or to bring a newer epoch. A stream
+that was ended (a stop, a goal) stays ended: its sender begins a new one with a newer epoch or after a pause,
+so that nothing moves again by itself when the stop is released.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 LONGEST_TTL = 2.0
 """[s] that a set-point lives at most, whatever it says."""
 PAUSE = LONGEST_TTL
-"""[s] without a set-point after which a sender's next one begins a new stream, numbered anew."""
+"""[s] without a set-point that could be obeyed, after which a sender's next one begins a new stream.
+
+It is numbered anew. As long as a set-point lives: what was sent with an earlier one is over by then.
+"""
 LARGEST_CROWD = 64
 """Senders whose ended streams are remembered."""
 _HALF = 1 << 31
@@ -51,7 +55,10 @@ class _Stream(msgspec.Struct):
     sender: Hashable
     epoch: int
     number: int
+    obeyed: float
+    """[s] Its last set-point that was; one that was overtaken does not keep it alive."""
     heard: float
+    """[s] Its last set-point."""
 
 
 class _ShutOut(msgspec.Struct):
@@ -115,7 +122,7 @@ class SetpointReceiver:
         if stream is not None and not 0 < (setpoint.number - stream.number) & 0xFFFFFFFF < _HALF:
             self._overtaken += 1
             return False
-        self._stream = _Stream(sender, setpoint.epoch, setpoint.number, heard=now)
+        self._stream = _Stream(sender, setpoint.epoch, setpoint.number, obeyed=now, heard=now)
         self._current, self._until = setpoint, min(made, now) + ttl
         self._obeyed += 1
         return True
@@ -156,8 +163,8 @@ class SetpointReceiver:
         stream = self._stream
         if stream is None or (stream.sender, stream.epoch) != (sender, setpoint.epoch):
             return False
-        pause, stream.heard = now - stream.heard, now
-        return pause < PAUSE
+        stream.heard = now
+        return now - stream.obeyed < PAUSE
 
     def _is_shut_out(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
         """Whether a set-point belongs to a stream that is over."""

@@ -78,6 +78,42 @@ def test_one_that_was_overtaken_is_dropped(receiver: SetpointReceiver) -> None:
     assert receiver.statistics.overtaken == 2
 
 
+def test_a_sender_that_counts_anew_without_a_pause_is_obeyed_when_none_could_be_for_a_pause(
+    receiver: SetpointReceiver,
+) -> None:
+    for i in range(1, 51):
+        assert receiver.receive(_setpoint(1000 + i), i * 0.1, "pilot")
+    again = [receiver.receive(_setpoint(i), 5.0 + i * 0.1, "pilot") for i in range(1, 51)]
+    assert again == [i * 0.1 >= PAUSE for i in range(1, 51)]
+    assert receiver.statistics.overtaken == again.count(False)
+
+
+def test_what_was_overtaken_does_not_disturb_a_stream_however_long_it_keeps_coming(
+    receiver: SetpointReceiver,
+) -> None:
+    for i in range(1, 200):
+        assert receiver.receive(_setpoint(1000 + i), i * 0.1, "pilot")
+        assert not receiver.receive(_setpoint(i), i * 0.1 + 0.05, "pilot")
+
+
+@pytest.mark.parametrize("ttl", [0.2, LONGEST_TTL])
+def test_a_late_flood_of_old_set_points_moves_nothing(receiver: SetpointReceiver, ttl: float) -> None:
+    for i in range(1, 51):
+        assert receiver.receive(_setpoint(i, made=i * 0.1, ttl=ttl), i * 0.1, "pilot")
+    for i in range(1, 51):
+        assert not receiver.receive(_setpoint(i, made=i * 0.1, ttl=ttl), 5.0 + i * 0.1, "pilot")
+    assert receiver.active(5.0 + ttl) is None
+
+
+def test_a_stream_that_was_ended_while_it_was_overtaken_stays_ended(receiver: SetpointReceiver) -> None:
+    assert receiver.receive(_setpoint(1000), 0.0, "pilot")
+    for i in range(1, 20):
+        assert not receiver.receive(_setpoint(i), i * 0.1, "pilot")
+    receiver.drop()
+    assert not receiver.receive(_setpoint(20), 2.05, "pilot")
+    assert receiver.statistics.ended == 1
+
+
 def test_numbers_may_wrap(receiver: SetpointReceiver) -> None:
     assert receiver.receive(_setpoint(2**32 - 1), 0.0)
     assert receiver.receive(_setpoint(0), 0.0)
