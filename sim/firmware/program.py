@@ -124,13 +124,16 @@ class Firmware:
         """What the controller is doing as a whole."""
         return self._movement.mode
 
-    def hear(self, frame: Frame, via: Hashable, now: int, *, overtaken: bool = False) -> list[Outgoing]:
+    def hear(
+        self, frame: Frame, via: Hashable, now: int, *, arrived: int | None = None, overtaken: bool = False
+    ) -> list[Outgoing]:
         """Take one intact frame.
 
         Args:
             frame: from whichever link.
             via: names that link; answers go there.
             now: controller time [ms].
+            arrived: when it arrived, if it waited since [ms]: it is no sign of life from later on.
             overtaken: whether it arrived before a stop that was heard already. Then it is answered, but moves
                 nothing and releases nothing.
 
@@ -138,7 +141,8 @@ class Firmware:
             What to say.
         """
         peer = Peer(via, frame.system, frame.component)
-        self._movement.watchdog.hear(peer, now)
+        self._streaming.arrived = arrived = now if arrived is None else arrived
+        self._movement.watchdog.hear(peer, arrived)
         self._rights.heard(peer, now)
         self._schedule.open(via)
         if (hear := self._hears.get(type(frame.message))) is None:

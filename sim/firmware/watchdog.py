@@ -22,6 +22,8 @@ class Watchdog:
         self.patience = patience
         self._commander: Peer | None = None
         self._heard = 0
+        self._latest: tuple[Peer, int] | None = None
+        """Whose voice was heard last, and when it came."""
 
     @property
     def silence(self) -> float:
@@ -32,14 +34,16 @@ class Watchdog:
     def silence(self, seconds: float) -> None:
         self.patience = round(1000 * seconds)
 
-    def hear(self, voice: Peer, now: int) -> None:
-        """Somebody was heard at `now` [ms]."""
+    def hear(self, voice: Peer, arrived: int) -> None:
+        """A word is heard that arrived at a moment [ms]; a stop may be heard before older words."""
+        self._latest = voice, arrived
         if voice == self._commander:
-            self._heard = now
+            self._heard = max(self._heard, arrived)
 
     def obey(self, voice: Peer, now: int) -> None:
-        """From `now` [ms] on it is `voice` who must be heard."""
-        self._commander, self._heard = voice, now
+        """From `now` [ms] on it is `voice` who must be heard; a word that waited is no sign of life now."""
+        latest, arrived = self._latest or (voice, now)
+        self._commander, self._heard = voice, arrived if latest == voice else now
 
     def rest(self) -> None:
         """From now on nobody is missed."""

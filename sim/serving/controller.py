@@ -40,7 +40,7 @@ class Controller:
             via: the link.
             stops: how many stops had arrived when its bytes came, if they waited since.
         """
-        self._intake.put(frame, via, stops)
+        self._intake.put(frame, via, stops, self.cell.time_ms)
 
     def greet(self, via: Hashable) -> None:
         """A link `via` was opened; who is on it is told at once what this is. From any thread."""
@@ -56,7 +56,9 @@ class Controller:
         now = self.cell.time_ms
         for event in self._intake.take():
             if isinstance(event, Heard):
-                out += self.firmware.hear(event.frame, event.via, now, overtaken=event.overtaken)
+                out += self.firmware.hear(
+                    event.frame, event.via, now, arrived=event.arrived, overtaken=event.overtaken
+                )
             elif isinstance(event, Opened):
                 out += self.firmware.greet(event.via, now)
             else:

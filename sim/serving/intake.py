@@ -6,6 +6,10 @@ beyond `LARGEST_QUEUE` the newest is dropped and counted, so a client that flood
 before everything. When several of a link wait already, one more says nothing new: it is not queued, but
 counts as dropped, since nobody answers it.
 
+A link that has ended has one more turn: what it has no credit for then is dropped and counted. What waits on
+a link that stands is heard late. So every arrival is stamped with controller time, from which silence and the
+age of set-points are counted.
+
 What a stop has overtaken must not undo it. So every arrival is stamped with the number of stops that arrived
 before it, on whatever link: what is heard with an older stamp than the newest stop is marked as overtaken.
 """
@@ -48,12 +52,14 @@ class Heard(NamedTuple):
         frame: as it came.
         via: that link.
         stops: that had arrived before it, on all links; its stamp.
+        arrived: when it did, in controller time [ms].
         overtaken: whether a stop that arrived later, on any link, is heard before it.
     """
 
     frame: Frame
     via: Hashable
     stops: int = 0
+    arrived: int = 0
     overtaken: bool = False
 
 
@@ -81,7 +87,7 @@ class Intake:
         self._queues: dict[Hashable, deque[Event]] = {}
         self._debts: dict[Hashable, int] = {}
         self.dropped = 0
-        """Frames that found their link's queue full."""
+        """Frames that found their link's queue full, or that waited when it ended."""
 
     @property
     def stops(self) -> int:
@@ -93,13 +99,14 @@ class Intake:
         with self._lock:
             self._queues.setdefault(via, deque()).append(Opened(via))
 
-    def put(self, frame: Frame, via: Hashable, stops: int | None = None) -> None:
+    def put(self, frame: Frame, via: Hashable, stops: int | None = None, now: int = 0) -> None:
         """A frame came.
 
         Args:
             frame: intact.
             via: the link.
             stops: the stamp of the moment when its bytes came, if they waited since; None: they came now.
+            now: controller time [ms].
         """
         stop = stop_asked_by(frame.message) and frame.is_for(self._system, COMPONENT)
         with self._lock:
@@ -107,12 +114,12 @@ class Intake:
             self._arrived += stop
             queue = (self._stops if stop else self._queues).setdefault(via, deque())
             if len(queue) < (LARGEST_STOPS if stop else LARGEST_QUEUE):
-                queue.append(Heard(frame, via, stamp))
+                queue.append(Heard(frame, via, stamp, now))
             else:
                 self.dropped += 1
 
     def close(self, via: Hashable) -> None:
-        """A link has ended; it comes after what was still heard on it."""
+        """A link has ended; it comes after what is still heard on it."""
         with self._lock:
             self._queues.setdefault(via, deque()).append(Closed(via))
 
@@ -126,6 +133,10 @@ class Intake:
             credit = min(CREDIT, max(ALL_CREDIT // max(len(self._queues), 1), 1))
             for via, queue in self._queues.items():
                 events += map(self._judge, self._pop(via, queue, credit))
+                if queue and isinstance(end := queue[-1], Closed):
+                    self.dropped += len(queue) - 1
+                    queue.clear()
+                    events.append(end)
             self._queues = {via: queue for via, queue in self._queues.items() if queue or via in self._debts}
         return events
 

@@ -10,6 +10,7 @@ from robotree.protocol import Frame
 from robotree.protocol.messages import (
     CommandLong,
     Goal,
+    GoalState,
     GoalStatus,
     MavCmd,
     Mode,
@@ -19,8 +20,9 @@ from robotree.protocol.messages import (
     Setpoint,
     Verb,
 )
+from robotree.sim.firmware import Outgoing
 from robotree.sim.serving.intake import CREDIT, LARGEST_QUEUE, LARGEST_STOPS, Closed, Heard, Intake, Opened
-from robotree.sim.testing import ArmBench
+from robotree.sim.testing import NAN, ArmBench, RoverBench
 
 STOP = Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
 
@@ -141,6 +143,83 @@ def test_the_end_of_a_link_is_never_dropped() -> None:
     intake.close("flooder")
     events = [event for _ in range(LARGEST_QUEUE) for event in intake.take()]
     assert events[-1] == Closed("flooder")
+
+
+def test_a_link_that_has_ended_has_one_more_turn() -> None:
+    intake = Intake(1)
+    for i in range(100):
+        intake.put(ping(i), "link")
+    intake.put(STOP, "link")
+    intake.close("link")
+    intake.put(ping(7), "other")
+    events = intake.take()
+    assert isinstance(events[0], Heard)
+    assert events[0].frame is STOP, "a stop goes before everything, also before the end of its link"
+    assert [type(event) for event in events if event.via == "link"] == [Heard] * (1 + CREDIT) + [Closed]
+    assert intake.dropped == 100 - CREDIT
+    assert intake.take() == []
+
+
+def test_an_arrival_keeps_its_moment_however_long_it_waits() -> None:
+    intake = Intake(1)
+    for i in range(3 * CREDIT):
+        intake.put(ping(i), "link", now=10 * i)
+    heard = [event for _ in range(3) for event in intake.take()]
+    assert [event.arrived for event in heard if isinstance(event, Heard)] == [
+        10 * i for i in range(3 * CREDIT)
+    ]
+
+
+PEER = {"system": 255, "component": 190}
+
+
+def moves(count: int) -> list[Frame]:
+    """Goals that move the rover to and fro."""
+    rest = (0.0, 0.05, *(NAN,) * 4)
+    places = ((0.5 if key % 2 else -0.5, *rest) for key in range(1, count + 1))
+    return [Frame.of(Goal(key, 1, 0, place, Verb.MOVE, 1, 1), **PEER) for key, place in enumerate(places, 1)]
+
+
+def begun(out: list[Outgoing]) -> int:
+    statuses = [each.message for each in out if isinstance(each.message, GoalStatus)]
+    return len({status.key for status in statuses if status.state == GoalState.ACTIVE})
+
+
+def test_who_has_fallen_silent_is_missed_although_words_of_it_still_wait() -> None:
+    controller = RoverBench(silence=0.5).controller
+    controller.greet("link")
+    for frame in moves(LARGEST_QUEUE - 1):
+        controller.post(frame, "link")
+    began, modes = controller.cell.time_ms, dict[int, ModeKind]()
+    while (after := controller.cell.time_ms - began) < 6000:
+        controller.advance()
+        modes[after] = controller.firmware.mode
+    assert modes[400] == ModeKind.ACTIVE
+    assert {mode for after, mode in modes.items() if after > 520} == {ModeKind.HOLD}
+
+
+def test_what_waits_when_its_link_ends_is_not_begun() -> None:
+    controller = RoverBench(silence=0.5).controller
+    controller.greet("link")
+    controller.advance()
+    for frame in moves(LARGEST_QUEUE - 1):
+        controller.post(frame, "link")
+    controller.leave("link")
+    assert begun([each for _ in range(1200) for each in controller.advance()]) == 1
+
+
+def test_a_set_point_that_waited_longer_than_it_lives_is_not_obeyed() -> None:
+    controller = RoverBench().controller
+    kind = min(controller.cell.device.setpoint_kinds)
+    for number in range(1, LARGEST_QUEUE):
+        point = Setpoint(0, 1, number, (0.3, 0.0, *(NAN,) * 5), 50, 1, 1, kind)
+        controller.post(Frame.of(point, **PEER), "link")
+    modes = list[ModeKind]()
+    for _ in range(200):
+        controller.advance()
+        modes.append(controller.firmware.mode)
+    assert modes[2] == ModeKind.ACTIVE
+    assert set(modes[12:]) == {ModeKind.READY}, "it moves for as long as a set-point lives, and no longer"
 
 
 def test_a_flooder_costs_itself_the_others_goals_and_pace_stay() -> None:
