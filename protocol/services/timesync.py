@@ -1,8 +1,9 @@
 """TIMESYNC: how far two clocks are apart, and how long a frame takes.
 
-The asker sends its time as ts1 with tc1 = 0; the answer brings ts1 back with the answerer's time as tc1.
-Half the round trip is the delay, if both ways take equally long; the error is at most half the round trip,
-so the best of the last few exchanges counts (the clock filter of NTP, RFC 5905 section 10).
+The asker sends its time as ts1 with tc1 = 0; the answer brings ts1 back with the answerer's time as tc1. Half
+the round trip is the delay, if both ways take equally long; the error is at most half the round trip, so the
+best of the last few exchanges counts (the clock filter of NTP, RFC 5905 section 10). When two exchanges
+differ by more than both errors allow, the far clock was set anew, and what was before counts no more.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ KEPT = 8
 """Exchanges among which the best counts."""
 OLDEST_ANSWER = 10.0
 """[s]"""
+DRIFT = 2e-4
+"""[s/s] by which two clocks may part: a poor quartz is off by 1e-4. More is a step."""
 _NANO = 1_000_000_000
 
 
@@ -67,5 +70,13 @@ class Synchroniser:
         if asked is None or now - asked > OLDEST_ANSWER:
             return None
         delay = (now - asked) / 2
-        self._exchanges.append(Estimate(offset=reply.tc1 / _NANO - asked - delay, delay=delay))
+        new, best = Estimate(offset=reply.tc1 / _NANO - asked - delay, delay=delay), self.estimate
+        if best is not None and self._is_step(best, new):
+            self._exchanges.clear()
+        self._exchanges.append(new)
         return self.estimate
+
+    def _is_step(self, best: Estimate, new: Estimate) -> bool:
+        """Whether the far clock was set anew since the best exchange, as it is by a restart."""
+        drift = DRIFT * KEPT * self.period
+        return abs(new.offset - best.offset) > new.delay + best.delay + drift
