@@ -133,6 +133,8 @@ class Session:
         self._wish_epoch = 0
         self._wish_until = math.inf
         self._wished_at = -math.inf
+        self._confirmed = False
+        """Whether it told last that it is stopped, on this link and since the stop was asked for."""
         self._held_told = ""
 
     @property
@@ -170,7 +172,7 @@ class Session:
     def opened(self, now: float) -> list[Effect]:
         """A link was opened; the controller has yet to be heard on it."""
         self._open = True
-        self._opened_at = now
+        self._opened_at, self._confirmed = now, False
         self.trouble = self.disbelief or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
         self._goals.hurry()
@@ -246,6 +248,7 @@ class Session:
     def stop(self, now: float) -> list[Effect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
         self._wish, self._wish_until, self._wished_at = ModeKind.SAFE_STOP, math.inf, -math.inf
+        self._confirmed = False
         return self._insist(now) + self._held_news()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
@@ -277,6 +280,7 @@ class Session:
 
     def _compare(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
         """The controller has told its mode, and `told_at` [s] the one before: is it what is wished for?"""
+        self._confirmed = mode.mode == ModeKind.SAFE_STOP
         if self._wish == ModeKind.READY and (mode.mode not in HOLDING or mode.reason in REFUSALS):
             self._wish = None
         elif self._wish is None and before is not None and mode.mode != ModeKind.SAFE_STOP:
@@ -297,9 +301,7 @@ class Session:
         if now >= self._wish_until:
             self._wish = None
             return []
-        mode = self.twin.latest(Mode)
-        confirmed = mode is not None and mode.mode == ModeKind.SAFE_STOP
-        if self._wish == ModeKind.SAFE_STOP and confirmed and self._wished_at > -math.inf:
+        if self._wish == ModeKind.SAFE_STOP and self._confirmed:
             return []
         self._wished_at = now
         return [Send(SetMode(self._wish_epoch, *self.controller, self._wish))]

@@ -219,6 +219,41 @@ def test_a_stop_that_was_asked_for_while_the_link_was_down_comes_with_the_link(t
     assert talk.controller.mode == ModeKind.SAFE_STOP
 
 
+@pytest.mark.parametrize("asked", ["before the link was lost", "while it was down"])
+def test_a_stop_is_confirmed_only_by_what_is_heard_after_it_and_on_its_link(talk: Talk, asked: str) -> None:
+    talk.wait(1.0)
+    if asked == "before the link was lost":
+        talk.perform(talk.session.stop(talk.now))
+    else:
+        talk.controller.stop()
+    talk.wait(1.0)
+    talk.cut()
+    talk.controller.release()
+    talk.perform([] if talk.session.stopped else talk.session.stop(talk.now))
+    talk.controller.mute = True
+    talk.connect()
+    talk.controller.heard.clear()
+    talk.wait(2.0)
+    sent = len([message for message in talk.controller.heard if isinstance(message, SetMode)])
+    assert 7 <= sent <= 9, "whatever was heard before, this is said until an answer comes"
+    talk.controller.mute = False
+    talk.wait(0.5)
+    talk.controller.heard.clear()
+    talk.wait(2.0)
+    assert not [message for message in talk.controller.heard if isinstance(message, SetMode)]
+
+
+def test_a_stop_is_repeated_also_where_one_of_somebody_else_is_in_force(talk: Talk) -> None:
+    """Who knows whether it still is, when this one arrives."""
+    talk.wait(0.5)
+    talk.controller.stop()
+    talk.wait(0.5)
+    talk.controller.mute = True
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(2.0)
+    assert 7 <= len([message for message in talk.controller.heard if isinstance(message, SetMode)]) <= 9
+
+
 def test_a_release_with_a_stale_epoch_is_given_up(talk: Talk) -> None:
     talk.wait(0.1)
     start(talk, epoch=9)
