@@ -1,7 +1,8 @@
 """COMMAND_LONG, the side that asks: repeat until somebody answers, then wait through the progress.
 
 An answer names only the command, so one command of a kind is under way to a target at a time; the others wait
-their turn.
+their turn. Where a command was said more than once, more than one answer may be on its way: the next of its
+kind waits one `RESEND` for them to arrive. One that takes longer is still taken for the next one's answer.
 """
 
 from __future__ import annotations
@@ -64,6 +65,8 @@ class CommandClient:
     def __init__(self, system: int, component: int, via: Hashable = None) -> None:
         self.system, self.component, self.via = system, component, via
         self._queues: dict[int, deque[_Asked]] = {}
+        self._quiet: dict[int, float] = {}
+        """[s] When the answers to the repetitions of a kind are in."""
 
     def send(self, command: int, params: Sequence[float], now: float) -> list[Effect]:
         """Ask for a command, after those of its kind that were asked for before.
@@ -77,12 +80,14 @@ class CommandClient:
         message = CommandLong(self.system, self.component, command, 0, *padded)
         queue = self._queues.setdefault(command, deque())
         queue.append(_Asked(message))
-        return self._ask(queue[0], now) if len(queue) == 1 else []
+        return self._begin(queue[0], now) if len(queue) == 1 else []
 
     def cancel(self, command: int, now: float) -> list[Effect]:
         """Ask for the end of a command; its `CommandDone` tells what became of it."""
         if not (queue := self._queues.get(command)):
             return []
+        if not queue[0].attempts:
+            return self._done(queue, CommandDone(command, MavResult.CANCELLED), now)
         queue[0].cancelled = True
         return self._ask(queue[0], now)
 
@@ -91,6 +96,8 @@ class CommandClient:
         if not (queue := self._queues.get(ack.command)):
             return []
         asked = queue[0]
+        if not asked.attempts:
+            return []  # a further answer to the one before
         asked.heard = now
         if ack.result == MavResult.IN_PROGRESS:
             known = ack.progress != UNKNOWN_PROGRESS
@@ -111,6 +118,14 @@ class CommandClient:
                 )
         return effects
 
+    def _begin(self, asked: _Asked, now: float) -> list[Effect]:
+        """Ask for the first time, at once or at the tick that finds it quiet."""
+        quiet = self._quiet.get(asked.message.command, now)
+        if now >= quiet:
+            return self._ask(asked, now)
+        asked.asked = quiet - RESEND
+        return []
+
     def _ask(self, asked: _Asked, now: float) -> list[Effect]:
         asked.asked = now
         command = asked.message.command
@@ -122,8 +137,9 @@ class CommandClient:
         return [Send(message, self.via)]
 
     def _done(self, queue: deque[_Asked], event: CommandDone, now: float) -> list[Effect]:
-        queue.popleft()
+        if queue.popleft().attempts > 1:
+            self._quiet[event.command] = now + RESEND
         if not queue:
             del self._queues[event.command]
             return [event]
-        return [event, *self._ask(queue[0], now)]
+        return [event, *self._begin(queue[0], now)]

@@ -272,6 +272,36 @@ def test_commands_of_a_kind_wait_for_each_other_and_other_kinds_do_not(client: C
     assert message.param1 == 0.0
 
 
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_the_answer_to_a_repetition_does_not_end_the_next_command_of_its_kind(
+    client: CommandClient, when: str
+) -> None:
+    client.send(GRIP, (1.0,), 0.0)
+    if when == "before":
+        client.send(GRIP, (0.0,), 0.0)
+    client.tick(RESEND)
+    ack = CommandAck(GRIP, MavResult.ACCEPTED)
+    assert client.receive(ack, RESEND + 0.1) == [CommandDone(GRIP, MavResult.ACCEPTED)]
+    if when == "after":
+        assert client.send(GRIP, (0.0,), RESEND + 0.15) == []
+    assert client.receive(ack, RESEND + 0.2) == []
+    assert client.tick(2 * RESEND) == []
+    (message,) = _sent([*client.tick(2 * RESEND + 0.1)])
+    assert isinstance(message, CommandLong)
+    assert (message.param1, message.confirmation) == (0.0, 0)
+    assert client.receive(ack, 2 * RESEND + 0.2) == [CommandDone(GRIP, MavResult.ACCEPTED)]
+    assert len(client.send(GRIP, (1.0,), 2 * RESEND + 0.3)) == 1, "this one was said once, so nothing waits"
+
+
+def test_a_command_that_was_not_sent_yet_is_cancelled_without_a_word(client: CommandClient) -> None:
+    client.send(GRIP, (1.0,), 0.0)
+    client.tick(RESEND)
+    client.receive(CommandAck(GRIP, MavResult.ACCEPTED), RESEND)
+    client.send(GRIP, (0.0,), RESEND)
+    assert client.cancel(GRIP, RESEND) == [CommandDone(GRIP, MavResult.CANCELLED)]
+    assert client.tick(9.0) == []
+
+
 def test_a_cancel_is_repeated_until_the_end_is_heard(client: CommandClient) -> None:
     assert client.cancel(MOVE, 0.0) == []
     client.send(MOVE, (), 0.0)
