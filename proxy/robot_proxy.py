@@ -2,8 +2,10 @@
 
 What is common to all kinds of robots is here: the connection, the twin, the guard before the wire, and the
 way of a command: its key becomes the goal's key, its lease's epoch the goal's epoch, its deadline the goal's
-time to live, and when it is cancelled the goal is cancelled, too. A new kind of robot is one class with its
-limits and its commands, in a module with its motions (`arm.py`, `rover.py`, or a file of yours).
+time to live, and when it is cancelled the goal is cancelled, too. A command may have several goals, one after
+the other; the key of each follows from the command's key and from how many came before it. A new kind of
+robot is one class with its limits and its commands, in a module with its motions (`arm.py`, `rover.py`, or a
+file of yours).
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import random
 import time
 from collections.abc import Callable
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
@@ -25,6 +28,7 @@ from robotree.proxy.outcome import error_of
 from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
 from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_live
 from robotree.vr.command import command
+from robotree.vr.context import Activity, running
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
 
@@ -92,6 +96,8 @@ class RobotProxy(Robot):
         self._desk = Desk(self._connection)
         self._fence = Fence(name)
         self._settled_at = 0.0
+        self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
+        """How many motions each running command has asked for."""
 
     async def run(self) -> None:
         """Keep the connection up until cancelled.
@@ -136,7 +142,10 @@ class RobotProxy(Robot):
     # -- for the kinds -----------------------------------------------------------------------------
 
     def carry_out(self, motion: Motion) -> None:
-        """Have the controller carry out the running command's motion and wait for its end.
+        """Have the controller carry out a motion of the running command and wait for its end.
+
+        A command may have several motions, one after the other. Sent again, it must ask for the same ones in
+        the same order: the controller does not repeat those that it has carried out.
 
         Raises:
             BadArgument: a value is out of its limit; nothing was sent.
@@ -150,7 +159,7 @@ class RobotProxy(Robot):
         self._fence.raise_to(self.controller_epoch)
         self._fence.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
-        errand = self._desk.send_out(goal_key(context.key), motion.request(), epoch=context.epoch, ttl=ttl)
+        errand = self._desk.send_out(self._next_key(), motion.request(), epoch=context.epoch, ttl=ttl)
         try:
             self._accompany(errand)
         finally:
@@ -190,6 +199,13 @@ class RobotProxy(Robot):
         return self._settled_at
 
     # -- inside ------------------------------------------------------------------------------------
+
+    def _next_key(self) -> int:
+        """The key of the running command's next goal."""
+        activity = running()
+        number = self._sent.get(activity, 0)
+        self._sent[activity] = number + 1
+        return goal_key(activity.context.key, number)
 
     def _accompany(self, errand: Errand) -> None:
         """Wait for the end of an errand; take it back when the command is asked to end."""

@@ -35,13 +35,18 @@ class Target(NamedTuple):
     component: int
 
 
-def goal_key(command_key: str) -> int:
-    """The 64-bit key of the goal that a command sends.
+def goal_key(command_key: str, number: int = 0) -> int:
+    """The 64-bit key of a goal that a command sends.
 
-    A pure function of the command's key: a command that is sent again, by whichever incarnation of the proxy,
-    is the same goal to the controller, which then repeats its status and not the movement.
+    A pure function: a command that is sent again, by whichever incarnation of the proxy, asks for the same
+    goals as before, and the controller repeats their status and not the movements.
+
+    Args:
+        command_key: of the command.
+        number: of goals that the command has sent before this one.
     """
-    digest = hashlib.blake2b(command_key.encode(), digest_size=8, person=b"robotree goal").digest()
+    salt = number.to_bytes(8, "little")
+    digest = hashlib.blake2b(command_key.encode(), digest_size=8, salt=salt, person=b"robotree goal").digest()
     return int.from_bytes(digest, "little") or 1
 
 

@@ -16,9 +16,10 @@ from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reaso
 from robotree.proxy.arm import Arm
 from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy
-from robotree.proxy.rover import Rover
+from robotree.proxy.rover import Move, Rover
 from robotree.proxy.translate import goal_key
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.command import command
 from robotree.vr.errors import (
     BadArgument,
     CommandCancelled,
@@ -202,12 +203,12 @@ async def test_a_dead_controller_fails_commands_at_once_and_leaves_old_readings(
     await until(lambda: "x" in scene.robot.readings(), "something is known")
     await scene.listener.close()
     await until(lambda: not scene.agent.description().online, "the agent says offline")
-    for command, arguments in (("go_to", POINT), ("get_info", {})):
+    for name, arguments in (("go_to", POINT), ("get_info", {})):
         with pytest.raises(
             CommandFailed, match=r"controller .*; look after the controller, the proxy goes on"
         ):
             async with asyncio.timeout(1.0):
-                await scene.client.call(command, arguments)
+                await scene.client.call(name, arguments)
     readings = scene.robot.readings()
     assert readings["x"] == pytest.approx(0.1)
     await until(lambda: scene.robot.readings()["age"] > readings["age"], "they grow old")
@@ -290,6 +291,45 @@ async def test_a_command_that_a_restarted_proxy_gets_again_moves_once(
         await scene.online()
         await scene.client.call("go_to", POINT, key="once", deadline=17.0)
     assert len(controller.begun) == 1
+
+
+class Stepper(Rover):
+    """A rover that takes steps."""
+
+    @command
+    def step(self, times: int) -> None:
+        """Take the same step several times."""
+        for _ in range(times):
+            self.carry_out(Move(x=0.2, y=0.0, speed=0.3))
+
+
+async def test_every_motion_of_a_command_moves_and_each_once_when_the_command_is_sent_again(
+    make_controller: type[Controller],
+) -> None:
+    controller = make_controller()
+
+    async def step(number: int) -> None:
+        await until(lambda: len(controller.begun) == number, "the step is begun")
+        controller.finish(GoalState.SUCCEEDED)
+
+    async with acting(controller, lambda url: Stepper("rover-1", url)) as scene:
+        await scene.online()
+        lost = scene.begin("step", {"times": 3}, key="thrice", deadline=30.0)
+        await step(1)
+        await step(2)
+        await until(lambda: len(controller.begun) == 3, "the third step is begun")
+        lost.cancel()
+        await until(lambda: bool(controller.abandoned), "the third step is ended")
+    before = list(controller.begun)
+    async with acting(controller, lambda url: Stepper("rover-1", url)) as scene:
+        await scene.online()
+        with pytest.raises(CommandCancelled):
+            await scene.client.call("step", {"times": 3}, key="thrice", deadline=30.0)
+        assert controller.begun == before, "the first two were done, the third was ended: none moves again"
+        again = scene.begin("step", {"times": 2}, key="another")
+        await step(4)
+        await step(5)
+        await again
 
 
 async def test_a_rover_is_not_sent_out_of_its_arena(make_controller: type[Controller]) -> None:

@@ -27,6 +27,11 @@ def test_different_commands_are_different_goals(keys: set[str]) -> None:
     assert len({goal_key(key) for key in keys}) == len(keys)
 
 
+@given(orders=st.sets(st.tuples(st.text(max_size=40), st.integers(0, 2**64 - 1)), min_size=2, max_size=50))
+def test_different_motions_of_commands_are_different_goals(orders: set[tuple[str, int]]) -> None:
+    assert len({goal_key(key, number) for key, number in orders}) == len(orders)
+
+
 @given(remaining=st.floats(-100, 1e12))
 def test_a_deadline_never_becomes_for_ever(remaining: float) -> None:
     on_wire = round(time_to_live(remaining) * 1000)
