@@ -68,7 +68,7 @@ class DirectPort(Port):
             self._drain()
             self._open = False
             self._stop()
-        return self._loop.run_in_executor(None, self.bus.shutdown)
+        return self._loop.run_in_executor(None, self._shut)
 
     def _give(self, message: can.Message) -> bool:
         try:

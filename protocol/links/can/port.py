@@ -6,6 +6,7 @@ What every port does is here; `direct.py` and `threaded.py` are the two kinds, a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from abc import ABC, abstractmethod
 from typing import Protocol
 
@@ -86,7 +87,12 @@ class Port(ABC):
 
     @abstractmethod
     def leave(self) -> asyncio.Future[None]:
-        """Send what the bus still takes, and leave it; done when it is left. Harmless when repeated."""
+        """Send what the bus still takes, and leave it; done when it is left. Never fails, may be repeated."""
+
+    def _shut(self) -> None:
+        """Shut the bus down. May block."""
+        with contextlib.suppress(can.CanError, OSError):  # a pulled adapter takes no last word
+            self.bus.shutdown()
 
     def _take(self, message: can.Message) -> None:
         self._failures = 0

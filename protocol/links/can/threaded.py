@@ -63,7 +63,7 @@ class ThreadedPort(Port):
     def _join(self) -> None:
         for thread in self._threads:
             thread.join(_CLOSING)
-        self.bus.shutdown()
+        self._shut()
 
     def _stop(self) -> None:
         self._ending.set()

@@ -10,9 +10,10 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import can
 import isotp
 import pytest
+from can.interfaces.virtual import VirtualBus
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.canbus import first_port
+from robotree.protocol.canbus import LoopbackBus, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkOverrun, LinkRefused
@@ -418,6 +419,15 @@ async def test_no_random_frames_disturb_a_link(here: CanAddress) -> None:
             assert any(far.address.endswith(f"host={link.ends.own}") for far in listener.links)
 
 
+async def again(address: CanAddress) -> CanLink:
+    """The link that there is as soon as the controller has come back."""
+    while True:
+        try:
+            return await connect(address, Recorder)
+        except LinkRefused:
+            continue
+
+
 async def test_a_broken_bus_ends_the_links_and_is_entered_again(here: CanAddress) -> None:
     at_controller = Gathering()
     async with listening(here, at_controller) as listener:
@@ -427,12 +437,34 @@ async def test_a_broken_bus_ends_the_links_and_is_entered_again(here: CanAddress
             assert isinstance(at_controller.recorders[0].reasons[0], LinkBroken)
             assert listener.statistics.breaks == 1
 
-        async def again() -> CanLink:
-            while True:
-                try:
-                    return await connect(here, Recorder)
-                except LinkRefused:
-                    continue
-
-        (await again()).close()
+        (await again(here)).close()
         await until(lambda: len(at_controller.recorders) == 2 and bool(at_controller.recorders[1].reasons))
+
+
+@pytest.fixture
+def pulled(address: CanAddress, monkeypatch: pytest.MonkeyPatch) -> CanAddress:
+    """Of a bus that cannot be shut down in order, as an adapter that was pulled."""
+    kind: type[can.BusABC] = LoopbackBus if address.interface == "robotree" else VirtualBus
+    shutdown = kind.shutdown
+
+    def fail(bus: can.BusABC) -> None:
+        shutdown(bus)
+        raise can.CanOperationError("the adapter was pulled")
+
+    monkeypatch.setattr(kind, "shutdown", fail)
+    return address
+
+
+async def test_a_bus_that_cannot_be_shut_down_is_entered_again_and_left(pulled: CanAddress) -> None:
+    async with listening(pulled, Recorder) as listener:
+        async with connected(pulled, Recorder):
+            with pytest.raises(can.CanOperationError):
+                listener._port.bus.shutdown()
+            await until(lambda: listener.statistics.breaks == 1)
+        async with asyncio.timeout(3 * SOON):
+            (await again(pulled)).close()
+
+
+async def test_who_finds_nobody_is_refused_although_the_bus_cannot_be_shut_down(pulled: CanAddress) -> None:
+    with pytest.raises(LinkRefused, match="no controller with node=1 answers"):
+        await connect(pulled, Recorder)
