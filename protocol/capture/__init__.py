@@ -14,7 +14,16 @@ Formats: raw bytes, the .tlog of MAVLink tools, the log of candump. All of it is
 
 from robotree.protocol.capture.captured import Captured
 from robotree.protocol.capture.decode import Decoded, Decoder, DecoderStatistics, detect
-from robotree.protocol.capture.errors import BadRecording
+from robotree.protocol.capture.errors import BadRecording, NoFrame
 from robotree.protocol.capture.files import Recording
 
-__all__ = ["BadRecording", "Captured", "Decoded", "Decoder", "DecoderStatistics", "Recording", "detect"]
+__all__ = [
+    "BadRecording",
+    "Captured",
+    "Decoded",
+    "Decoder",
+    "DecoderStatistics",
+    "NoFrame",
+    "Recording",
+    "detect",
+]

@@ -58,7 +58,7 @@ class Recording:
     def __init__(self, name: str, form: str = "", verifier: Verifier | None = None) -> None:
         if form and form not in READERS:
             raise BadRecording(name, f"{form!r} is no format; there is {', '.join(READERS)}")
-        self.name = name
+        self.name = "standard input" if name == STANDARD_INPUT else name
         self._pieces = pieces(name)
         self._head = b""
         while len(self._head) < HEAD_BYTES and (piece := next(self._pieces, b"")):

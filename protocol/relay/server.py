@@ -10,7 +10,7 @@ import msgspec
 
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.loopback import Accidents
-from robotree.protocol.links.url import connect, listen
+from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.relay.joint import Joint, Traffic
 
 if TYPE_CHECKING:
@@ -179,8 +179,10 @@ async def relaying(
         The relay.
 
     Raises:
+        BadUrl: the target means nothing.
         LinkError: the address cannot be listened on.
     """
+    parse(target)
     relay = Relay(target, accidents)
     listener = await listen(url, relay.accept, exposed=exposed)
     relay.address = listener.address

@@ -56,6 +56,8 @@ class Arm(Robot):
         self.lever = -STOP
         self.pace = 0.002
         """[s] for each of the ten parts of a way."""
+        self.under_way = False
+        """Set to have it stay under way."""
         self.calls: list[str] = []
 
     @command(effect="repeat")
@@ -68,6 +70,8 @@ class Arm(Robot):
         start, end = dict(self.pose), {"x": x, "y": y, "z": z, "twist": twist}
         for part in range(1, 11):
             self.sleep(self.pace)
+            while self.under_way:
+                self.sleep(self.pace)
             self.pose = {axis: start[axis] + part / 10 * (end[axis] - start[axis]) for axis in end}
             self.progress(part / 10, f"{10 - part} to go")
         if self.width < 0.08 and self.holds:

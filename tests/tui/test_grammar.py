@@ -51,9 +51,11 @@ def lines(draw: st.DrawFn) -> Line:
     for name, takes in {**EVERYWHERE, **shape.options}.items():
         if draw(st.booleans()):
             values[f"--{name}"] = draw(texts) if takes else True
-    for rivals in shape.rivals:
-        kept = draw(st.sampled_from(rivals))
-        values = {name: value for name, value in values.items() if name[2:] not in {*rivals} - {kept}}
+    for choice in {*shape.rivals, *shape.needed}:
+        kept = draw(st.sampled_from(choice))
+        values = {name: value for name, value in values.items() if name[2:] not in {*choice} - {kept}}
+        if choice in shape.needed:
+            values[f"--{kept}"] = draw(texts)
     return Line(shape.verb, {**values, **draw(filled(shape.parts))})
 
 
@@ -68,6 +70,17 @@ def test_a_line_is_understood_or_refused_in_one_sentence(text: str) -> None:
         words = grammar.split(text)
         if words:
             assert grammar.parse(words, SHAPES, EVERYWHERE).verb in words
+
+
+def test_an_option_outside_of_brackets_must_be_given() -> None:
+    shapes = {"fly": grammar.shape("fly --to PLACE | --by WIND [--over HILL | --under BRIDGE]")}
+    assert shapes["fly"].needed == (("to", "by"),)
+    assert shapes["fly"].rivals == (("to", "by"), ("over", "under"))
+    with pytest.raises(BadLine, match="fly: --to or --by is missing; usage: fly"):
+        grammar.parse(["fly"], shapes, {})
+    with pytest.raises(BadLine, match="take only one of --to and --by"):
+        grammar.parse(["fly", "--to", "x", "--by", "y"], shapes, {})
+    assert grammar.parse(["fly", "--by", "west"], shapes, {}).text("--by") == "west"
 
 
 def test_a_usage_string_is_its_own_parser() -> None:

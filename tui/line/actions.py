@@ -214,7 +214,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
     ),
     Action(
-        usage="wire replay FILE [--connect URL] [--listen URL] [--speed SPEED] [--key FILE]",
+        usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--key FILE]",
         help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max).",
         group=WIRE,
         where=Where.SHELL,
@@ -247,7 +247,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire dialect --lang LANGUAGE OUT [--xml DIALECT]",
-        help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, or as xml.",
+        help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, wireshark, or xml.",
         group=WIRE,
         where=Where.SHELL,
         examples=(

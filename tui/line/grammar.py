@@ -8,8 +8,8 @@ A verb's usage string is both its help and its parser:
 
 The lower-case words at the beginning are the verb. UPPER CASE is a value to fill in, lower case a word to
 type as it is, `[…]` may be left out, `…` repeats the value before it, `--option` may stand anywhere behind
-the verb; of options with `|` between them one may be given. Values that begin with `--` are given after a
-bare `--`. Pure: text in, values out.
+the verb; of options with `|` between them only one. Values that begin with `--` are given after a bare `--`.
+Pure: text in, values out.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ LONGEST_VERB = 2
 """Words of a verb, at most."""
 
 _GROUP, _OPTION = re.compile(r"\[([^]]*)]"), re.compile(r"--([\w-]+)")
+_CHOICE = re.compile(r"--[\w-]+(?: [A-Z]+)?(?: \| --[\w-]+(?: [A-Z]+)?)*")
+"""Options of which one is taken; with nothing beside it, that one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,8 @@ class Shape:
     """Option without its dashes -> name of its value; empty for a flag."""
     rivals: tuple[tuple[str, ...], ...] = ()
     """Options of which only one may be given."""
+    needed: tuple[tuple[str, ...], ...] = ()
+    """Options of which one must be given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +111,10 @@ def shape(usage: str) -> Shape:
     parts, rest = _parts(tokens, options)
     if rest:
         raise ValueError(f"usage has a ']' too many: {usage}")
-    rivals = tuple(tuple(_OPTION.findall(group)) for group in _GROUP.findall(usage) if OR in group)
-    return Shape(verb, usage, parts, options, rivals)
+    choices = [tuple(_OPTION.findall(choice)) for choice in _CHOICE.findall(usage)]
+    needed = [tuple(_OPTION.findall(choice)) for choice in _CHOICE.findall(_GROUP.sub("", usage))]
+    rivals = tuple(choice for choice in choices if len(choice) > 1)
+    return Shape(verb, usage, parts, options, rivals, tuple(needed))
 
 
 def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...], list[str]]:
@@ -185,10 +191,17 @@ def parse(
     for rivals in wanted.rivals:
         if len(both := [f"--{one}" for one in rivals if f"--{one}" in values]) > 1:
             raise BadLine(f"{wanted.verb}: take only one of {' and '.join(both)}", wanted.usage)
+    for choice in wanted.needed:
+        if not any(f"--{one}" in values for one in choice):
+            raise BadLine(f"{wanted.verb}: {_either(choice)} is missing", wanted.usage)
     found = _match(wanted.parts, tuple(plain))
     if found is None:
         raise BadLine(_complaint(wanted, plain), wanted.usage)
     return Line(verb, {**values, **found})
+
+
+def _either(choice: Iterable[str]) -> str:
+    return " or ".join(f"--{one}" for one in choice)
 
 
 def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:

@@ -11,12 +11,13 @@ from typing import Any, cast
 import msgspec
 
 from robotree.protocol.capture.decode import Decoded, DecoderStatistics
-from robotree.protocol.capture.files import STANDARD_INPUT, Recording
+from robotree.protocol.capture.errors import NoFrame
+from robotree.protocol.capture.files import Recording
 from robotree.protocol.dialect.extension import extend
 from robotree.tui import exit_codes
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen.wording import columns
-from robotree.tui.terminal import complain, put
+from robotree.tui.terminal import put
 
 
 def run(line: Line) -> int:
@@ -32,9 +33,7 @@ def run(line: Line) -> int:
     statistics = file.statistics
     put(_statistics_json(statistics) if as_json else summary(statistics))
     if not statistics.frames:
-        name = "standard input" if file.name == STANDARD_INPUT else file.name
-        complain(f"{name}: there is no frame in it that we know; is it a recording, and not compressed?")
-        return exit_codes.REFUSED
+        raise NoFrame(file.name)
     return exit_codes.DONE
 
 

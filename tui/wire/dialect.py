@@ -8,15 +8,12 @@ from pathlib import Path
 from robotree.protocol.dialect import languages
 from robotree.protocol.dialect.compile import DIALECT
 from robotree.tui import exit_codes
-from robotree.tui.errors import BadLine
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import put
 
 
 def run(line: Line) -> int:
     """Write the dialect, and say what was written."""
-    if not line.text("--lang"):
-        raise BadLine(f"wire dialect: say --lang with one of {', '.join(languages.names())}", "")
     dialect = Path(line.text("--xml")) if line.text("--xml") else DIALECT
     written = languages.write(line.text("--lang"), Path(line.text("OUT")), dialect)
     if line.flag("--json"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import sys
 from enum import IntEnum
 from pathlib import Path
@@ -31,7 +32,7 @@ from robotree.tui.wire.security import securing
 PERIOD = 1.0
 """[s] between two pictures of the table."""
 WIDTH = 150
-"""Columns of the table at most."""
+"""Columns of the table where there is no terminal that has a number of its own."""
 
 
 class Watched:
@@ -147,4 +148,5 @@ def _named(kind: type[IntEnum], number: int) -> str:
 
 
 def _cut(row: str) -> str:
-    return row if len(row) <= WIDTH else f"{row[: WIDTH - 1]}…"
+    width, _ = shutil.get_terminal_size((WIDTH, 24))
+    return row if len(row) <= width else f"{row[: width - 1]}…"

@@ -95,6 +95,13 @@ def _created(name: str) -> BinaryIO:
         raise BadRecording(name, f"cannot be written: {error.strerror}") from error
 
 
+def _drop(name: str) -> None:
+    """Remove an empty recording: it is of no use, and would be in the way of the next."""
+    with suppress(OSError):  # it is a pipe, or somebody else was quicker
+        if Path(name).is_file():
+            Path(name).unlink()
+
+
 async def _record(line: Line) -> int:
     name = line.text("FILE")
     tapes: list[Tape] = []
@@ -124,6 +131,8 @@ async def _record(line: Line) -> int:
         finally:
             with suppress(OSError):  # what could not be written was told already
                 file.close()
+    if not recorder.frames:
+        _drop(name)
     tell(line, recorder, time.monotonic() - began)
     return code or _worth(line, recorder, tapes[0].disbelief)
 

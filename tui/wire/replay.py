@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from collections.abc import Generator
+from collections.abc import Iterable
+from itertools import chain
 
-from robotree.protocol.capture.errors import BadRecording
+from robotree.protocol.capture.errors import BadRecording, NoFrame
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.capture.replay import schedule
 from robotree.protocol.capture.secrecy import Sieve
@@ -18,7 +19,7 @@ from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.parser import Parser
 from robotree.protocol.signing import Signer
-from robotree.tui.errors import BadLine, ValueRefused
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note, put
 from robotree.tui.wire.lasting import Lasting, lasting
@@ -96,11 +97,12 @@ def run(line: Line) -> int:
     recording = Recording(line.text("FILE"))
     if recording.form == "raw":
         raise BadRecording(recording.name, "has no times; replay a .tlog, an .mcap or a candump log")
-    if bool(line.text("--connect")) == bool(line.text("--listen")):
-        raise BadLine("wire replay: give either --connect URL or --listen URL", "")
     sieve = Sieve()
     moments = schedule(sieve.sift(recording.captured()), speed(line.text("--speed")))
-    return asyncio.run(_replay(line, moments, sieve))
+    first = next(moments, None)
+    if first is None:
+        raise NoFrame(recording.name)
+    return asyncio.run(_replay(line, chain([first], moments), sieve))
 
 
 def speed(text: str) -> float:
@@ -120,7 +122,7 @@ def speed(text: str) -> float:
     return number
 
 
-async def _replay(line: Line, moments: Generator[tuple[float, bytes]], sieve: Sieve) -> int:
+async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], sieve: Sieve) -> int:
     listener: Listener | None = None
     async with lasting(line) as here, securing(line) as security:
         crowd = Listeners(here, security)
@@ -143,7 +145,7 @@ async def _replay(line: Line, moments: Generator[tuple[float, bytes]], sieve: Si
     return here.exit_code()
 
 
-async def _send(moments: Generator[tuple[float, bytes]], crowd: Listeners, here: Lasting) -> int:
+async def _send(moments: Iterable[tuple[float, bytes]], crowd: Listeners, here: Lasting) -> int:
     """Send everything when it is due, but not faster than it is read; return how many frames it was."""
     loop = asyncio.get_running_loop()
     began, sent = loop.time(), 0

@@ -208,13 +208,14 @@ async def test_what_runs_can_be_cancelled_and_other_commands_read_meanwhile(
 
 async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        realm.arm.pace = 0.1
+        realm.arm.under_way = True
         await fill(operator, form, "x", "0.45")
         await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
         await operator.press("escape", "escape")
         await operator.at(MainPage)
         await operator.sees("◐ go_to")
+        realm.arm.under_way = False
         await operator.sees("arm-1.go_to: done")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
 

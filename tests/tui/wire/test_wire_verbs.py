@@ -6,8 +6,10 @@ import gzip
 import io
 import json
 import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from robotree.tui import exit_codes
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOON = 1_700_000_000_000_000
+NO_FRAME = "there is no frame in it that we know; is it a recording, and not compressed?\n"
 
 
 def recording(path: Path, count: int = 10, *, period: int = 10_000) -> Path:
@@ -71,9 +74,15 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
         assert sentence in said.err
         assert said.err.count("\n") == 1
     misunderstood = {
-        ("wire", "replay", taken): "give either --connect URL or --listen URL",
+        ("wire", "replay", taken): "wire replay: --connect or --listen is missing; usage: wire replay FILE",
+        ("wire", "replay", taken, "--connect", "tcp:1", "--listen", "tcp:0"): "take only one of",
+        ("wire", "record", "new.tlog"): "wire record: --connect is missing",
+        ("wire", "inject", "--listen", "tcp:0"): "wire inject: --connect is missing",
+        ("wire", "inject", "--listen", "tcp:0", "--connect", "tpc:1"): "'tpc:1' is no address of a link",
+        ("sim", "arm"): "sim: --listen is missing",
+        ("proxy", "arm", "arm-1"): "proxy: --connect is missing",
         ("wire", "replay", taken, "--listen", "tcp:0", "--speed", "0"): "is no speed",
-        ("wire", "dialect", "out"): "say --lang",
+        ("wire", "dialect", "out"): "wire dialect: --lang is missing",
         ("wire", "ping", "--connect", "tcp:1", "--count", "none"): "is no count",
         ("wire", "ping", "--connect", "tcp:1", "--by", "fax"): "there is ping and timesync",
         ("wire", "bench", "luck"): "there is codec, trips",
@@ -209,10 +218,12 @@ def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("recording tcp:")
+        while (tmp_path / "a.mcap").stat().st_size < 10_000:
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=10)
     assert process.returncode == exit_codes.DONE
-    assert json.loads(out)["frames"] >= 0
+    assert json.loads(out)["frames"] > 0
     assert Recording(str(tmp_path / "a.mcap")).form == "mcap"
 
 
@@ -231,11 +242,27 @@ def test_a_file_that_is_no_recording_is_not_decoded_with_success(
     path = tmp_path / name
     path.write_bytes(data)
     said = say("wire", "decode", path)
-    assert said.code == exit_codes.REFUSED
-    assert (
-        said.err
-        == f"robotree: {path}: there is no frame in it that we know; is it a recording, and not compressed?\n"
-    )
+    assert (said.code, said.err) == (exit_codes.REFUSED, f"robotree: {path}: {NO_FRAME}")
+
+
+@pytest.mark.parametrize("data", [b"", bytes(range(256)) * 100])
+def test_a_recording_without_a_frame_is_not_replayed_with_success(
+    say: Any, tmp_path: Path, data: bytes
+) -> None:
+    path = tmp_path / "a.tlog"
+    path.write_bytes(data)
+    said = say("wire", "replay", path, "--listen", "tcp:127.0.0.1:0")
+    assert (said.code, said.err) == (exit_codes.REFUSED, f"robotree: {path}: {NO_FRAME}")
+
+
+def test_a_recording_of_nothing_leaves_no_file_in_the_way_of_the_next(say: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.tlog"
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        address = f"tcp:127.0.0.1:{mute.getsockname()[1]}"
+        said = say("wire", "record", "--connect", address, path, "--for", "100ms")
+    assert said.code == exit_codes.NOBODY
+    assert "said anything that could be recorded" in said.err
+    assert not path.exists()
 
 
 def test_who_stands_before_a_robot_that_is_not_there_says_so_and_fails(say: Any, tmp_path: Path) -> None:
