@@ -27,6 +27,8 @@ SYSTEM_BUFFER = 64 * 1024
 """[bytes] that the system keeps for us; a few hundred frames."""
 HIGH_WATER = 16 * 1024
 """[bytes] that asyncio keeps before our own outbox does."""
+POLITE = 1.0
+"""[s] after the end in which the far end may still read what was said before."""
 LARGEST_CROWD = 128
 """Links of one listener; more are closed at once."""
 
@@ -43,6 +45,7 @@ class TcpLink(asyncio.Protocol):
         self._outbox = Outbox(bound)
         self._paused = False
         self._reason: LinkError | None = None
+        self._patience: asyncio.TimerHandle | None = None
         self.address = "tcp:?"
 
     @property
@@ -68,7 +71,7 @@ class TcpLink(asyncio.Protocol):
                 self._end(overrun, self._transport)
 
     def close(self) -> None:
-        """End the connection."""
+        """End the connection; what asyncio has of us already may still be read, for `POLITE` seconds."""
         if self._transport is not None and self._reason is None:
             self._end(LinkClosed(self.address, by_us=True), self._transport)
 
@@ -78,6 +81,7 @@ class TcpLink(asyncio.Protocol):
             transport.abort()
         else:
             transport.close()
+            self._patience = asyncio.get_running_loop().call_later(POLITE, transport.abort)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Asyncio tells: the connection stands."""
@@ -131,6 +135,8 @@ class TcpLink(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Asyncio tells: it is over."""
         self._transport = None
+        if self._patience is not None:
+            self._patience.cancel()
         if self._crowd is not None:
             self._crowd.discard(self)
         if self._reason is None:

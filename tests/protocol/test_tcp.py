@@ -13,6 +13,7 @@ from robotree.protocol import Endpoint, Parser
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
 from robotree.protocol.links import tcp
 from robotree.protocol.links.outbox import BOUND
+from robotree.protocol.links.tcp import POLITE
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import GoalStatus, Gripper, Joints
 from robotree.protocol.testing import Recorder, until
@@ -140,6 +141,44 @@ async def test_a_client_that_never_reads_is_cut() -> None:
     assert listener.links == frozenset()
     mute.socket.close()
     await listener.close()
+
+
+async def fill(link: Link) -> None:
+    """Say so much that some of it stays with us, but not so much that we notice that nobody reads."""
+    while True:
+        while not link.statistics.waiting:
+            link.send(bytes(300))
+        for _ in range(100):  # until the system has taken what it can
+            await asyncio.sleep(0)
+            if not link.statistics.waiting:
+                break
+        else:
+            return
+
+
+async def test_an_end_waits_for_a_client_that_reads_on_and_not_for_one_that_never_does() -> None:
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    clients = [Silent(listener.address), Silent(listener.address)]
+    await until(lambda: len(server.endpoints) == 2)
+    by_port = {endpoint.link.address.rpartition(":")[2]: endpoint.link for endpoint in server.endpoints}
+    mute, reader = (by_port[str(client.socket.getsockname()[1])] for client in clients)
+    for link in (mute, reader):
+        await fill(link)
+        assert link.statistics.waiting
+        assert not link.congested
+    said = reader.statistics.sent
+    closing = asyncio.create_task(listener.close())
+    read = 0
+    while reader in listener.links:
+        read += len(clients[1].read())
+        await settle()
+    async with asyncio.timeout(POLITE + 3.0):
+        await closing
+    assert read + len(clients[1].read()) == said
+    assert [type(reason) for reason in server.reasons] == [LinkClosed, LinkClosed]
+    for client in clients:
+        client.socket.close()
 
 
 async def test_a_port_where_nobody_listens_is_refused_in_one_sentence() -> None:
