@@ -66,6 +66,8 @@ class Connection:
         self._on_event = on_event
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
+        self._missed = False
+        """Whether people were told that it is offline."""
         self._endpoint: Endpoint | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -201,8 +203,10 @@ class Connection:
     def _note(self, *, online: bool) -> None:
         if online:
             self._backoff.reset()
-            _log.info("%s: online", self.url)
+            _log.log(logging.WARNING if self._missed else logging.INFO, "%s: online", self.url)
+            self._missed = False
         else:
+            self._missed = True
             _log.warning("%s: offline, %s", self.url, self.session.trouble)
 
 

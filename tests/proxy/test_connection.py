@@ -90,6 +90,19 @@ async def test_a_dead_controller_is_dialled_until_it_lives(controller: Controlle
         await second.close()
 
 
+async def test_who_reads_that_it_is_offline_reads_that_it_is_back(
+    controller: Controller, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with talking(controller) as (bench, listener):
+        assert caplog.messages == [], "what is expected is no news"
+        for link in listener.links:
+            link.close()
+        await until(lambda: not bench.session.online, "it is missed")
+        await until(lambda: bench.session.online, "it is back")
+    assert [message.rpartition(": ")[2] for message in caplog.messages[1:2]] == ["online"]
+    assert "offline" in caplog.messages[0]
+
+
 async def test_a_controller_that_restarts_is_found_again(controller: Controller) -> None:
     async with talking(controller) as (bench, listener):
         await listener.close()
