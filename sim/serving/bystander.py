@@ -22,8 +22,7 @@ from robotree.sim.serving.controller import Controller
 STAY: Final = 1.0
 """[s] for which it is heard: time enough for a stop that is said after the first word."""
 LARGEST_WORD: Final = 16 * 1024
-"""[bytes] that it may say meanwhile, about as much as one that is served beside a full house; the rest is not
-even parsed."""
+"""[bytes] that it may say meanwhile, about as much as one that is served beside a full house."""
 
 
 class Bystander:
@@ -34,6 +33,7 @@ class Bystander:
         system: our MAVLink system id.
         controller: hears its stops.
         leave: told when the client has gone.
+        word: [bytes] that it may say; the rest is not even parsed.
         security: signs what we say, and decides whom we hear.
     """
 
@@ -43,6 +43,7 @@ class Bystander:
         system: int,
         controller: Controller,
         leave: Callable[["Bystander"], None],
+        word: int = LARGEST_WORD,
         security: Sealing = UNSIGNED,
     ) -> None:
         self.endpoint = Endpoint(
@@ -54,7 +55,7 @@ class Bystander:
             **security.seals(link.address),
         )
         self._controller, self._leave = controller, leave
-        self._left = LARGEST_WORD
+        self._left = word
         self._known = False
         self._end = asyncio.get_running_loop().call_later(STAY, link.close)
 
@@ -70,9 +71,9 @@ class Bystander:
 
     def received(self, data: bytes) -> None:
         """The link tells: bytes came."""
-        if self._left > 0:
-            self._left -= len(data)
-            self.endpoint.received(data)
+        if heard := data[: self._left]:
+            self._left -= len(heard)
+            self.endpoint.received(heard)
 
     def closed(self, reason: LinkError) -> None:
         """The link tells: it has ended."""

@@ -19,6 +19,7 @@ from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
 from robotree.protocol.services.picture import split
 from robotree.protocol.services.statustext import Speaker
 from robotree.sim.firmware import COMPONENT, Outgoing
+from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.serving.controller import Controller
 from robotree.sim.serving.darkroom import Darkroom
 
@@ -67,6 +68,7 @@ class Connection:
         self._stops: int | None = None
         self.heard = -inf
         """When the last intact frame came, [s] on the loop's clock."""
+        self._over = False
         self._wanted: dict[int, PictureRequest] = {}
         self._drawing: asyncio.Task[None] | None = None
         self._keys_refused = 0
@@ -115,6 +117,8 @@ class Connection:
     def _hear(self, frame: Frame) -> None:
         self.heard = asyncio.get_running_loop().time()
         message = frame.message
+        if self._over and not stop_asked_by(message):  # the rest of a piece whose first part ended the link
+            return
         if isinstance(message, SetupSigning):
             self._set_up(frame, message)
             return
@@ -169,6 +173,7 @@ class Connection:
             await asyncio.sleep(BREATH)
 
     def _closed(self, _: LinkError) -> None:
+        self._over = True
         if self._drawing is not None:
             self._drawing.cancel()
         self._controller.leave(self.endpoint)

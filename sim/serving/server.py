@@ -20,12 +20,13 @@ from robotree.protocol.messages import MavSeverity
 from robotree.sim.errors import CannotListen
 from robotree.sim.firmware import SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
-from robotree.sim.serving.bystander import Bystander
+from robotree.sim.serving.allowance import Allowance
+from robotree.sim.serving.bystander import LARGEST_WORD, Bystander
 from robotree.sim.serving.connection import Connection
 from robotree.sim.serving.controller import Controller
 from robotree.sim.serving.darkroom import Darkroom
 from robotree.sim.serving.realtime import Pace, RealTime
-from robotree.sim.serving.throttle import TOTAL, Throttled
+from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE, TOTAL, Throttled
 
 _log = logging.getLogger(__name__)
 
@@ -51,6 +52,7 @@ class Server:
         self._connections: dict[Endpoint, Connection] = {}
         self._bystanders: dict[Endpoint, Bystander] = {}
         self._garbled = self._lost = 0
+        self._store = Allowance(STORE, self._loop.time())
         self._darkroom = Darkroom(controller)
         self.address = ""
         """Where it listens, with the port that was really taken."""
@@ -86,7 +88,8 @@ class Server:
             self._security,
         )
         self._connections[connection.endpoint] = connection
-        return Throttled(link, connection, self._share, lambda: self._controller.stops, self._lose)
+        stops, burst = lambda: self._controller.stops, self._at_once(BURST)
+        return Throttled(link, connection, self._share, stops, self._lose, burst)
 
     def _make_room(self) -> bool:
         """Whether who has been silent for the longest time has made room."""
@@ -100,7 +103,8 @@ class Server:
     def _turn_away(self, link: Link) -> Handler:
         """Refuse a newcomer."""
         system = self._controller.firmware.system
-        bystander = Bystander(link, system, self._controller, self._forget, self._security)
+        word = max(round(self._at_once(LARGEST_WORD)), PIECE)
+        bystander = Bystander(link, system, self._controller, self._forget, word, self._security)
         self._bystanders[bystander.endpoint] = bystander
         if len(self._bystanders) > LARGEST_ROW:
             self._lost += 1
@@ -115,6 +119,10 @@ class Server:
     def _share(self) -> float:
         """[bytes/s] that one of the clients may send for long."""
         return TOTAL / max(len(self._connections), 1)
+
+    def _at_once(self, most: float) -> float:
+        """[bytes] that a new link may bring at once."""
+        return self._store.take(most, RESTOCK, self._loop.time())
 
     def close(self) -> None:
         """End the threads."""

@@ -3,7 +3,8 @@
 Parsing takes the interpreter from the thread of the physics: 350 000 frames in a second, as one client can
 send, left the arm with 44 % of its real-time rate. So what a link brings is parsed in small pieces, and
 beyond its allowance it waits: on a stream the client is not read until then, of datagrams the excess is lost
-and counted.
+and counted. What waits when its link ends is lost, too, but for the stops in it. What a new link may bring at
+once comes from a store that all share, so that nobody has more of it by coming again and again.
 """
 
 import asyncio
@@ -13,11 +14,16 @@ from typing import Final, Protocol
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.link import Link, Pausable
 from robotree.sim.serving.allowance import Allowance
+from robotree.sim.serving.last_words import LONGEST, last_words
 
 TOTAL: Final = 512 * 1024.0
 """[bytes/s] that all links together may bring for long."""
 BURST: Final = 64 * 1024.0
-"""[bytes] that a link may bring at once."""
+"""[bytes] that a link may bring at once; a new one, if the store has them."""
+STORE: Final = 8 * BURST
+"""[bytes] that new links together may bring at once."""
+RESTOCK: Final = BURST
+"""[bytes/s] that the store grows again; beside `TOTAL` it is little."""
 PIECE: Final = 4 * 1024
 """[bytes] that are parsed in one go: about 200 frames, half a millisecond."""
 LARGEST_BACKLOG: Final = 512 * 1024
@@ -54,6 +60,7 @@ class Throttled:
         share: [bytes/s] that the link may bring for long, now.
         stops: how many stops have arrived, now.
         lose: told each time that something was lost.
+        burst: [bytes] that it may bring at once in the beginning; one piece is always parsed.
     """
 
     def __init__(
@@ -63,55 +70,59 @@ class Throttled:
         share: Callable[[], float],
         stops: Callable[[], int],
         lose: Callable[[], None],
+        burst: float = BURST,
     ) -> None:
         self._link, self._hearer, self._share, self._stops, self._lose = link, hearer, share, stops, lose
         self._loop = asyncio.get_running_loop()
-        self._allowance = Allowance(BURST, self._loop.time())
+        self._allowance = Allowance(BURST, self._loop.time(), burst)
         self._backlog = b""
         self._later: asyncio.TimerHandle | None = None
         self._lagging: int | None = None
         self._caught_up = 0.0
+        self._over = False
 
     def received(self, data: bytes) -> None:
         """The link tells: bytes came."""
         if self._later is None:
             if self._loop.time() > self._caught_up + KEPT:
                 self._lagging = None
-            self._feed(data)
+            self._backlog = data
+            self._feed()
         elif len(self._backlog) + len(data) <= LARGEST_BACKLOG:
             self._backlog += data
         else:
             self._lose()
 
     def closed(self, reason: LinkError) -> None:
-        """The link tells: it has ended; what it said before, a stop perhaps, is heard nevertheless."""
+        """The link tells: it has ended; a stop among what waited is heard nevertheless."""
+        self._over = True
         if self._later is not None:
             self._later.cancel()
         data, self._backlog = self._backlog, b""
-        for begin in range(0, len(data), PIECE):
-            self._hearer.received(data[begin : begin + PIECE], self._lagging)
+        if data:
+            self._hearer.received(last_words(data, PIECE), self._lagging)
+        if len(data) > LONGEST:
+            self._lose()
         self._hearer.closed(reason)
 
-    def _feed(self, data: bytes) -> None:
-        while data:
+    def _feed(self) -> None:
+        while self._backlog:  # empty, too, when the link has ended because of what its hearer answered
             wait = self._allowance.wait(self._share(), self._loop.time())
             if wait > 0.0:
-                self._backlog = data
                 if self._lagging is None:
                     self._lagging = self._stops()
                 self._later = self._loop.call_later(wait, self._go_on)
                 if isinstance(self._link, Pausable):
                     self._link.pause_reading()
                 return
-            piece, data = data[:PIECE], data[PIECE:]
+            piece, self._backlog = self._backlog[:PIECE], self._backlog[PIECE:]
             self._allowance.spend(len(piece))
             self._hearer.received(piece, self._lagging)
 
     def _go_on(self) -> None:
         self._later = None
-        data, self._backlog = self._backlog, b""
-        self._feed(data)
-        if self._later is None:
+        self._feed()
+        if self._later is None and not self._over:
             self._caught_up = self._loop.time()
             if isinstance(self._link, Pausable):
                 self._link.resume_reading()

@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.protocol import Endpoint, Frame
+from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import LinkClosed, LinkError
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.loopback import Loopback
-from robotree.protocol.messages import Mode, ModeKind, SetMode, SysStatus
+from robotree.protocol.messages import (
+    CommandInt,
+    CommandLong,
+    MavCmd,
+    Message,
+    Mode,
+    ModeKind,
+    Ping,
+    SetMode,
+    SysStatus,
+)
+from robotree.protocol.testing import until
+from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.kinds import kind
 from robotree.sim.serving.allowance import Allowance
+from robotree.sim.serving.last_words import LONGEST, last_words
 from robotree.sim.serving.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled
 
 
@@ -69,22 +83,88 @@ DATAGRAM = bytes(range(256)) * 4
 async def test_every_datagram_of_a_flood_is_heard_or_counted() -> None:
     bench = Bench()
     sent = 2 * int(BURST + LARGEST_BACKLOG) // len(DATAGRAM)
+    bench.share = LARGEST_BACKLOG
     for _ in range(sent):
         bench.throttled.received(DATAGRAM)
-    bench.throttled.closed(END)
-    assert bench.listener.ended
     assert bench.lost > 0
+    async with asyncio.timeout(10.0):
+        await bench.listener.until((sent - bench.lost) * len(DATAGRAM))
     assert len(bench.listener.data) == (sent - bench.lost) * len(DATAGRAM)
 
 
-async def test_what_waited_when_the_link_ended_is_heard_before_its_end() -> None:
+def said(message: Message) -> bytes:
+    return encode(message, sequence=0, system=9, component=1)
+
+
+PING = said(Ping(0, 1))
+STOPS = [
+    said(SetMode(0, 0, 0, ModeKind.SAFE_STOP)),
+    said(CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7)),
+    said(CommandInt(1, 1, 0, MavCmd.DO_FLIGHTTERMINATION, 0, 0, 1.0, 0, 0, 0, 0, 0, 0)),
+]
+RELEASE = said(SetMode(0, 1, 1, ModeKind.READY))
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=["mode", "disarm", "terminate"])
+@pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
+@given(cut=st.integers(0, len(PING)))
+def test_of_what_waited_when_the_link_ended_the_stops_are_heard_and_little_else(
+    stop: bytes, place: float, cut: int
+) -> None:
+    before = int(place * 2000)
+    waited = (PING * before)[cut if before else 0 :] + stop + (PING * 200 + RELEASE) * (10 - before // 200)
+    parser = Parser()
+    parser.feed(PING[:cut] if before else b"")
+    words = last_words(waited, PIECE)
+    assert len(words) <= PIECE
+    messages = [frame.message for frame in parser.feed(words)]
+    assert any(map(stop_asked_by, messages))
+    assert len(messages) < 2 + LONGEST / len(PING)
+
+
+@given(st.binary(max_size=3 * LONGEST))
+def test_last_words_of_anything_are_bounded_and_leave_no_frame_waiting(data: bytes) -> None:
+    words = last_words(data * 20, PIECE)
+    assert len(words) <= PIECE
+    parser = Parser()
+    parser.feed(data)
+    parser.feed(words)
+    assert parser.flush() == []
+
+
+async def test_a_stop_behind_the_flood_of_a_link_that_ends_is_heard_and_nothing_after_the_end() -> None:
     bench = Bench()
-    data = DATAGRAM * 100
-    bench.throttled.received(data)
-    assert len(bench.listener.data) < len(data)
+    bench.throttled.received(DATAGRAM * 100)
+    bench.throttled.received(STOPS[0] + DATAGRAM * 100)
+    told = len(bench.listener.data)
     bench.throttled.closed(END)
-    assert bench.listener.data == data
-    assert bench.lost == 0
+    assert STOPS[0] in bench.listener.data
+    assert len(bench.listener.data) - told <= PIECE
+    assert bench.lost == 1
+
+
+async def test_a_link_that_ends_because_of_what_is_answered_is_heard_no_more() -> None:
+    bench = Bench()
+    heard = bench.listener.received
+
+    def answer(data: bytes, stops: int | None) -> None:
+        heard(data, stops)
+        if len(bench.listener.data) == 2 * PIECE:
+            bench.throttled.closed(END)
+
+    bench.listener.received = answer  # type: ignore[method-assign]
+    bench.throttled.received(DATAGRAM * 100)
+    assert bench.listener.ended
+    assert len(bench.listener.data) <= 3 * PIECE
+    assert bench.throttled._later is None
+
+
+async def test_who_begins_with_less_than_a_burst_is_heard_a_piece_at_once_and_then_at_its_share() -> None:
+    bench = Bench()
+    throttled = Throttled(bench.link, bench.listener, lambda: 1.0, lambda: 0, bench._lose, 0.0)
+    throttled.received(DATAGRAM * 100)
+    assert len(bench.listener.data) == PIECE
+    throttled.closed(END)
 
 
 async def test_what_waited_is_as_old_as_the_beginning_of_the_wait() -> None:
@@ -137,15 +217,15 @@ async def test_a_release_behind_its_own_flood_does_not_undo_the_stop_of_another_
 
     client, bench = Client(), Bench()
     endpoint = Endpoint(bench.link, system=1, component=1, on_frame=post)
-    throttled = Throttled(bench.link, client, lambda: 1.0, lambda: controller.stops, lambda: None)
-    throttled.received(bytes(int(BURST) + PIECE))
+    throttled = Throttled(bench.link, client, lambda: BURST, lambda: controller.stops, lambda: None)
+    throttled.received(bytes(int(BURST) + 8 * PIECE))
     throttled.received(encode(SetMode(0, 1, 1, ModeKind.READY), sequence=0, system=200, component=1))
     controller.post(Frame.of(SetMode(0, 1, 1, ModeKind.SAFE_STOP)), "other")
     told = [each.message for each in controller.advance() if isinstance(each.message, Mode)]
     assert {mode.mode for mode in told} == {ModeKind.SAFE_STOP}
     for _ in range(400):
         controller.advance()
-    throttled.closed(END)
+    await until(lambda: endpoint.statistics.received == 1)
     for _ in range(400):
         controller.advance()
     assert controller.firmware.mode == ModeKind.SAFE_STOP
