@@ -15,7 +15,7 @@ import msgspec
 
 from robotree.protocol.codec import MAGIC
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkRefused
-from robotree.protocol.frame import MAGIC_V1
+from robotree.protocol.frame import HEADER_BYTES, MAGIC_V1
 from robotree.protocol.isotp.frames import (
     CLASSIC,
     FD,
@@ -51,6 +51,8 @@ CLAIM_TIME = 0.2
 AGAIN = 1.0
 """[s] between two attempts to go onto a broken bus again."""
 _MOST_TOPICS = 256
+_SPEAKER = 5
+"""Where a frame says who speaks; the message follows."""
 
 
 class ListenerStatistics(msgspec.Struct, frozen=True):
@@ -74,7 +76,8 @@ class CanListener:
         self._links: dict[int, CanLink] = {}
         self._sessions: dict[int, int] = {}
         """The latest session of each host that opened one."""
-        self._latest: dict[Hashable, bytes] = {}
+        self._latest: dict[Hashable, tuple[bytes, set[int]]] = {}
+        """By topic, what the latest telemetry to all told, and the hosts on whose behalf."""
         self._claim = secrets.randbits(32)
         self._refused = asyncio.Event()
         self._foreign = self._unknown = self._breaks = 0
@@ -215,6 +218,7 @@ class CanListener:
             on_end=self._forget,
         )
         self._links[host] = link
+        self._latest.clear()  # nothing of it was told to the newcomer
         link.begin(self._accept)
         return link
 
@@ -227,22 +231,35 @@ class CanListener:
         mode = self._where.telemetry
         if mode is Telemetry.ADDRESSED or (mode is Telemetry.AUTO and len(self._links) > 1):
             return False
-        if mode is Telemetry.BROADCAST:
-            if self._latest.get(topic) == frame:
-                return True  # on behalf of another link
-            if len(self._latest) >= _MOST_TOPICS:
-                self._latest.clear()
-            self._latest[topic] = frame
         width = link.width
         if len(frame) > largest_single(width):
             return False
+        if mode is Telemetry.BROADCAST and self._is_told(link.ends.partner, frame, topic):
+            return True
         self._port.send(self._broadcast_id, single(frame, width), fd=width > CLASSIC)
         return True
+
+    def _is_told(self, host: int, frame: bytes, topic: Hashable) -> bool:
+        """Whether this went out on behalf of another host; what is said to one host twice is news."""
+        told = _told_by(frame)
+        latest, hosts = self._latest.get(topic, (b"", set[int]()))
+        if told == latest and host not in hosts:
+            hosts.add(host)
+            return True
+        if len(self._latest) >= _MOST_TOPICS:
+            self._latest.clear()
+        self._latest[topic] = told, {host}
+        return False
 
     def _control(self, control: Control, *, target: int, fd: bool) -> None:
         """Say something in the format that the other one speaks."""
         arbitration_id = identifier(Priority.FLOW, Kind.CONTROL, target=target, source=self._where.node)
         self._port.send(arbitration_id, control.encode(), fd=fd and self._where.fd)
+
+
+def _told_by(frame: bytes) -> bytes:
+    """What is the same on every link: each numbers and signs its frames by itself."""
+    return frame[_SPEAKER : HEADER_BYTES + frame[1]] if frame[0] == MAGIC else frame
 
 
 async def listen(address: CanAddress, accept: Accept) -> CanListener:

@@ -22,10 +22,19 @@ from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Prio
 from robotree.protocol.links.link import Accept, Link
 from robotree.protocol.links.url import connect as connect_url
 from robotree.protocol.links.url import listen as listen_url
-from robotree.protocol.messages import Statustext, Timesync
+from robotree.protocol.messages import (
+    CommandAck,
+    Gripper,
+    Heartbeat,
+    Message,
+    NamedValueFloat,
+    Statustext,
+    Timesync,
+)
 from robotree.protocol.testing import Recorder, until
 
 SOON = 5.0
+BEAT = Heartbeat(0, 0, 0, 0, 0)
 PING = Timesync(tc1=0, ts1=1)
 
 
@@ -203,6 +212,34 @@ async def test_telemetry_that_is_the_same_for_all_can_go_out_once(channel: str) 
                 recorder.link.send(text, "joints")
         assert listener.statistics.port.sent == before + 2
         await until(lambda: first.recorders[0].data == second.recorders[0].data == b"onetwo")
+
+
+async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(channel: str) -> None:
+    where = CanAddress(interface="robotree", channel=channel, telemetry=Telemetry.BROADCAST)
+    first, second, speakers = Gathering(), Gathering(), list[Endpoint]()
+
+    def speak(link: Link) -> Endpoint:
+        speakers.append(Endpoint(link, system=1, component=1, on_frame=lambda _: None))
+        return speakers[-1]
+
+    async with listening(where, speak) as listener, connected(where, first), connected(where, second):
+        speakers[0].send(CommandAck(1, 0, 0, 0, 255, 190))
+        before = listener.statistics.port.sent
+        for moment in range(10):
+            for speaker in speakers:
+                speaker.send(Gripper(moment, 0.1, 0.1, 0.0, 1), telemetry=True)
+                speaker.send(BEAT, telemetry=True)
+        assert listener.statistics.port.sent == before + 2 * 10
+        speakers[1].send(NamedValueFloat(1, "asked for", 1.0), telemetry=True)
+        for speaker in speakers:
+            speaker.send(Statustext(6, "x" * 50, 0, 0), telemetry=True)
+
+        def heard(recorder: Recorder, kind: type[Message]) -> int:
+            return sum(isinstance(frame.message, kind) for frame in Parser().feed(recorder.data))
+
+        for each in (first.recorders[0], second.recorders[0]):
+            await until(lambda each=each: heard(each, Statustext) == 1, SOON)
+            assert [heard(each, kind) for kind in (Gripper, Heartbeat, NamedValueFloat)] == [10, 10, 1]
 
 
 async def test_nobody_answers_on_an_empty_bus(here: CanAddress) -> None:
