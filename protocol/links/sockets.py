@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from robotree.protocol.errors import LinkRefused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def name(scheme: str, address: tuple[Any, ...]) -> str:
@@ -15,3 +21,18 @@ def name(scheme: str, address: tuple[Any, ...]) -> str:
 def cause(error: OSError) -> str:
     """The system's words for an error."""
     return os.strerror(error.errno) if error.errno is not None and error.errno > 0 else str(error)
+
+
+@contextmanager
+def refusing(address: str) -> Iterator[None]:
+    """Tell why the socket of an address cannot be had.
+
+    Raises:
+        LinkRefused: it cannot.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise LinkRefused(address, cause(error)) from error
+    except ValueError as error:  # of the codec of names: an empty part, a long one, a character that none has
+        raise LinkRefused(address, "no machine can have that name") from error

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
 from robotree.protocol.links.outbox import BOUND, Outbox
-from robotree.protocol.links.sockets import cause, name
+from robotree.protocol.links.sockets import name, refusing
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
@@ -180,13 +180,12 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     """
     address = name("tcp", (host, port))
     loop = asyncio.get_running_loop()
-    try:
-        async with asyncio.timeout(CONNECT_TIMEOUT):
-            _, link = await loop.create_connection(lambda: TcpLink(accept), host, port)
-    except TimeoutError as error:
-        raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
-    except OSError as error:
-        raise LinkRefused(address, cause(error)) from error
+    with refusing(address):
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT):
+                _, link = await loop.create_connection(lambda: TcpLink(accept), host, port)
+        except TimeoutError as error:
+            raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
     return link
 
 
@@ -207,10 +206,8 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     require_loopback(address, host, exposed=exposed)
     crowd: set[Link] = set()
     loop = asyncio.get_running_loop()
-    try:
+    with refusing(address):
         server = await loop.create_server(lambda: TcpLink(accept, crowd), host, port, reuse_address=True)
-    except OSError as error:
-        raise LinkRefused(address, cause(error)) from error
     return TcpListener(server, crowd)
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, cast
 
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
 from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import Outbox
-from robotree.protocol.links.sockets import cause, name
+from robotree.protocol.links.sockets import name, refusing
 from robotree.protocol.links.url import require_loopback
 
 if TYPE_CHECKING:
@@ -213,12 +213,10 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     """
     address = name("udp", (host, port))
     loop = asyncio.get_running_loop()
-    try:
+    with refusing(address):
         _, carrier = await loop.create_datagram_endpoint(
             lambda: _Carrier(accept, connected=True), remote_addr=(host, port)
         )
-    except OSError as error:
-        raise LinkRefused(address, cause(error)) from error
     try:
         return carrier.open(None, address)
     except BaseException:
@@ -242,12 +240,10 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     address = name("udp", (host, port))
     require_loopback(address, host, exposed=exposed)
     loop = asyncio.get_running_loop()
-    try:
+    with refusing(address):
         transport, carrier = await loop.create_datagram_endpoint(
             lambda: _Carrier(accept, connected=False), local_addr=(host, port)
         )
-    except OSError as error:
-        raise LinkRefused(address, cause(error)) from error
     return UdpListener(carrier, transport.get_extra_info("sockname"))
 
 

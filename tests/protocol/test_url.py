@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robotree.protocol.errors import BadUrl
-from robotree.protocol.links.url import SCHEMES, instead, listen, parse, require_loopback
+from robotree.protocol.errors import BadUrl, LinkRefused
+from robotree.protocol.links.url import SCHEMES, connect, instead, listen, parse, require_loopback
 from robotree.protocol.testing import Recorder
 
 
@@ -73,3 +73,12 @@ def test_the_advice_for_a_taken_address_fits_its_scheme() -> None:
     assert "port (0: any free one)" in instead("udp:127.0.0.1:14550")
     assert "?node=N" in instead("can:robotree/cell?node=1")
     assert "device" in instead("serial:/dev/ttyUSB0")
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "udp"])
+@pytest.mark.parametrize("host", ["a..b", "x" * 64, "a\0b", "\udcff"], ids=["empty", "long", "nul", "half"])
+async def test_a_host_that_can_have_no_such_name_is_refused(scheme: str, host: str) -> None:
+    with pytest.raises(LinkRefused, match="no machine can have that name"):
+        await connect(f"{scheme}:{host}:5760", Recorder)
+    with pytest.raises(LinkRefused, match="no machine can have that name"):
+        await listen(f"{scheme}:{host}:0", Recorder, exposed=True)
