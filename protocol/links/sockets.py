@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from robotree.protocol.errors import LinkRefused
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
 
 def name(scheme: str, address: tuple[Any, ...]) -> str:
@@ -24,7 +24,7 @@ def cause(error: OSError) -> str:
 
 
 @contextmanager
-def refusing(address: str) -> Iterator[None]:
+def refusing(address: str) -> Generator[None]:
     """Tell why the socket of an address cannot be had.
 
     Raises:
