@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from textual import work
-from textual.app import App, SystemCommand
+from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
+from textual.events import Event, Key
 from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
@@ -25,6 +26,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
 from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.keys_in_order import KeysInOrder
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
@@ -42,6 +44,9 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
 
 log = logging.getLogger(__name__)
+
+LINES = {BY_VERB["prompt"].key, BY_VERB["filter"].key}
+"""Keys of the main page after which one types."""
 
 
 class Hearer(Protocol):
@@ -75,7 +80,7 @@ def program_keys() -> Iterable[Binding]:
             yield Binding(one.typing_key, asked, show=False, priority=True)
 
 
-class Supervisor(Fenced, App[int]):
+class Supervisor(Fenced, KeysInOrder[int]):
     """One operator, one realm."""
 
     TITLE = "robotree"
@@ -267,6 +272,14 @@ class Supervisor(Fenced, App[int]):
         if action == "quiet_verb" and isinstance(self.focused, Input):
             return False
         return super().check_action(action, parameters)
+
+    def overtakes(self, key: Key, before: list[Event]) -> bool:
+        """Let the stop wait for no other key, unless it is a space to be typed (`KeysInOrder.overtakes`)."""
+        stop = BY_VERB["stop"]
+        if key.key != stop.key:
+            return key.key == stop.typing_key
+        typed_next = any(isinstance(one, Key) and one.key in LINES for one in before)
+        return not isinstance(self.focused, Input) and not (typed_next and isinstance(self.screen, MainPage))
 
     def action_quiet_verb(self, verb: str) -> None:
         """Do what a key asks for that works wherever nobody types."""

@@ -8,6 +8,8 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 import pytest
+from textual._xterm_parser import XTermParser
+from textual.events import Event
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
@@ -43,6 +45,12 @@ class Operator:
 
     async def type(self, text: str) -> None:
         await self._pilot.press(*(KEYS.get(letter, letter) for letter in text))
+
+    def burst(self, bytes_: str) -> None:
+        """Send at once, as a terminal does when it was kept waiting; nothing is waited for."""
+        for event in XTermParser().feed(bytes_):
+            assert isinstance(event, Event)
+            self.app.post_message(event.set_sender(self.app))
 
     async def click(self, selector: str) -> None:
         await self._pilot.click(selector)

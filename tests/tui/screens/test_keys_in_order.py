@@ -1,0 +1,190 @@
+"""Keys that come faster than they are handled do what they do when they come slowly.
+
+The bytes are those of a terminal, given to the app at once: nobody waits between two keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, Input
+
+from robotree.tui.screen import keys_in_order
+from robotree.tui.screen.pages.dialogs import Reading
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.prompt import Prompt
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.screen.widgets.robot_tree import Place
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+TAB, BACK_TAB, ENTER, BACKSPACE, CTRL_R, CTRL_U, CTRL_S = "\t", "\x1b[Z", "\r", "\x7f", "\x12", "\x15", "\x13"
+LEFT, RIGHT, DOWN, HOME, TOP, DELETE = "\x1b[D", "\x1b[C", "\x1b[B", "\x1b[H", "\x1b[1;5H", "\x1b[3~"
+
+
+async def listed(operator: Operator, *names: str) -> None:
+    """Wait until robots are in the list, and described."""
+    wanted = {"arm-1", "rover-1", *names}
+    await operator.until(lambda: wanted <= operator.app.store.descriptions.keys(), "their descriptions")
+    await operator.until(lambda: operator.one(RobotTable).row_count == len(wanted), "the list")
+
+
+def page_of(operator: Operator) -> MainPage:
+    return operator.app.main
+
+
+@asynccontextmanager
+async def at_x(realm: Realm, operate: Operate) -> AsyncIterator[tuple[Operator, PanelPage]]:
+    """Open the panel of the arm; the cursor is in field x of go_to."""
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
+        operator.app.ask_for("panel", Place("arm-1"))
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        page.query(FieldRow).first().focus_entry()
+        await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
+        yield operator, page
+
+
+def texts(page: PanelPage) -> list[str]:
+    return [entry.value for entry in page.query(Input)]
+
+
+@pytest.mark.parametrize(
+    ("keys", "fields"),
+    [
+        (f"{CTRL_U}0.3{BACKSPACE}4", ["0.4"]),
+        (f"{CTRL_U}0.4{TAB}{CTRL_U}0.1{TAB}{CTRL_U}0.3{BACK_TAB}{CTRL_U}-0.2", ["0.4", "-0.2", "0.3"]),
+        (f"{CTRL_U}0.4{ENTER}{CTRL_U}0.1{ENTER}{CTRL_U}0.3{ENTER}1", ["0.4", "0.1", "0.3", "1"]),
+        (f"{CTRL_U}35{HOME}0.{RIGHT}{RIGHT}{BACKSPACE}9{LEFT}{DELETE}8 m", ["0.38 m"]),
+        (f"{CTRL_U}{'1' * 40}{BACKSPACE * 40}0.4{(BACKSPACE + '5') * 40}", ["0.5"]),
+    ],
+    ids=["backspace", "tab", "enter", "cursor", "many"],
+)
+async def test_a_field_holds_what_was_typed(
+    realm: Realm, operate: Operate, keys: str, fields: list[str]
+) -> None:
+    async with at_x(realm, operate) as (operator, page):
+        operator.burst(keys)
+        await operator.until(lambda: texts(page)[: len(fields)] == fields, str(fields))
+
+
+async def test_what_is_run_is_what_was_typed_before(realm: Realm, operate: Operate) -> None:
+    async with at_x(realm, operate) as (operator, _page):
+        operator.burst(f"{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1{CTRL_R}")
+        await operator.sees("done in")
+        assert realm.arm.pose == {"x": 0.4, "y": 0.1, "z": 0.4, "twist": 0.0}
+
+
+async def test_a_choice_is_made_by_the_keys_of_its_list(realm: Realm, operate: Operate) -> None:
+    async with at_x(realm, operate) as (operator, page):
+        page.query_one("#commands").focus()
+        await operator.until(lambda: page.query_one("#commands").has_focus, "the list")
+        operator.burst(f"{DOWN}{DOWN}{ENTER}{ENTER}{DOWN}{DOWN}{ENTER}{TAB}{CTRL_U}0.03{BACKSPACE}5")
+        await operator.until(lambda: "0.05" in texts(page), "the width")
+        assert page.query(Choice).first().chosen == "close"
+
+
+async def test_a_click_does_not_come_before_the_last_digit(realm: Realm, operate: Operate) -> None:
+    async with at_x(realm, operate) as (operator, page):
+        button = page.query_one("#run", Button).region
+        at = f"{button.x + 4};{button.y + 1}"  # a terminal counts from one
+        operator.burst(f"{CTRL_U}0.3{BACKSPACE}4\x1b[<0;{at}M\x1b[<0;{at}m")
+        await operator.sees("done in")
+        assert realm.arm.pose["x"] == 0.4
+
+
+async def test_list_panel_and_form_follow_one_burst(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        operator.burst(f"{TOP}{ENTER}{ENTER}{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1")
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: "0.1" in texts(page), "the second field")
+        assert texts(page)[:2] == ["0.4", "0.1"]
+
+
+async def test_a_verb_is_obeyed_as_it_was_typed_and_the_keys_after_it_are_keys(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        operator.burst(f":call arm-1.go_to x=0.3{BACKSPACE}5 y=0 z=0.3 twist=0{ENTER}g:tre{TAB}{BACKSPACE}x")
+        await operator.until(lambda: operator.one(Input, "#line").value == "trex", "what was typed last")
+        await operator.until(lambda: realm.arm.pose["x"] == 0.5, "the arm is there")
+        assert page_of(operator).pane == "log"
+        assert operator.app.store.stopped == (), "a space that is typed at the prompt stops nobody"
+
+
+async def test_a_filter_has_the_letters_that_were_left_over(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        operator.burst(f"/arx{BACKSPACE * 2}{CTRL_U}rovee{BACKSPACE}r{ENTER}")
+        await operator.sees("/rover")
+        assert operator.one(Prompt).letters == "rover"
+        operator.burst(f"/{BACKSPACE * 5}arm{ENTER}t")
+        await operator.until(lambda: page_of(operator).pane == "tree", "the tree")
+        assert operator.one(Prompt).letters == "arm"
+
+
+async def test_a_dialog_is_answered_by_the_keys_that_came_after_its_own(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await listed(operator, "mover")
+        operator.burst(f"{TOP}{DOWN}d{ENTER}:d{BACKSPACE}show mover{ENTER}")
+        await operator.at(Reading)
+        assert "mover" in operator.app.store.robots, "Enter came upon Cancel"
+        operator.burst(f"q{TOP}{DOWN}d{RIGHT}{ENTER}/m{BACKSPACE}r")
+        await operator.until(lambda: "mover" not in operator.app.store.robots, "it is deleted")
+        await operator.until(lambda: operator.one(Prompt).letters == "r", "the filter")
+
+
+async def test_a_page_that_opens_gets_the_keys_that_follow(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        operator.burst(f"n{TAB}{TAB}mov{BACKSPACE}w-1")
+        page = await operator.at(NewPage)
+        await operator.until(lambda: page.query_one("#name", Input).value == "mow-1", "the name")
+
+
+async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> None:
+    async with at_x(realm, operate) as (operator, page):
+        asked: list[int] = []
+        operator.app.ask_for = lambda *_: asked.append(len(operator.app._held))  # type: ignore[method-assign]
+        page.query_one("#commands").focus()
+        await operator.until(lambda: page.query_one("#commands").has_focus, "the list")
+        operator.burst(f"{DOWN * 50} ")
+        await operator.until(lambda: bool(asked), "the stop")
+        assert asked[0] > 40, "the keys before it were still to be dealt with"
+        page.query(Input).first().focus()
+        await operator.until(lambda: isinstance(operator.app.focused, Input), "a field")
+        operator.burst(f"{'1' * 50} {CTRL_S}")
+        await operator.until(lambda: len(asked) > 1, "the stop while one types")
+        assert asked[1] > 40
+
+
+async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keys_in_order, "LIMIT", 0.05)
+    async with operate(realm.fleet) as operator:
+        await listed(operator)
+        table = operator.one(RobotTable)
+
+        def lose(what: Callable[..., object], *_: object) -> bool:
+            return what.__name__ == "_pass"  # it takes it, and nothing comes of it
+
+        monkeypatch.setattr(table, "call_later", lose)
+        operator.burst("gt")
+        await operator.until(lambda: page_of(operator).pane == "tree", "the second key")
