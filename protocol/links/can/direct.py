@@ -112,5 +112,6 @@ class DirectPort(Port):
 
     def _stop(self) -> None:
         self._loop.remove_reader(self._descriptor)
+        self._buffered = None
         if self._retry is not None:
             self._retry.cancel()

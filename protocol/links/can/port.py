@@ -90,9 +90,15 @@ class Port(ABC):
         """Send what the bus still takes, and leave it; done when it is left. Never fails, may be repeated."""
 
     def _shut(self) -> None:
-        """Shut the bus down. May block."""
-        with contextlib.suppress(can.CanError, OSError):  # a pulled adapter takes no last word
-            self.bus.shutdown()
+        """Shut the bus down, and let go of it. May block.
+
+        A pulled adapter takes no last word; python-can then forgets to close its descriptor, for which the
+        system keeps the adapter's name. It is closed with the last reference.
+        """
+        bus: can.BusABC | None = vars(self).pop("bus", None)
+        if bus is not None:
+            with contextlib.suppress(can.CanError, OSError):
+                bus.shutdown()
 
     def _take(self, message: can.Message) -> None:
         self._failures = 0

@@ -75,9 +75,10 @@ class ThreadedPort(Port):
             self._loop.call_soon_threadsafe(what, *arguments)
 
     def _read(self) -> None:
+        bus = self.bus
         while not self._ending.is_set():
             try:
-                message = self.bus.recv(_GLANCE)
+                message = bus.recv(_GLANCE)
             except (can.CanError, OSError, ValueError) as error:
                 self._tell(self._fail_to_receive, error)
                 self._ending.wait(0.001)
@@ -86,9 +87,10 @@ class ThreadedPort(Port):
                     self._tell(self._take, message)
 
     def _write(self) -> None:
+        bus = self.bus
         while (message := self._queue.get()[2]) is not None:
             try:
-                self.bus.send(message, timeout=PATIENCE)
+                bus.send(message, timeout=PATIENCE)
             except (can.CanError, OSError) as error:
                 self._tell(self._break, str(error))
                 return

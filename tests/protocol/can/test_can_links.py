@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import weakref
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 
@@ -500,6 +501,21 @@ async def test_a_bus_that_cannot_be_shut_down_is_entered_again_and_left(pulled: 
             await until(lambda: listener.statistics.breaks == 1)
         async with asyncio.timeout(3 * SOON):
             (await again(pulled)).close()
+
+
+async def test_nothing_is_kept_of_a_pulled_adapter_while_it_is_away(
+    pulled: CanAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def away(**_: object) -> None:
+        raise can.CanInitializationError("there is no such adapter")
+
+    async with listening(pulled, Recorder) as listener, connected(pulled, Recorder):
+        monkeypatch.setattr(can, "Bus", away)
+        bus = weakref.ref(listener._port.bus)
+        with pytest.raises(can.CanOperationError):
+            listener._port.bus.shutdown()
+        await until(lambda: listener.statistics.breaks == 1)
+        await until(lambda: bus() is None)
 
 
 async def test_who_finds_nobody_is_refused_although_the_bus_cannot_be_shut_down(pulled: CanAddress) -> None:
