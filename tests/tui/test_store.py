@@ -47,6 +47,24 @@ def test_arrivals_and_departures_tell_themselves_once(store: Store) -> None:
     assert texts(store) == ["arm-2 (Arm) is listed", "arm-1 (Arm) left the list"]
 
 
+def test_who_is_seen_nowhere_any_more_has_lost_its_process(store: Store) -> None:
+    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
+    store.take_lists([], [], 2.0, {address("arm-2")})
+    assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
+    assert [happening.weight for happening in store.happenings][1:] == ["error", "plain"]
+
+
+def test_who_was_never_listed_leaves_no_list(store: Store) -> None:
+    store.take_services([], 1.0, stale=True)
+    store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0, {address("arm-1"), address("arm-2")})
+    store.take_services(["lookup-1"], 2.0, stale=False)
+    store.take_lists([], [], 2.0, {address("arm-1"), address("arm-2")})
+    assert texts(store) == [
+        "arm-2 (Arm) has come, but no lookup service lists it",
+        "a lookup service is back",
+    ]
+
+
 def test_a_newcomer_stands_out_for_a_moment(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
     assert [row.fresh for row in store.rows("", 1.5)] == [False, True]

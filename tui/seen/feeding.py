@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
+    from robotree.vr.address import Address
+    from robotree.vr.description import RobotDescription
     from robotree.vr.requests import State
     from robotree.vr.supervision.fleet import Fleet
     from robotree.vr.transport import Registration
@@ -40,7 +43,7 @@ class Feed:
         self._patrol: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Begin to feed: the lists at once, the rest as it comes."""
+        """Begin to feed: what lookup services list at once, the rest as it comes."""
         self._take_lists()
         self._forget = self.fleet.on_change(self._take_lists)
         self._watching = await self.fleet.watch_state(None, self._take_state)
@@ -62,8 +65,13 @@ class Feed:
     def _take_lists(self) -> None:
         now = self.clock()
         self.store.take_services(self.fleet.services, now, stale=self.fleet.stale)
-        self.store.take_lists(self.fleet.robots(), self.fleet.views(), now)
+        if not self.fleet.stale:
+            self.store.take_lists(self.fleet.robots(), self.fleet.views(), now, self._present)
         self._hint.set()
+
+    @property
+    def _present(self) -> set[Address]:
+        return {*self.fleet.directory.present("robot"), *self.fleet.directory.present("view")}
 
     def _take_state(self, name: str, state: State) -> None:
         shape = self.store.shape
@@ -85,9 +93,19 @@ class Feed:
             except TimeoutError:
                 continue
 
+    async def _take_unlisted(self, tree: Sequence[RobotDescription]) -> None:
+        """Without a lookup service show what `ls` shows then: who is seen alive says itself what it is."""
+        if not self.fleet.stale:
+            return
+        robots, views = unlisted.robots(self.fleet, tree), await unlisted.views(self.fleet)
+        if self.fleet.stale:  # none has come meanwhile
+            self.store.take_lists(robots, views, self.clock(), self._present)
+
     async def _look(self) -> None:
         try:
-            self.store.take_descriptions(await self.fleet.tree())
+            tree = await self.fleet.tree()
+            self.store.take_descriptions(tree)
+            await self._take_unlisted(tree)
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
         except VrError as error:

@@ -7,7 +7,7 @@ what it heard last and when, so that silence can be told from calm.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Container, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
@@ -15,6 +15,7 @@ from typing import Literal
 from robotree.tui.seen import mood, wording
 from robotree.tui.seen.mood import Condition, Mood
 from robotree.tui.terminal import one_line
+from robotree.vr.address import Address
 from robotree.vr.description import Listing, RobotDescription
 from robotree.vr.requests import State
 
@@ -56,6 +57,8 @@ class Row:
     about: str
     fresh: bool
     """It has just come."""
+    stale: bool = False
+    """No lookup service says that it is still there."""
 
 
 @dataclass(slots=True)
@@ -71,7 +74,7 @@ class Store:
     """The supervisor's memory."""
 
     robots: dict[str, Listing] = field(default_factory=dict[str, Listing])
-    """Listed robots by name."""
+    """Free robots by name: those that are listed, or that are known while no lookup service lists any."""
     views: dict[str, Listing] = field(default_factory=dict[str, Listing])
     descriptions: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
     """All robots that answered at the last look, enslaved ones too."""
@@ -87,6 +90,8 @@ class Store:
     shape: int = 0
     """Grows when somebody should look again who commands whom."""
     _heard: dict[str, Heard] = field(default_factory=dict[str, Heard])
+    _were_listed: bool = True
+    """A lookup service said so of the robots and views that are known; else they were only seen."""
     _came: dict[str, float] = field(default_factory=dict[str, float])
     _asked: dict[str, int] = field(default_factory=dict[str, int])
     """How many commands of ours a robot has not answered yet."""
@@ -102,10 +107,23 @@ class Store:
         self.revision += 1
         return happening
 
-    def take_lists(self, robots: Iterable[Listing], views: Iterable[Listing], now: float) -> None:
-        """Take the lists of the lookup services, and tell arrivals and departures."""
-        first = not self.joined
-        self.joined = True
+    def take_lists(
+        self,
+        robots: Iterable[Listing],
+        views: Iterable[Listing],
+        now: float,
+        present: Container[Address] | None = None,
+    ) -> None:
+        """Take the lists of the lookup services, or what is known without one; tell who came and left.
+
+        Args:
+            robots: that are free.
+            views: all.
+            now: [s] on the store's clock.
+            present: who is seen alive, listed or not; None: everybody. Who is not has no process any more.
+        """
+        first, were_listed = not self.joined, self._were_listed
+        self.joined, self._were_listed = True, not self.stale
         before = {**self.robots, **self.views}
         self.robots = {one.name: one for one in robots}
         self.views = {one.name: one for one in views}
@@ -114,11 +132,15 @@ class Store:
             known = before.get(name)
             if (known is None or known.address != listing.address) and not first:
                 self._came[name] = now
-                self.tell(f"{name} ({listing.kind}) is listed", "good", now)
+                where = "has come, but no lookup service lists it" if self.stale else "is listed"
+                self.tell(f"{name} ({listing.kind}) {where}", "good", now)
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
-                self.tell(f"{name} ({listing.kind}) left the list", "plain", now)
+                if present is not None and listing.address not in present:
+                    self.tell(f"{name} ({listing.kind}): its process has gone", "error", now)
+                elif were_listed:
+                    self.tell(f"{name} ({listing.kind}) left the list", "plain", now)
         self.revision += 1
         self.shape += 1
 
@@ -303,6 +325,7 @@ class Store:
             host=listing.host,
             about=wording.summary(listing.doc),
             fresh=now - self._came.get(name, -FLASH) < FLASH,
+            stale=self.stale,
         )
 
     def candidates(self, parent: str, kind: str) -> list[Listing]:

@@ -21,9 +21,12 @@ async def known(fleet: Fleet, role: Literal["robot", "view"]) -> Sequence[Listin
     Returns:
         A listing each; robots that are enslaved are left out, as they are from every list.
     """
-    if role == "view":
-        return await _views(fleet)
-    described = {robot.name: robot for robot in await fleet.tree()}
+    return await views(fleet) if role == "view" else robots(fleet, await fleet.tree())
+
+
+def robots(fleet: Fleet, tree: Sequence[RobotDescription]) -> list[Listing]:
+    """Return what is known of the free robots: `known`, by one who has asked for the tree already."""
+    described = {robot.name: robot for robot in tree}
     remembered = [one for one in fleet.robots() if one.name not in described]
     return [*remembered, *(_listing(robot) for robot in described.values() if robot.bond is None)]
 
@@ -41,7 +44,8 @@ def _listing(robot: RobotDescription) -> Listing:
     )
 
 
-async def _views(fleet: Fleet) -> list[Listing]:
+async def views(fleet: Fleet) -> list[Listing]:
+    """Return what is known of the views: see `known`."""
     from robotree.vr.description import Listing
     from robotree.vr.errors import VrError
 

@@ -100,10 +100,13 @@ class RobotTable(Fenced, DataTable[Text]):
 
     def _cells(self, row: Row) -> list[Text]:
         muted = tint(self.app, "muted")
+        state = mood_mark(self.app, row.mood, row.doing)
+        if row.stale:
+            state.append(" stale", tint(self.app, "warning"))
         cells = [
             Text(row.name, tint(self.app, "accent", bold=True) if row.fresh else "bold"),
             Text(row.kind),
-            mood_mark(self.app, row.mood, row.doing),
+            state,
             Text(row.host or "-", muted),
         ]
         return [*cells, Text(row.about, muted)] if self._room else cells
