@@ -182,6 +182,15 @@ async def test_stop_and_resume_tell_whom_they_reached(realm: Realm) -> None:
     await do(realm, "call arm-1.hold")
 
 
+async def test_resume_names_all_whose_stop_is_released_the_enslaved_too(realm: Realm) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    assert (await do(realm, "stop")).text == "stopped: arm-1, mover, rover-1"
+    outcome = await do(realm, "resume")
+    assert outcome.text == "resumed: arm-1, mover, rover-1"
+    assert outcome.data == {"resumed": ["arm-1", "mover", "rover-1"]}
+
+
 async def test_cancel_ends_what_runs(realm: Realm) -> None:
     realm.arm.pace = 1.0
     running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))

@@ -65,9 +65,12 @@ class Orders:
         for one in silent:
             address = Address.parse(one.key)
             confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
+        said = {address.name: answer for address, answer in answers.items()}
         for address, answer in answers.items():
-            if address.key not in missed and not isinstance(answer, NotInControl):  # its parent tells it
-                confirmations.take(address.name, answer)
+            final = _from_above(answer, said)
+            # who obeys only its parent has confirmed when that has; when not, the parent's answer names it
+            if address.key not in missed and (final is None or final is answer):
+                confirmations.take(address.name, final)
         return confirmations.settle()
 
     # -- inside -----------------------------------------------------------------------------------
@@ -117,6 +120,17 @@ class Orders:
 
     def _begin(self, address: Address, tell: Tell) -> asyncio.Future[None]:
         return asyncio.ensure_future(tell(RobotClient(self._transport, address, patience=CONFIRM)))
+
+
+def _from_above(
+    answer: BaseException | None, said: Mapping[str, BaseException | None]
+) -> BaseException | None:
+    """Return what the robot said that an enslaved one refers to; its own answer, if nobody asked that."""
+    found, passed = answer, set[str]()
+    while isinstance(found, NotInControl) and (holder := str(found.data["holder"])) in said.keys() - passed:
+        passed.add(holder)
+        found = said[holder]
+    return found
 
 
 def _addresses(keys: Iterable[str]) -> set[Address]:

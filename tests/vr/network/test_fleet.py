@@ -212,10 +212,20 @@ async def test_a_stop_reaches_everybody_the_enslaved_too(world: World) -> None:
     await until(lambda: all(isinstance(r, Rover) and r.stopped for r in rovers), "the hardware was told")
     with pytest.raises(Stopped):
         await fleet.call("r2", "move", {"x": 1.0})
-    assert sorted(await fleet.resume(None)) == ["carrier", "r2"], "the enslaved is resumed by its parent"
+    assert sorted(await fleet.resume(None)) == ["carrier", "r1", "r2"], "the enslaved by its parent"
     assert await fleet.call("carrier", "carry", {"far": 1.0}) == 1.0
     assert await fleet.stop("r2") == ["r2"]
     assert await fleet.resume("r2") == ["r2"]
+
+
+async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirmed(world: World) -> None:
+    fleet = world.fleet
+    await world.create("carrier")
+    await fleet.enslave("carrier", "rover", "r1")
+    await fleet.stop(None)
+    with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
+        await fleet.resume("r1")
+    assert await fleet.resume("carrier") == ["carrier"]
 
 
 async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:
