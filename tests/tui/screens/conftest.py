@@ -55,6 +55,9 @@ class Operator:
     async def click(self, selector: str) -> None:
         await self._pilot.click(selector)
 
+    async def resize(self, width: int, height: int) -> None:
+        await self._pilot.resize_terminal(width, height)
+
     async def obey(self, text: str) -> None:
         """Type a verb at the prompt."""
         await self.press("colon")

@@ -13,6 +13,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.happenings import HappeningLog
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.robot_tree import RobotTree
 from robotree.vr import Robot
@@ -34,6 +35,12 @@ async def at_the_tree(operator: Operator, name: str) -> RobotTree:
             return tree
         await operator.press("down")
     pytest.fail(f"{name} is not in the tree:\n{operator.text}")
+
+
+def log_lines(operator: Operator) -> str:
+    """Return what the log shows, without the line that flashes below it."""
+    log = operator.one(HappeningLog)
+    return "\n".join(log.render_line(y).text for y in range(log.size.height))
 
 
 async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate) -> None:
@@ -286,6 +293,34 @@ async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, o
         await operator.obey("call arm-1.go_to x=0.3 y=0 z=0.3 twist=0")
         await operator.sees("arm-1.go_to is done")
         assert operator.text.count("elsewhere") == 2, "what was asked for here is told once, by its result"
+
+
+async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        await operator.press("l")
+        await operator.resize(100, 20)
+        for number in range(20):
+            operator.app.tell(f"later {number}")
+        operator.app.main.draw()
+        await operator.press("g")
+        await operator.until(lambda: "later 19" in log_lines(operator), "the end")
+        await operator.press("home")
+        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+        operator.app.tell("another one")
+        await operator.press("l")
+        await operator.resize(100, 24)
+        await operator.press("g")
+        await operator.until(lambda: "event 3" in log_lines(operator), "what was read")
+        await operator.press("end")
+        await operator.until(lambda: "another one" in log_lines(operator), "the end")
+        operator.app.tell("the last")
+        await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:

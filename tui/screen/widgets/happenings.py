@@ -1,10 +1,11 @@
-"""The log: everything that happened, the newest at the bottom."""
+"""The log: everything that happened, the newest at the bottom, where it stays unless somebody scrolls up."""
 
 from __future__ import annotations
 
 import time
 
 from rich.text import Text
+from textual.events import Resize
 from textual.widgets import RichLog
 
 from robotree.tui.screen.fence import Fenced
@@ -13,12 +14,42 @@ from robotree.tui.seen.store import Store
 
 
 class HappeningLog(Fenced, RichLog):
-    """Appends what is new since it was drawn last."""
+    """Appends what is new since it was drawn last.
+
+    Textual scrolls to the end when a line is written, as far as that is for the size of that moment; a log
+    that is hidden has none. So it is done again whenever there is another one.
+    """
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Make an empty log, without markup."""
         super().__init__(id=id, markup=False, highlight=False, wrap=True, max_lines=500)
         self._last: object = None
+        self._scrolled_up = False
+        """A person reads what is older: nothing may pull that away."""
+
+    def release_anchor(self) -> None:
+        """A person scrolls, by key, wheel or bar (`Widget.release_anchor`)."""
+        super().release_anchor()
+        self._scrolled_up = True
+
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Follow the newest line again when a person has come back to it."""
+        super().watch_scroll_y(old_value, new_value)
+        if new_value >= self.max_scroll_y:
+            self._scrolled_up = False
+
+    def on_show(self) -> None:
+        """Begin at the newest line, or where a person has left off."""
+        self._follow()
+
+    def on_resize(self, event: Resize) -> None:
+        """Stay there in another size."""
+        del event
+        self._follow()
+
+    def _follow(self) -> None:
+        if not self._scrolled_up:
+            self.scroll_end(animate=False, x_axis=False)
 
     def draw(self, store: Store, now: float, wall: float) -> None:
         """Append what is new.
@@ -33,6 +64,8 @@ class HappeningLog(Fenced, RichLog):
         for happening in happenings[start:]:
             clock = time.strftime("%H:%M:%S", time.localtime(wall - (now - happening.at)))
             line = weigh(self.app, happening.weight, happening.text)
-            self.write(Text.assemble((f"{clock}  ", tint(self.app, "muted")), line))
+            self.write(
+                Text.assemble((f"{clock}  ", tint(self.app, "muted")), line), scroll_end=not self._scrolled_up
+            )
         if happenings:
             self._last = happenings[-1]
