@@ -17,6 +17,7 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.screen.widgets.robot_tree import Place
+from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
     from robotree.tui.screen.app import Supervisor
@@ -107,7 +108,7 @@ def _quit(app: Supervisor, _place: Place) -> None:
         if answer:
             app.exit(0)
 
-    app.push_screen(Confirm("Leave ?", app.farewell, "Leave"), answered)
+    app.push_screen(Confirm("Leave?", app.farewell, "Leave"), answered)
 
 
 def _stop(app: Supervisor, _place: Place) -> None:
@@ -139,13 +140,28 @@ def _about_robot(verb: str) -> Ask:
 def confirm_line(app: Supervisor, line: Line) -> None:
     """Ask back, then carry out."""
     written = grammar.form(line, shapes(Where.PROMPT))
-    dialog = Confirm(f"{written} ?", _consequence(app, line), line.verb.capitalize())
+    dialog = Confirm(
+        f"{written}?", _consequence(app, line), line.verb.capitalize(), _outlived(app.store, line)
+    )
 
     def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
         if answer:
             app.perform(line)
 
     app.push_screen(dialog, answered)
+
+
+def _outlived(store: Store, line: Line) -> Callable[[], str]:
+    """Return how to find out that a question is none any more, because somebody else was faster."""
+    name = line.text("NAME")
+    asked = {one for one in store.stopped if name in {"", one}} if line.verb == "resume" else set[str]()
+
+    def outlived() -> str:
+        if not asked or not asked.isdisjoint(store.stopped):
+            return ""
+        return f"no need to resume: the stop of {', '.join(sorted(asked))} has ended meanwhile"
+
+    return outlived
 
 
 def _consequence(app: Supervisor, line: Line) -> str:

@@ -73,7 +73,7 @@ async def test_a_dialog_stands_in_the_middle_over_its_page(realm: Realm, operate
         box = dialog.query_one(".dialog").region
         assert abs(2 * box.x + box.width - 120) <= 1
         assert abs(2 * box.y + box.height - 34) <= 1
-        await operator.sees("arm-1  ", "delete arm-1 ?")
+        await operator.sees("arm-1  ", "delete arm-1?")
 
 
 class Headless:

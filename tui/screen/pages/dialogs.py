@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 from rich.text import Text
@@ -15,6 +16,9 @@ from textual.widgets import Button, Static
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.leaving import Leaving
 
+LOOK = 0.25
+"""[s] between two looks whether a question is still one."""
+
 
 class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
     """Asks before something is taken away. The harmless answer comes first and has the focus."""
@@ -24,10 +28,20 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
         Binding("left,right", "other", "Other button", show=False),
     ]
 
-    def __init__(self, question: str, consequence: str, yes: str) -> None:
-        """Ask `question`; say what would happen; `yes` is the word on the button."""
+    def __init__(
+        self, question: str, consequence: str, yes: str, outlived: Callable[[], str] = lambda: ""
+    ) -> None:
+        """Prepare to ask.
+
+        Args:
+            question: the title.
+            consequence: what would happen.
+            yes: the word on the button.
+            outlived: tells why there is nothing to ask any more; empty: there is. The dialog closes then.
+        """
         super().__init__()
         self._question, self._consequence, self._yes = question, consequence, yes
+        self._outlived = outlived
 
     def compose(self) -> ComposeResult:
         """Question, consequence, buttons."""
@@ -41,6 +55,13 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
     def on_mount(self) -> None:
         """Focus the harmless answer."""
         self.query_one("#no", Button).focus()
+        self.set_interval(LOOK, self.fenced(self._look))
+
+    def _look(self) -> None:
+        """Close when the question has been answered elsewhere."""
+        if self.is_current and (why := self._outlived()):
+            self.app.tell(why)
+            self.dismiss(False)  # the answer
 
     def action_other(self) -> None:
         """Go to the other button."""

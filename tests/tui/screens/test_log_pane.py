@@ -1,0 +1,45 @@
+"""The log keeps its newest line in sight, and leaves alone who reads what is older."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.widgets.happenings import HappeningLog
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+def log_lines(operator: Operator) -> str:
+    """Return what the log shows, without the line that flashes below it."""
+    log = operator.one(HappeningLog)
+    return "\n".join(log.render_line(y).text for y in range(log.size.height))
+
+
+async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        await operator.press("l")
+        await operator.resize(100, 20)
+        for number in range(20):
+            operator.app.tell(f"later {number}")
+        operator.app.main.draw()
+        await operator.press("g")
+        await operator.until(lambda: "later 19" in log_lines(operator), "the end")
+        await operator.press("home")
+        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+        operator.app.tell("another one")
+        await operator.press("l")
+        await operator.resize(100, 24)
+        await operator.press("g")
+        await operator.until(lambda: "event 3" in log_lines(operator), "what was read")
+        await operator.press("end")
+        await operator.until(lambda: "another one" in log_lines(operator), "the end")
+        operator.app.tell("the last")
+        await operator.until(lambda: "the last" in log_lines(operator), "what comes then")

@@ -1,0 +1,63 @@
+"""Who is in the list when no lookup service lists anybody, and how those leave it who are killed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.vr import Robot
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.testing import until
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+
+async def test_without_lookup_services_the_lists_are_marked_stale(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("arm-1")
+        realm.network.kill(realm.members["lookup-1"])
+        await operator.sees("STALE: no lookup service is left", "arm-1")
+        await realm.lookup("lookup-2")
+        await operator.sees("a lookup service is back")
+        await operator.until(lambda: "STALE" not in operator.text, "the banner goes")
+
+
+async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked_stale(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    realm.network.kill(realm.members["lookup-1"])
+    await until(lambda: realm.fleet.stale, "the lookup service has gone")
+    fleet = Fleet(realm.network.join("newcomer"))
+    await fleet.start()
+    async with operate(fleet) as operator:
+        await operator.sees(
+            "STALE: no lookup service is left", "mover", "rover-1", "● free stale", "2 robots"
+        )
+        assert operator.one(RobotTable).row_count == 2, "the enslaved arm is on no list"
+        await operator.until(lambda: set(operator.app.store.views) == {"cell"}, "the view")
+        await realm.robot(Robot("late-1"))
+        await operator.sees("late-1 (Robot) has come, but no lookup service lists it", "3 robots")
+        await realm.lookup("lookup-2")
+        listed = {"mover", "rover-1", "late-1"}
+        await operator.until(
+            lambda: not operator.app.store.stale and set(operator.app.store.robots) == listed, "the new list"
+        )
+        told = [happening.text for happening in operator.app.store.happenings]
+        assert "a lookup service is back" in told
+        assert not [text for text in told if "left the list" in text], "they were on none"
+        await operator.until(lambda: "stale" not in operator.text, "nothing is in doubt")
+    await fleet.close()
+
+
+async def test_the_death_of_a_process_is_no_calm_departure(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await operator.sees("mover", "rover-1")
+        await realm.fleet.enslave("mover", "arm", "arm-1")
+        await operator.sees("· arm-1 (Arm) left the list")
+        realm.network.kill(realm.members["rover-1"])
+        await operator.sees("✗ rover-1 (Rover): its process has gone")
