@@ -10,11 +10,13 @@ import pytest
 from textual.widgets import Button, Input, OptionList, ProgressBar
 
 from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.robot_tree import Place
 from robotree.vr import Robot, command
@@ -69,6 +71,10 @@ async def fill(operator: Operator, form: CommandForm, name: str, text: str) -> N
     entry.value = text
 
 
+def readings(page: Page) -> str:
+    return str(page.query_one(Gauges).render())
+
+
 def complaint(form: CommandForm, name: str) -> str:
     return str(row(form, name).query_one(".field-complaint").render())
 
@@ -78,6 +84,17 @@ async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm,
         await operator.sees("-0.8 … 0.8 m · now 0.35", "rad · now 0", "m/s · default 0.1", "Move the gripper")
         assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
         assert row(form, "speed").text == "0.1"
+
+
+async def test_a_reading_has_the_unit_in_which_it_is_commanded(realm: Realm, operate: Operate) -> None:
+    async with panel(realm, operate, "arm-1", "go_to") as (operator, page, _form):
+        realm.arm.pose["twist"] = 1.25
+        await operator.until(lambda: "+1.2500 rad" in readings(page), "radians, as in the form")
+        await operator.sees("now 1.25")
+        page.query_one("#commands").focus()
+        await operator.press("x")
+        teleop = await operator.at(TeleopPage)
+        await operator.until(lambda: "+71.62 °" in readings(teleop), "degrees, as in the steps")
 
 
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:

@@ -102,7 +102,7 @@ class TeleopPage(Page):
                     for label in ("↶ ,", "↷ ."):
                         yield _jog_button(label)
                     yield Still(id="step")
-                yield Gauges(id="gauges")
+                yield Gauges(id="gauges", in_degrees=True)
                 yield Still(id="wish")
             with Vertical(classes="picture-side"):
                 yield Cameras()

@@ -34,10 +34,13 @@ FIGURES = {
     "x": (1.0, "+8.4f", "m"),
     "y": (1.0, "+8.4f", "m"),
     "z": (1.0, "+8.4f", "m"),
-    "twist": (degrees(1.0), "+8.2f", "°"),
+    "twist": (1.0, "+8.4f", "rad"),
     "width": (1000.0, "8.1f", "mm"),
 }
 """Well known readings: factor from the SI unit, format, unit that is shown."""
+
+TURNS = {"twist": (degrees(1.0), "+8.2f", "°")}
+"""Those of them that are shown in another unit where they are commanded in steps of that."""
 
 BARS = {**dict.fromkeys(FORCES, (FULL_FORCE, "N")), **dict.fromkeys(TORQUES, (FULL_TORQUE, "Nm"))}
 """Readings that are drawn as bars: value at the end, unit."""
@@ -94,6 +97,11 @@ def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
 class Gauges(Still):
     """Draws the readings of a robot; anything it has, the well known ones in their own way."""
 
+    def __init__(self, *, id: str | None = None, in_degrees: bool = False) -> None:  # noqa: A002 # Textual's name for it
+        """Show nothing yet; `in_degrees`: angles are commanded in degrees here, not in radians."""
+        super().__init__(id=id)
+        self._figures = FIGURES | TURNS if in_degrees else FIGURES
+
     def draw(self, readings: Mapping[str, float], units: Mapping[str, str], *, stale: bool) -> None:
         """Draw these readings, with the units that the robot says; `stale`: they are old."""
         muted = tint(self.app, "muted")
@@ -104,7 +112,7 @@ class Gauges(Still):
         if stale:
             text.append("readings are old\n", tint(self.app, "warning"))
         rest = dict(readings)
-        for name, (scale, shown, unit) in FIGURES.items():
+        for name, (scale, shown, unit) in self._figures.items():
             if name in rest:
                 self._figure(text, name, figure(scale * rest.pop(name), shown), unit)
         for name, (full, unit) in BARS.items():
