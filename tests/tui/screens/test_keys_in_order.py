@@ -171,6 +171,7 @@ async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> N
         operator.burst(f"{DOWN * 50} ")
         await operator.until(lambda: len(asked) > 1, "the stop")
         assert asked[1] > 40
+        await operator.until(lambda: operator.app._under_way is None, "the rest")  # nobody leaves amid keys
 
 
 async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
