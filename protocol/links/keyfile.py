@@ -141,7 +141,7 @@ def _lock(descriptor: int, ends: float) -> bool:
         except BlockingIOError:
             if time.monotonic() > ends:
                 return False
-            time.sleep(_LOOK)
+            time.sleep(_LOOK)  # flock waits for ever or not at all; whoever calls is in a thread
         else:
             return True
 

@@ -57,6 +57,8 @@ class Request(msgspec.Struct, frozen=True):
     command: int
     params: tuple[float, ...]
     """(7,) NaN: not given."""
+    confirmation: int = 0
+    """As COMMAND_LONG counts its repetitions; 0: the first transmission, or a command that counts none."""
 
     def param(self, number: int, default: float = 0.0) -> float:
         """The parameter with a number from 1 to 7, or the default where it was not given."""
@@ -127,10 +129,11 @@ class CommandServer:
         """Take a message that is addressed to this component."""
         if isinstance(message, CommandCancel):
             return self._cancel(message.command, peer, now)
-        request = Request(peer, message.command, _params(message))
+        confirmation = message.confirmation if isinstance(message, CommandLong) else 0
+        request = Request(peer, message.command, _params(message), confirmation)
         if (handler := self._always.get(request.command)) is not None:
             return _sends(request, handler(request, now))
-        counted = isinstance(message, CommandLong) and message.confirmation > 0
+        counted = request.confirmation > 0
         record = self._records.get((peer, request.command))
         if record is not None and _same(record.params, request.params):
             going_on = record.ack.result == MavResult.IN_PROGRESS

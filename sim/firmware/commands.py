@@ -111,8 +111,8 @@ class Commands:
         self._device, self._movement, self._rights, self._herald = device, movement, rights, herald
         self._stop, self._release = stop, release
         self._news: list[Outgoing] = []
-        self._confirmation = 0
         self._releases: dict[tuple[Peer, int], tuple[int, float]] = {}
+        """Of each sender and command: the confirmation that was heard last, and when [s]."""
         moving: dict[int, Handler] = {
             command: self._mover(verb, arguments)
             for command, (verb, arguments) in MOVING.items()
@@ -131,7 +131,6 @@ class Commands:
 
     def hear(self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int) -> list[Outgoing]:
         """Take a command, or the end of one."""
-        self._confirmation = message.confirmation if isinstance(message, CommandLong) else 0
         effects = self._server.receive(message, peer, now / 1000)
         for effect in effects:
             if isinstance(effect, CommandAbandoned):
@@ -240,8 +239,8 @@ class Commands:
         before, answered_at = self._releases.pop(order, (0, -inf))
         if len(self._releases) >= LARGEST_CROWD:
             del self._releases[next(iter(self._releases))]
-        self._releases[order] = self._confirmation, now
-        return now - answered_at < COUNTED_REPETITION and self._confirmation not in {0, before}
+        self._releases[order] = request.confirmation, now
+        return now - answered_at < COUNTED_REPETITION and request.confirmation not in {0, before}
 
     def _held(self, now: float) -> Answer:
         self._news += self._movement.interrupt(
