@@ -161,10 +161,14 @@ class Membership:
                 continue
             try:
                 connection = socket.create_connection((HOST, port), ANSWER)
-                connection.sendall(greeting)
             except OSError:
                 continue  # nobody sits there
-            self._meet(connection, dialled=True)
+            try:
+                connection.sendall(greeting)
+            except OSError:
+                connection.close()  # who sat there has just left
+            else:
+                self._meet(connection, dialled=True)
 
     def _all_answered(self) -> bool:
         return not any(stranger.dialled for stranger in self._strangers.values())

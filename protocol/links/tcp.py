@@ -30,13 +30,13 @@ HIGH_WATER = 16 * 1024
 POLITE = 1.0
 """[s] after the end in which the far end may still read what was said before."""
 LARGEST_CROWD = 128
-"""Links of one listener; more are closed at once."""
+"""Open links of one listener; more are closed at once."""
 
 
 class TcpLink(asyncio.Protocol):
     """One end of a TCP connection. Made by `connect` and `listen`."""
 
-    def __init__(self, accept: Accept, crowd: set[Link] | None = None, bound: int = BOUND) -> None:
+    def __init__(self, accept: Accept, crowd: set[TcpLink] | None = None, bound: int = BOUND) -> None:
         self._accept, self._crowd = accept, crowd
         self._transport: asyncio.Transport | None = None
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -54,6 +54,11 @@ class TcpLink(asyncio.Protocol):
         return self._paused
 
     @property
+    def open(self) -> bool:
+        """False: it has ended, or what was said last waits to be read."""
+        return self._transport is not None and self._reason is None and not self._transport.is_closing()
+
+    @property
     def statistics(self) -> LinkStatistics:
         """The gauges now."""
         inside = self._transport.get_write_buffer_size() if self._transport is not None else 0
@@ -61,7 +66,7 @@ class TcpLink(asyncio.Protocol):
 
     def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
-        if self._transport is None or self._reason is not None or self._transport.is_closing():
+        if self._transport is None or not self.open:
             self._outbox.dropped += 1
         elif not self._paused:
             self._transport.write(self._outbox.leave(frame))
@@ -83,6 +88,11 @@ class TcpLink(asyncio.Protocol):
             transport.close()
             self._patience = asyncio.get_running_loop().call_later(POLITE, transport.abort)
 
+    def give_up(self) -> None:
+        """Wait no longer for what was said before the end to be read."""
+        if self._transport is not None:
+            self._transport.abort()
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Asyncio tells: the connection stands."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
@@ -92,7 +102,7 @@ class TcpLink(asyncio.Protocol):
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
         transport.set_write_buffer_limits(high=HIGH_WATER, low=0)
         if self._crowd is not None:
-            if len(self._crowd) >= LARGEST_CROWD:
+            if not _has_room(self._crowd):
                 transport.abort()
                 return
             self._crowd.add(self)
@@ -150,22 +160,35 @@ class TcpLink(asyncio.Protocol):
             self.over.set_result(None)
 
 
+def _has_room(crowd: set[TcpLink]) -> bool:
+    """Whether a listener takes one more link; those that have ended make room.
+
+    A hundred connections may come in one step of the loop, and their handlers end as many older ones in it,
+    which are there until the next step, or until they were read.
+    """
+    ended = [link for link in crowd if not link.open]
+    if len(crowd) >= LARGEST_CROWD:
+        for link in ended:
+            link.give_up()
+    return len(crowd) - len(ended) < LARGEST_CROWD
+
+
 class TcpListener:
     """Waits for TCP connections. Made by `listen`."""
 
-    def __init__(self, server: asyncio.Server, crowd: set[Link]) -> None:
+    def __init__(self, server: asyncio.Server, crowd: set[TcpLink]) -> None:
         self._server, self._crowd = server, crowd
         self.address = name("tcp", server.sockets[0].getsockname())
 
     @property
     def links(self) -> frozenset[Link]:
         """The connections that stand now."""
-        return frozenset(self._crowd)
+        return frozenset(link for link in self._crowd if link.open)
 
     async def close(self) -> None:
         """Listen no more and end all connections."""
         self._server.close()
-        links = [link for link in self._crowd if isinstance(link, TcpLink)]
+        links = [*self._crowd]
         for link in links:
             link.close()
         await self._server.wait_closed()
@@ -204,7 +227,7 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     """
     address = name("tcp", (host, port))
     require_loopback(address, host, exposed=exposed)
-    crowd: set[Link] = set()
+    crowd: set[TcpLink] = set()
     loop = asyncio.get_running_loop()
     with refusing(address):
         server = await loop.create_server(lambda: TcpLink(accept, crowd), host, port, reuse_address=True)

@@ -243,6 +243,37 @@ async def test_a_crowd_is_turned_away_at_the_door(monkeypatch: pytest.MonkeyPatc
     await listener.close()
 
 
+class Turnover(Server):
+    """Serves one client at a time: who comes ends who was there, with a last word."""
+
+    def __init__(self, last_word: bytes) -> None:
+        super().__init__()
+        self._last_word = last_word
+
+    def accept(self, link: Link) -> Endpoint:
+        for each in self.endpoints[-1:]:
+            each.link.send(self._last_word)
+            each.link.close()
+        return super().accept(link)
+
+
+@pytest.mark.parametrize("unread", [b"", bytes(tcp.HIGH_WATER)], ids=["silent", "unread"])
+async def test_those_who_were_ended_keep_out_nobody(unread: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tcp, "LARGEST_CROWD", 5)
+    monkeypatch.setattr(tcp, "SYSTEM_BUFFER", 4096)  # the last word stays with asyncio
+    server = Turnover(unread)
+    listener = await listen("tcp:0", server.accept)
+    for come in range(20, 81, 20):
+        crowd = [Silent(listener.address) for _ in range(20)]  # all before the loop has taken one step
+        await until(lambda come=come: len(server.endpoints) == come)
+        await settle()
+        assert listener.links == {server.endpoints[-1].link}
+        assert len(listener._crowd) <= tcp.LARGEST_CROWD
+        for each in crowd:
+            each.socket.close()
+    await listener.close()
+
+
 async def test_a_handler_that_cannot_be_made_ends_the_link() -> None:
     def accept(_: Link) -> Recorder:
         raise RuntimeError("out of order")

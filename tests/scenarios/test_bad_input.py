@@ -110,10 +110,16 @@ class Client:
     def of(self, kind: type[M]) -> list[M]:
         return [message for message in self.heard if isinstance(message, kind)]
 
+    @property
+    def told(self) -> list[str]:
+        """What the arm said in words."""
+        return [status.text for status in self.of(Statustext)]
+
     async def until(self, holds: Callable[[], object], otherwise: str) -> None:
         try:
             async with asyncio.timeout(PATIENCE):
                 while not holds():
+                    assert self.end is None, f"{otherwise}: {self.end}; it was told {self.told}"
                     self._news.clear()
                     await self._news.wait()
         except TimeoutError:

@@ -356,6 +356,25 @@ def test_a_foreign_server_on_a_seat_is_no_member(channel: str) -> None:
         one.shutdown()
 
 
+def test_who_leaves_while_being_greeted_leaves_nothing_behind(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    met: list[socket.socket] = []
+
+    def meet(*where: object) -> socket.socket:
+        """Connect to somebody whose process ends at this moment."""
+        met.append(connect(*where))
+        leaving.accept()[0].close()
+        met[-1].shutdown(socket.SHUT_WR)  # a reset may come late; from here on every word fails
+        return met[-1]
+
+    connect = socket.create_connection
+    monkeypatch.setattr(socket, "create_connection", meet)
+    with socket.create_server((HOST, first_port(channel) + 1)) as leaving, LoopbackBus(channel) as bus:
+        assert bus.statistics.members == 0
+        assert [connection.fileno() for connection in met] == [-1]
+
+
 def test_python_can_finds_the_interface_by_its_name(channel: str) -> None:
     with can.Bus(interface="robotree", channel=channel, bitrate=500_000, data_bitrate=2_000_000) as bus:
         assert isinstance(bus, LoopbackBus)
