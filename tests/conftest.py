@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import tempfile
 import threading
 import tty
@@ -33,6 +34,20 @@ def place_apart() -> Generator[Path]:
         for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
             environment.delenv(variable, raising=False)
         yield runtime
+
+
+@pytest.fixture(scope="session", autouse=True)
+def interrupts_are_heard() -> Iterator[None]:
+    """Have all that the tests start end at a SIGINT.
+
+    A shell has it ignored by what it starts in the background, and so by all that is started from there.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @pytest.fixture(autouse=True)
