@@ -130,7 +130,7 @@ class Session:
         self._pictures = PictureReceiver()
         self._listener = Listener()
         self._wish: ModeKind | None = None
-        self._wish_epoch = 0
+        self._wish_epoch = self._wish_stops = 0
         self._wish_until = math.inf
         self._wished_at = -math.inf
         self._confirmed = False
@@ -252,8 +252,13 @@ class Session:
         return self._insist(now) + self._held_news()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
-        """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most."""
-        self._wish, self._wish_epoch = ModeKind.READY, epoch
+        """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most.
+
+        What is released is the stop that the controller told of last: one that somebody asks for while the
+        release is said again stays in force.
+        """
+        told = self.twin.latest(Mode)
+        self._wish, self._wish_epoch, self._wish_stops = ModeKind.READY, epoch, told.stops if told else 0
         self._wish_until, self._wished_at = now + RELEASE_WITHIN, -math.inf
         return self._insist(now) + self._held_news()
 
@@ -304,7 +309,8 @@ class Session:
         if self._wish == ModeKind.SAFE_STOP and self._confirmed:
             return []
         self._wished_at = now
-        return [Send(SetMode(self._wish_epoch, *self.controller, self._wish))]
+        stops = self._wish_stops if self._wish == ModeKind.READY else 0
+        return [Send(SetMode(self._wish_epoch, *self.controller, self._wish, stops))]
 
 
 def _said(effects: Sequence[CommandEffect]) -> list[Effect]:

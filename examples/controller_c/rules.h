@@ -30,6 +30,7 @@ static struct goal goals[GOALS];    /* a ring of the newest ones */
 static struct goal *running;        /* at most one */
 static bool stopped, silent;        /* safe stop in force; silence ended the last goal */
 static uint32_t epoch;              /* the highest one obeyed */
+static uint32_t stops = 1;          /* one more with each safe stop that begins */
 static uint64_t now, heard, progress_told, mode_due, heartbeat_due;
 
 /* -- how the controller is as a whole: MODE and HEARTBEAT */
@@ -47,7 +48,7 @@ static void say_mode(int refusal) {
                                                       : ROBOTREE_REASON_NONE;
     mavlink_message_t message;
     mavlink_msg_robotree_mode_pack(SYSTEM, COMPONENT, &message, (uint32_t)now, epoch, SILENCE,
-                                   (uint8_t)mode(), (uint8_t)reason);
+                                   (uint8_t)mode(), (uint8_t)reason, stops);
     say(&message);
     mode_due = now + MODE_PERIOD;
 }
@@ -166,11 +167,14 @@ static void on_cancel(const mavlink_message_t *from, const mavlink_robotree_goal
 static void on_set_mode(const mavlink_robotree_set_mode_t *asked) {
     int refusal = ROBOTREE_REASON_NONE;
     if (asked->mode == ROBOTREE_MODE_KIND_SAFE_STOP) { /* from anyone, under any epoch */
+        stops += !stopped;
         stopped = true;
         robot_holds();
         finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_STOPPED, "A safe stop was asked for.");
     } else if (asked->mode != ROBOTREE_MODE_KIND_READY) {
         refusal = ROBOTREE_REASON_BAD_ARGUMENT;
+    } else if (stopped && asked->stops && asked->stops != stops) { /* it is meant for an older stop */
+        refusal = ROBOTREE_REASON_STOPPED;
     } else if (!fence(asked->epoch)) {
         refusal = ROBOTREE_REASON_STALE_EPOCH;
     } else {

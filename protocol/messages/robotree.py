@@ -177,6 +177,7 @@ class Mode(Message, frozen=True, gc=False):
     silence_ms: int
     mode: int
     reason: int
+    stops: int = 0
 
 
 @wire("ROBOTREE_SET_MODE")
@@ -187,6 +188,7 @@ class SetMode(Message, frozen=True, gc=False):
     target_system: int
     target_component: int
     mode: int
+    stops: int = 0
 
 
 @wire("ROBOTREE_PICTURE_REQUEST")

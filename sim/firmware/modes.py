@@ -1,8 +1,8 @@
 """What the controller does as a whole, and how it tells: stop, release, silence, who is in control.
 
 It stops for anyone and starts again only for a lease that is not stale or for who is in control. A release
-that arrived before the newest stop is void, however late it is heard: a stop is undone only by somebody who
-could know of it.
+that arrived before the newest stop is void, however late it is heard, and so is one that names an older stop:
+a stop is undone only by somebody who could know of it.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -62,7 +62,7 @@ class Modes:
             answer = Reason.BAD_ARGUMENT
         elif self._rights.guard(peer) is not None:
             answer = Reason.NOT_IN_CONTROL
-        elif self._movement.overtaken:
+        elif self._movement.overtaken or self._is_outlived(wish):
             answer = Reason.STOPPED
         elif not self._goals.fence(wish.epoch):
             answer = Reason.STALE_EPOCH
@@ -100,7 +100,8 @@ class Modes:
         """The mode as it is told; `reason`: why it is not another one."""
         movement = self._movement
         why = movement.reason if reason is None else reason
-        return Mode(boot_ms(now), self._goals.epoch, movement.watchdog.patience, movement.mode, why)
+        patience = movement.watchdog.patience
+        return Mode(boot_ms(now), self._goals.epoch, patience, movement.mode, why, movement.stops)
 
     def heartbeat(self) -> Heartbeat:
         """The mode as every ground station understands it."""
@@ -114,6 +115,10 @@ class Modes:
         return [
             Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self.heartbeat(), now / 1000)
         ]
+
+    def _is_outlived(self, release: SetMode) -> bool:
+        """Whether the stop in force began after the one that the release is meant for."""
+        return self._movement.stopped and release.stops not in {0, self._movement.stops}
 
     def _watch(self, now: int) -> list[Outgoing]:
         if not (text := self._movement.fall_silent(now)):

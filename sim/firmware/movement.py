@@ -49,6 +49,8 @@ class Movement:
         self.watchdog = Watchdog(silence)
         self.stopped = False
         """Whether a safe stop is in force."""
+        self.stops = 1
+        """Counts the safe stops: one more with each that begins."""
         self.overtaken = False
         """Whether what is being heard arrived before the newest stop; it neither moves nor releases."""
         self.turns = 0
@@ -115,6 +117,7 @@ class Movement:
 
     def stop(self, now: int) -> list[Outgoing]:
         """Hold, and begin nothing until `release`."""
+        self.stops += not self.stopped
         self.stopped = True
         self.turns += 1
         out = self._finish(GoalState.CANCELLED, Reason.STOPPED, "A safe stop was asked for.", now)

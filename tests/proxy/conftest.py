@@ -46,7 +46,7 @@ class Controller:
         self.begun: list[Begin] = []
         self.abandoned: list[Abandon] = []
         self.heard: list[AnyMessage] = []
-        self.mode = ModeKind.READY
+        self.mode, self.stops = ModeKind.READY, 1
         self.objection = Reason.NONE
         """Why it does not obey a release."""
         self.mute = False
@@ -101,11 +101,13 @@ class Controller:
 
     def restart(self) -> None:
         """Forget everything, the time too, as a power cycle does."""
-        self.goals, self.mode, self._began = GoalServer(set(Verb), self._check), ModeKind.READY, self.now
+        self.goals, self._began = GoalServer(set(Verb), self._check), self.now
+        self.mode, self.stops = ModeKind.READY, 1
 
     def stop(self) -> None:
         """Somebody on another link stops it."""
         self._carry_out(self.goals.abandon_all(Reason.STOPPED, self.now))
+        self.stops += self.mode != ModeKind.SAFE_STOP
         self._enter(ModeKind.SAFE_STOP)
 
     def release(self) -> None:
@@ -141,6 +143,8 @@ class Controller:
             self.stop()
         elif self.objection != Reason.NONE:
             self._tell_mode(self.objection)
+        elif self.mode == ModeKind.SAFE_STOP and message.stops not in {0, self.stops}:
+            self._tell_mode(Reason.STOPPED)
         elif self.goals.fence(message.epoch):
             self.release()
         else:
@@ -154,7 +158,8 @@ class Controller:
         self._mode_told = self.now
         standing = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
         reason = standing if answer is None else answer
-        self.say(Mode(round(1000 * (self.now - self._began)), self.goals.epoch, 1000, self.mode, reason))
+        now = round(1000 * (self.now - self._began))
+        self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops))
 
     def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:

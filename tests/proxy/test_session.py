@@ -284,6 +284,25 @@ def test_a_release_that_was_refused_is_not_said_again(talk: Talk, objection: Rea
     assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
 
 
+def test_a_release_whose_answer_was_lost_ends_no_stop_that_began_meanwhile(talk: Talk) -> None:
+    talk.wait(0.5)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(1.0)
+    talk.controller.mute = True
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert talk.controller.mode == ModeKind.READY
+    talk.controller.stop()
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    talk.controller.mute = False
+    talk.wait(1.0)
+    assert "its controller is in safe stop" in talk.session.held
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
+
+
 def held(talk: Talk) -> list[bool]:
     return [bool(event.reason) for event in talk.events if isinstance(event, HeldChanged)]
 

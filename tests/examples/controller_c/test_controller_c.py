@@ -120,6 +120,19 @@ def test_a_stop_is_obeyed_under_any_epoch_and_released_only_under_one_that_is_no
     assert operator.ask(9, 0.1, 0.0, epoch=5).state == GoalState.ACTIVE
 
 
+def test_a_release_ends_no_stop_that_began_after_the_one_it_names(operator: Operator) -> None:
+    release = SetMode(1, 1, 1, ModeKind.READY, operator.set_mode(ModeKind.SAFE_STOP).stops)
+    operator.say(release)
+    operator.hear(Mode, lambda it: it.mode == ModeKind.READY)
+    operator.say(release)
+    assert operator.set_mode(ModeKind.SAFE_STOP).stops == release.stops + 1
+    operator.say(release)
+    operator.hear(Mode, lambda it: it.reason == Reason.STOPPED)
+    assert operator.ask(7, 0.1, 0.0).reason == Reason.STOPPED
+    operator.say(SetMode(1, 1, 1, ModeKind.READY, release.stops + 1))
+    assert operator.ask(8, 0.1, 0.0).state == GoalState.ACTIVE
+
+
 def test_a_goal_that_is_not_reached_in_time_expires(operator: Operator) -> None:
     began = time.monotonic()
     operator.ask(7, FAR, 0.0, SLOW, ttl=300)
@@ -183,7 +196,8 @@ def _anything(chance: random.Random, keys: tuple[int, ...]) -> AnyMessage:
         case 0:
             return GoalCancel(key, epoch, 1, 1)
         case 1:
-            return SetMode(epoch, 1, 1, chance.choice((ModeKind.SAFE_STOP, ModeKind.READY, ModeKind.READY)))
+            mode = chance.choice((ModeKind.SAFE_STOP, ModeKind.READY, ModeKind.READY))
+            return SetMode(epoch, 1, 1, mode, chance.randrange(4))
         case _:
             args = (chance.choice((FAR, 0.5, math.nan)), 0.0, SLOW, *(math.nan,) * 4)
             return Goal(key, epoch, chance.choice((0, 60_000)), args, Verb.MOVE, 1, chance.choice((0, 1, 2)))
