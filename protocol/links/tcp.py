@@ -36,7 +36,9 @@ LARGEST_CROWD = 128
 class TcpLink(asyncio.Protocol):
     """One end of a TCP connection. Made by `connect` and `listen`."""
 
-    def __init__(self, accept: Accept, crowd: set[TcpLink] | None = None, bound: int = BOUND) -> None:
+    def __init__(
+        self, accept: Accept, crowd: set[TcpLink] | None = None, bound: int = BOUND, address: str = "tcp:?"
+    ) -> None:
         self._accept, self._crowd = accept, crowd
         self._transport: asyncio.Transport | None = None
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -46,7 +48,8 @@ class TcpLink(asyncio.Protocol):
         self._paused = False
         self._reason: LinkError | None = None
         self._patience: asyncio.TimerHandle | None = None
-        self.address = "tcp:?"
+        self.address = address
+        """The far end's; who was dialled may have reset the connection before the system can tell."""
 
     @property
     def congested(self) -> bool:
@@ -96,7 +99,8 @@ class TcpLink(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Asyncio tells: the connection stands."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
-        self.address = name("tcp", transport.get_extra_info("peername"))
+        if (peer := transport.get_extra_info("peername")) is not None:
+            self.address = name("tcp", peer)
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
@@ -206,7 +210,7 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     with refusing(address):
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT):
-                _, link = await loop.create_connection(lambda: TcpLink(accept), host, port)
+                _, link = await loop.create_connection(lambda: TcpLink(accept, address=address), host, port)
         except TimeoutError as error:
             raise LinkRefused(address, f"no answer within {CONNECT_TIMEOUT:g} s") from error
     return link

@@ -225,6 +225,31 @@ async def test_a_reset_is_told_as_a_break() -> None:
     await listener.close()
 
 
+async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_break(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loop, ends = asyncio.get_running_loop(), list[Recorder]()
+    dial = loop.sock_connect
+
+    async def turned_away(near: socket.socket, address: tuple[str, int]) -> None:
+        await dial(near, address)
+        far = rude.accept()[0]
+        far.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        far.close()
+
+    def accept(link: Link) -> Recorder:
+        ends.append(Recorder(link))
+        return ends[-1]
+
+    monkeypatch.setattr(loop, "sock_connect", turned_away)
+    with socket.create_server(("127.0.0.1", 0)) as rude:
+        address = f"tcp:127.0.0.1:{rude.getsockname()[1]}"
+        link = await connect(address, accept)
+    await until(lambda: ends[0].reasons)
+    assert [type(reason) for reason in ends[0].reasons] == [LinkBroken]
+    assert link.address == address
+
+
 async def test_a_crowd_is_turned_away_at_the_door(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tcp, "LARGEST_CROWD", 5)
     server = Server()
