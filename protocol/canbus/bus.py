@@ -79,7 +79,7 @@ class LoopbackBus(BusABC):
         self._sent = self._received = self._incompatible = 0
         self._membership = Membership(first, self.channel)
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._rung = False
+        self._rung = self._left = False
         self._reading = threading.Lock()
         self._membership.inlet.register(self._bell, select.EPOLLIN)
         self.channel_info = f"robotree bus {self.channel!r} (port {self._membership.port})"
@@ -150,8 +150,7 @@ class LoopbackBus(BusABC):
         own = copy(msg)
         own.timestamp, own.channel, own.is_rx = moment, self.channel, False
         self._inbox.append(own)
-        self._rung = True
-        os.eventfd_write(self._bell, 1)
+        self._tell_of_rest()
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
         inbox = self._inbox
@@ -192,12 +191,15 @@ class LoopbackBus(BusABC):
                 self._inbox.append(message)
 
     def _tell_of_rest(self) -> None:
-        """Keep `fileno` readable as long as the inbox is not empty."""
-        if self._inbox:
-            self._rung = True
-            os.eventfd_write(self._bell, 1)
-        else:
-            self._silence_bell()
+        """Keep `fileno` readable as long as the inbox is not empty, and the bus not left."""
+        with self._membership.lock:
+            if self._left:
+                return
+            if self._inbox:
+                self._rung = True
+                os.eventfd_write(self._bell, 1)
+            else:
+                self._silence_bell()
 
     def _silence_bell(self) -> None:
         self._rung = False
@@ -219,7 +221,9 @@ class LoopbackBus(BusABC):
         os.eventfd_write(self._bell, 1)  # whoever waits in `recv` shall leave
         with self._reading:
             self._membership.leave()
-            os.close(self._bell)
+            with self._membership.lock:
+                self._left = True
+                os.close(self._bell)
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:

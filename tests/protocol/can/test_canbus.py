@@ -201,6 +201,22 @@ def test_leaving_twice_is_harmless_and_final(channel: str, caplog: pytest.LogCap
     assert not [thread for thread in threading.enumerate() if channel in thread.name]
 
 
+def test_who_reads_on_after_leaving_touches_no_descriptor_of_others(channel: str) -> None:
+    with LoopbackBus(channel) as one:
+        two = LoopbackBus(channel, receive_own_messages=True)
+        for index in range(3):
+            one.send(can.Message(arbitration_id=index))
+        one.shutdown()  # what was sent has arrived
+        assert two.recv(SOON)
+        bell = two._bell
+        two.shutdown()
+        with socket.socket() as other:
+            assert other.fileno() <= bell, "the system gives the lowest descriptor that is free"
+            with pytest.raises(can.CanOperationError, match="shut down"):
+                for _ in range(3):
+                    two.recv(0)
+
+
 def test_what_was_sent_before_leaving_still_arrives(channel: str) -> None:
     message, arrived = can.Message(data=bytes(64), is_fd=True), 0
     with LoopbackBus(channel) as reader:
