@@ -2,7 +2,8 @@
 
 A set-point lives for its time to live, counted in controller time from the moment at which it was made, so
 that one that was delayed in a queue is dropped instead of obeyed. Who does not know the controller's time
-sends 0, and it counts from arrival. An older epoch or a smaller number is dropped; what was dropped is
+sends 0, and it counts from arrival. The time on the wire begins anew every 49.7 days: it means the moment
+nearest to the arrival. An older epoch or a smaller number is dropped; what was dropped is
 counted; a sender that begins to count anew is obeyed after a pause in which none could be. One sender is
 followed at a time: another one has to wait until its stream has ended, or to bring a newer epoch. A stream
 that was ended (a stop, a goal) stays ended: its sender begins a new one with a newer epoch or after a pause,
@@ -30,7 +31,9 @@ It is numbered anew. As long as a set-point lives: what was sent with an earlier
 """
 LARGEST_CROWD = 64
 """Senders whose ended streams are remembered."""
-_HALF = 1 << 31
+_TURN = 1 << 32
+"""After so many numbers, or [ms], the wire begins anew."""
+_HALF = _TURN // 2
 
 
 class SetpointStatistics(msgspec.Struct, frozen=True):
@@ -96,19 +99,22 @@ class SetpointReceiver:
             ended=self._ended,
         )
 
-    def receive(self, setpoint: Setpoint, now: float, sender: Hashable = None) -> bool:
+    def receive(
+        self, setpoint: Setpoint, now: float, sender: Hashable = None, *, arrived: float | None = None
+    ) -> bool:
         """Take a set-point that is addressed to this controller; whether it is obeyed.
 
         Args:
             setpoint: the set-point.
             now: controller time, [s].
             sender: whose stream it belongs to.
+            arrived: when it arrived, if it waited since, [s].
         """
         if setpoint.kind not in self._kinds or any(map(isinf, setpoint.args)) or not setpoint.ttl_ms:
             self._refused += 1
             return False
         ttl = min(setpoint.ttl_ms / 1000, LONGEST_TTL)
-        made = setpoint.time_boot_ms / 1000 if setpoint.time_boot_ms else now
+        made = _made(setpoint.time_boot_ms, now if arrived is None else arrived)
         if not now - ttl < made <= now + LONGEST_TTL:
             self._late += 1
             return False
@@ -119,7 +125,7 @@ class SetpointReceiver:
         if self._is_shut_out(setpoint, sender, now) or (stream is None and self._is_beside(setpoint, now)):
             self._ended += 1
             return False
-        if stream is not None and not 0 < (setpoint.number - stream.number) & 0xFFFFFFFF < _HALF:
+        if stream is not None and not 0 < (setpoint.number - stream.number) % _TURN < _HALF:
             self._overtaken += 1
             return False
         self._stream = _Stream(sender, setpoint.epoch, setpoint.number, obeyed=now, heard=now)
@@ -178,5 +184,14 @@ class SetpointReceiver:
 
     def _is_beside(self, setpoint: Setpoint, now: float) -> bool:
         """Whether a set-point comes beside the stream of another sender, whose lease is as new."""
-        held = self.active(now) is not None and self._stream is not None
+        held = self.active(now) is not None
         return held and self._stream is not None and setpoint.epoch <= self._stream.epoch
+
+
+def _made(time_boot_ms: int, arrived: float) -> float:
+    """When a set-point was made by its time on the wire [s of controller time]; 0: when it arrived."""
+    if not time_boot_ms:
+        return arrived
+    arrived_ms = round(1000 * arrived)
+    ahead = (time_boot_ms - arrived_ms + _HALF) % _TURN - _HALF
+    return (arrived_ms + ahead) / 1000

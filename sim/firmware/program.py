@@ -71,8 +71,8 @@ _FIXED: Final = {_HEARTBEAT: heartbeat.PERIOD, _CONTROL_STATUS: control.PERIOD}
 M = TypeVar("M", bound=Message)
 Aim = Callable[[Frame], bool]
 """Whether a message is meant for us."""
-Hear = Callable[[Frame, Peer, int], list[Outgoing]]
-"""Takes a frame from a peer at a moment [ms]."""
+Hear = Callable[[Frame, Peer, int, int], list[Outgoing]]
+"""Takes a frame from a peer at a moment, which arrived at another one [ms]."""
 
 
 class Firmware:
@@ -141,14 +141,14 @@ class Firmware:
             What to say.
         """
         peer = Peer(via, frame.system, frame.component)
-        self._streaming.arrived = arrived = now if arrived is None else arrived
+        arrived = now if arrived is None else arrived
         self._movement.watchdog.hear(peer, arrived)
         self._rights.heard(peer, now)
         self._schedule.open(via)
         if (hear := self._hears.get(type(frame.message))) is None:
             return []
         self._movement.overtaken = overtaken
-        return hear(frame, peer, now) + self._modes.news(now)
+        return hear(frame, peer, now, arrived) + self._modes.news(now)
 
     def greet(self, via: Hashable, now: int) -> list[Outgoing]:
         """What to say first over the link `via`: that we are there, and how."""
@@ -193,7 +193,7 @@ class Firmware:
             (
                 _route(Goal, us, goals),
                 _route(GoalCancel, us, goals),
-                _route(Setpoint, us, self._streaming.hear),
+                _dated_route(Setpoint, us, self._streaming.hear),
                 _route(SetMode, all_or_us, self._modes.hear),
                 _route(CommandLong, all_or_us, commands),
                 _route(CommandInt, all_or_us, commands),
@@ -265,10 +265,17 @@ def _route(
     kind: type[M], aim: Aim, take: Callable[[M, Peer, int], list[Outgoing]]
 ) -> tuple[type[AnyMessage], Hear]:
     """One line of the registry: messages of a kind that are meant for us are taken."""
+    return _dated_route(kind, aim, lambda message, peer, now, _: take(message, peer, now))
 
-    def hear(frame: Frame, peer: Peer, now: int) -> list[Outgoing]:
+
+def _dated_route(
+    kind: type[M], aim: Aim, take: Callable[[M, Peer, int, int], list[Outgoing]]
+) -> tuple[type[AnyMessage], Hear]:
+    """As `_route`; who takes it is told when it arrived, too [ms]."""
+
+    def hear(frame: Frame, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
         message = frame.message
-        return take(message, peer, now) if isinstance(message, kind) and aim(frame) else []
+        return take(message, peer, now, arrived) if isinstance(message, kind) and aim(frame) else []
 
     return kind, hear
 

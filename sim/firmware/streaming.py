@@ -9,8 +9,6 @@ Pure. `now` is controller time in whole milliseconds.
 from collections.abc import Callable
 from typing import Final
 
-import msgspec
-
 from robotree.protocol.messages import GoalState, Reason, Setpoint
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.setpoint import SetpointReceiver, SetpointStatistics
@@ -19,12 +17,9 @@ from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Outgoing
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.firmware.telemetry import boot_ms
 
 KEY: Final = "set-points"
 """Of the one job that all streams are."""
-_HALF: Final = 1 << 31
-"""[ms] that a moment on the wire may be ahead or behind."""
 
 
 class Streaming:
@@ -42,16 +37,14 @@ class Streaming:
     ) -> None:
         self._device, self._movement, self._rights = device, movement, rights
         self._receiver = SetpointReceiver(device.setpoint_kinds, fence)
-        self.arrived = 0
-        """When what is being heard arrived [ms]."""
 
     @property
     def statistics(self) -> SetpointStatistics:
         """How many were obeyed, and why others were not."""
         return self._receiver.statistics
 
-    def hear(self, setpoint: Setpoint, peer: Peer, now: int) -> list[Outgoing]:
-        """Take a set-point; never answered."""
+    def hear(self, setpoint: Setpoint, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
+        """Take a set-point that arrived at a moment [ms]; never answered."""
         job, seconds = self._movement.job, now / 1000
         speaker = (peer.system, peer.component)
         over = bool(self._movement.bar) or (job is not None and job.key != KEY)
@@ -63,7 +56,7 @@ class Streaming:
         except GoalRefused:
             self._receiver.refuse(setpoint, seconds, speaker)
             return []
-        if not self._receiver.receive(self._dated(setpoint), seconds, speaker):
+        if not self._receiver.receive(setpoint, seconds, speaker, arrived=arrived / 1000):
             return []
         if job is None:
             return self._movement.begin(Job(KEY, peer, _silence, self._finish), start, now)
@@ -75,16 +68,6 @@ class Streaming:
         """Hold when the stream has dried up."""
         if self._receiver.active(now / 1000) is None:
             self._movement.leave(KEY)
-
-    def _dated(self, setpoint: Setpoint) -> Setpoint:
-        """A set-point with the moment at which it was made in controller time, which never begins anew.
-
-        Who does not say it made it when it arrived.
-        """
-        word, arrived = setpoint.time_boot_ms, self.arrived
-        ahead = boot_ms(word - arrived + _HALF) - _HALF if word else 0
-        made = max(arrived + ahead, 1)  # 0 would mean that nobody knows
-        return msgspec.structs.replace(setpoint, time_boot_ms=made)
 
     def _finish(self, _: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:  # noqa: ARG002
         self._receiver.drop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from robotree.protocol import Frame
@@ -13,6 +13,8 @@ from robotree.protocol.messages import Setpoint, SetpointKind
 from robotree.protocol.services.goal_server import GoalServer
 from robotree.protocol.services.setpoint import LARGEST_CROWD, LONGEST_TTL, PAUSE, SetpointReceiver
 
+TURN = 2**32
+"""[ms] after which the time on the wire begins anew."""
 POSE = (0.5, 0.0, 0.3, 0.0, math.nan, math.nan, math.nan)
 
 
@@ -25,7 +27,7 @@ def _setpoint(
     kind: int = SetpointKind.TOOL_POSE,
     args: tuple[float, ...] = POSE,
 ) -> Setpoint:
-    return Setpoint(round(made * 1000), epoch, number, args, round(ttl * 1000), 1, 1, kind)
+    return Setpoint(round(made * 1000) % TURN, epoch, number, args, round(ttl * 1000), 1, 1, kind)
 
 
 @pytest.fixture
@@ -58,6 +60,33 @@ def test_a_delay_in_a_queue_counts_against_the_time_to_live(delay: float, ttl: f
     assert receiver.receive(setpoint, made + delay) == (made + delay < lives_until)
     assert receiver.active(max(lives_until, made + delay)) is None
     assert receiver.statistics.late == (made + delay >= lives_until)
+
+
+@given(up=st.integers(0, 5 * TURN), age=st.integers(-3000, 3000), ttl=st.integers(1, 2500))
+@example(up=TURN + 100, age=199, ttl=200)
+@example(up=TURN + 100, age=201, ttl=200)
+@example(up=TURN - 100, age=-101, ttl=200)
+def test_a_set_point_is_as_old_as_the_wire_says_however_often_its_time_began_anew(
+    up: int, age: int, ttl: int
+) -> None:
+    receiver = SetpointReceiver([SetpointKind.TOOL_POSE], lambda _: True)
+    lives = min(ttl, round(1000 * LONGEST_TTL))
+    assume((up - age) % TURN and age not in {lives, -1000 * LONGEST_TTL})
+    obeyed = receiver.receive(_setpoint(made=(up - age) / 1000, ttl=ttl / 1000), up / 1000)
+    assert obeyed == (-1000 * LONGEST_TTL < age < lives)
+    left = lives - max(age, 0)
+    assert (receiver.active((up + left - 1) / 1000) is not None) == obeyed
+    assert receiver.active((up + left + 1) / 1000) is None
+
+
+def test_who_does_not_say_when_it_made_a_set_point_made_it_when_it_arrived(
+    receiver: SetpointReceiver,
+) -> None:
+    assert not receiver.receive(_setpoint(1, ttl=0.2), 10.3, arrived=10.1)
+    assert receiver.statistics.late == 1
+    assert receiver.receive(_setpoint(2, ttl=0.2), 10.25, arrived=10.1)
+    assert receiver.active(10.29) is not None
+    assert receiver.active(10.3) is None
 
 
 def test_a_time_from_the_far_future_is_not_believed(receiver: SetpointReceiver) -> None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from robotree.protocol import Frame
 from robotree.protocol.messages import (
     GoalState,
     ModeKind,
@@ -137,6 +138,18 @@ def test_what_was_made_too_long_ago_is_dropped_and_counted(arm: ArmBench, stick:
     arm.operator.wait(1.1)
     assert arm.operator.latest(SysStatus).errors_count1 == 10
     assert np.linalg.norm(place(arm) - before) < 0.002
+
+
+@pytest.mark.parametrize(("waited", "mode"), [(0.15, ModeKind.ACTIVE), (0.25, ModeKind.READY)])
+def test_what_does_not_say_when_it_was_made_is_as_old_as_its_wait_in_a_queue(
+    rover: RoverBench, waited: float, mode: ModeKind
+) -> None:
+    rover.operator.wait(1.0)
+    firmware, now = rover.controller.firmware, round(1000 * rover.operator.now)
+    setpoint = Setpoint(0, 1, 1, (0.3, 0.0, *(NAN,) * 5), 200, 1, 1, SetpointKind.BASE_VELOCITY)
+    frame = Frame.of(setpoint, system=254, component=190)
+    firmware.hear(frame, "link", now, arrived=now - round(1000 * waited))
+    assert firmware.mode == mode
 
 
 def test_a_stop_ends_the_stream_and_its_release_does_not_bring_it_back(arm: ArmBench, stick: Pilot) -> None:
