@@ -2,14 +2,20 @@
 
 MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
 repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a few seconds. So a request with the
-same content from the same peer is answered with the stored result when it says that it is a repetition and
-comes within `COUNTED_REPETITION` of the last answer, or when it comes within `REPETITION` of its success and
-nothing else was done meanwhile; a command that moves should be a goal, which has a key. A repetition that
-comes later repeats a new order, the first frame of which was lost. One that was cancelled or has failed is
-not taken for a repetition by the time alone: who orders it again wants it. A refusal is not stored: nothing
-was done, and what was in the way may be gone. While a command is in progress the same request is answered
-with its progress, and another one of its kind is rejected for now. Questions and stops are carried out every
-time, whoever asks.
+same content from the same peer says that it is a repetition when its number is neither 0 nor the one before,
+and is believed within `COUNTED_REPETITION` of the last answer. One that comes later repeats a new order, the
+first frame of which was lost; and there are clients that say the same number, such as 1, every time: then
+each is an order of its own.
+
+A repetition is answered with the stored result, and so is a request within `REPETITION` of its success if
+nothing else was done meanwhile; a command that moves should be a goal, which has a key. One that was
+cancelled or has failed is not taken for a repetition by the time alone: who orders it again wants it. A
+refusal is not stored: nothing was done, and what was in the way may be gone. While a command is in progress
+the same request is answered with its progress, and another one of its kind is rejected for now.
+
+Questions and stops are carried out every time, whoever asks. What ends a stop shares its command with what
+begins one, so it is handed on every time, too; its handler asks for the answer to be remembered, and is told
+of the repetition.
 """
 
 from __future__ import annotations
@@ -57,8 +63,8 @@ class Request(msgspec.Struct, frozen=True):
     command: int
     params: tuple[float, ...]
     """(7,) NaN: not given."""
-    confirmation: int = 0
-    """As COMMAND_LONG counts its repetitions; 0: the first transmission, or a command that counts none."""
+    repeated: bool = False
+    """Whether it says that it repeats an order, the answer to which is remembered."""
 
     def param(self, number: int, default: float = 0.0) -> float:
         """The parameter with a number from 1 to 7, or the default where it was not given."""
@@ -74,6 +80,8 @@ class Answer(msgspec.Struct, frozen=True):
     """`result_param2`, as the command defines it."""
     messages: tuple[AnyMessage, ...] = ()
     """What was asked for; sent to the asker after the answer."""
+    remembered: bool = False
+    """Whether a repetition of what is carried out every time shall be told by `Request.repeated`."""
 
 
 Handler = Callable[[Request, float], Answer]
@@ -91,12 +99,22 @@ Effect = Send | CommandAbandoned
 
 
 class _Record(msgspec.Struct):
+    """The order of a peer and a command that was answered last."""
+
     peer: Peer
     params: tuple[float, ...]
     ack: CommandAck
+    confirmation: int
+    """Of its last transmission."""
     since: float
+    """[s] The result."""
     told: float
+    """[s] The last answer."""
     turn: object
+
+    def is_repeated(self, confirmation: int, now: float) -> bool:
+        """Whether a transmission with the same content says that it is this order again."""
+        return confirmation not in {0, self.confirmation} and now - self.told < COUNTED_REPETITION
 
 
 class CommandServer:
@@ -104,7 +122,8 @@ class CommandServer:
 
     Args:
         handlers: what is carried out once, by command.
-        always: what is carried out at every repetition and for anyone: questions and stops.
+        always: what is carried out at every repetition and for anyone: questions and stops. Those whose
+            answer is remembered are told which is one.
         turn: returns another value whenever something else was done, a stop for instance.
     """
 
@@ -129,20 +148,24 @@ class CommandServer:
         """Take a message that is addressed to this component."""
         if isinstance(message, CommandCancel):
             return self._cancel(message.command, peer, now)
+        command, params = message.command, _params(message)
         confirmation = message.confirmation if isinstance(message, CommandLong) else 0
-        request = Request(peer, message.command, _params(message), confirmation)
-        if (handler := self._always.get(request.command)) is not None:
-            return _sends(request, handler(request, now))
-        counted = request.confirmation > 0
-        record = self._records.get((peer, request.command))
-        if record is not None and _same(record.params, request.params):
-            going_on = record.ack.result == MavResult.IN_PROGRESS
-            repeated = counted and now - record.told < COUNTED_REPETITION
-            if going_on or repeated or self._stands(record, now):
-                return self._tell(record, now)
-        if any(command == request.command for _, command in self.in_progress):
-            return [_ack(peer, request.command, MavResult.TEMPORARILY_REJECTED)]
-        return self._carry_out(request, now)
+        record = self._records.get((peer, command))
+        if record is not None and not _same(record.params, params):
+            record = None
+        repeated = record is not None and record.is_repeated(confirmation, now)
+        request = Request(peer, command, params, repeated)
+        if (handler := self._always.get(command)) is not None:
+            answer = handler(request, now)
+            if answer.remembered:
+                self._store(request, answer, confirmation, now)
+            return _sends(request, answer)
+        if record is not None and (repeated or self._stands(record, now)):
+            record.confirmation = confirmation
+            return self._tell(record, now)
+        if any(running == command for _, running in self.in_progress):
+            return [_ack(peer, command, MavResult.TEMPORARILY_REJECTED)]
+        return self._carry_out(request, confirmation, now)
 
     def progress(self, peer: Peer, command: int, fraction: float, now: float) -> list[Effect]:
         """A command goes on; told on at most every `PROGRESS_PERIOD`."""
@@ -170,18 +193,16 @@ class CommandServer:
         due = [record for record in records if now - record.told >= PROGRESS_PERIOD]
         return [send for record in due for send in self._tell(record, now)]
 
-    def _carry_out(self, request: Request, now: float) -> list[Effect]:
+    def _carry_out(self, request: Request, confirmation: int, now: float) -> list[Effect]:
         handler = self._handlers.get(request.command)
         if handler is None:
             return [_ack(request.peer, request.command, MavResult.UNSUPPORTED)]
         answer = handler(request, now)
-        effects = _sends(request, answer)
         if answer.result in _DONE:
-            ack = _answer_ack(request, answer)
-            self._store(_Record(request.peer, request.params, ack, since=now, told=now, turn=self._turn()))
+            self._store(request, answer, confirmation, now)
         else:
             self._records.pop((request.peer, request.command), None)
-        return effects
+        return _sends(request, answer)
 
     def _cancel(self, command: int, peer: Peer, now: float) -> list[Effect]:
         record = self._records.get((peer, command))
@@ -196,7 +217,9 @@ class CommandServer:
         return record if record is not None and record.ack.result == MavResult.IN_PROGRESS else None
 
     def _stands(self, record: _Record, now: float) -> bool:
-        """Whether a success is so young, and nothing else was done since, that nobody orders it again."""
+        """Whether nobody orders it anew: it goes on, or has just succeeded and nothing was done since."""
+        if record.ack.result == MavResult.IN_PROGRESS:
+            return True
         lately = now - record.since < REPETITION and record.turn == self._turn()
         return lately and record.ack.result == MavResult.ACCEPTED
 
@@ -204,13 +227,16 @@ class CommandServer:
         record.told = now
         return [Send(record.ack, record.peer.via)]
 
-    def _store(self, record: _Record) -> None:
-        key = (record.peer, record.ack.command)
+    def _store(self, request: Request, answer: Answer, confirmation: int, now: float) -> None:
+        key = (request.peer, request.command)
         self._records.pop(key, None)
         if len(self._records) >= LARGEST_CROWD:
             done = (k for k, each in self._records.items() if each.ack.result != MavResult.IN_PROGRESS)
             del self._records[next(done, next(iter(self._records)))]
-        self._records[key] = record
+        ack, turn = _answer_ack(request, answer), self._turn()
+        self._records[key] = _Record(
+            request.peer, request.params, ack, confirmation, since=now, told=now, turn=turn
+        )
 
 
 def _params(message: CommandLong | CommandInt) -> tuple[float, ...]:

@@ -11,8 +11,10 @@ Pure. `now` is controller time in whole milliseconds.
 """
 
 from collections.abc import Callable, Mapping
-from math import inf, nan
+from math import nan
 from typing import Final
+
+import msgspec
 
 from robotree.protocol.messages import (
     CommandCancel,
@@ -28,7 +30,6 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.services.command import (
-    COUNTED_REPETITION,
     Answer,
     CommandAbandoned,
     CommandServer,
@@ -49,9 +50,6 @@ _RESULTS: Final = {
     GoalState.CANCELLED: MavResult.CANCELLED,
     GoalState.FAILED: MavResult.FAILED,
 }
-
-LARGEST_CROWD: Final = 256
-"""Releases that are remembered."""
 
 _WIDTHS: Final[Mapping[float, float]] = {
     GripperActions.RELEASE: WIDEST,
@@ -111,8 +109,6 @@ class Commands:
         self._device, self._movement, self._rights, self._herald = device, movement, rights, herald
         self._stop, self._release = stop, release
         self._news: list[Outgoing] = []
-        self._releases: dict[tuple[Peer, int], tuple[int, float]] = {}
-        """Of each sender and command: the confirmation that was heard last, and when [s]."""
         moving: dict[int, Handler] = {
             command: self._mover(verb, arguments)
             for command, (verb, arguments) in MOVING.items()
@@ -194,11 +190,11 @@ class Commands:
 
         return handle
 
-    def _arm(self, request: Request, now: float) -> Answer:
+    def _arm(self, request: Request, _: float) -> Answer:
         """Arm: release the stop."""
         if request.param(1, default=-1.0) != 1.0:
             return self._refuse(MavResult.DENIED, "Arm with 1, disarm with 0.")
-        return self._released(request, now)
+        return self._released(request)
 
     def _terminate(self, _: Request, __: float) -> Answer:
         return self._refuse(MavResult.DENIED, "A termination is not taken back; arm to release the stop.")
@@ -208,7 +204,7 @@ class Commands:
         if (main, sub) == PX4_HOLD or main == ModeKind.HOLD:
             return self._allowed(request, lambda: self._held(now))
         if main == ModeKind.READY:
-            return self._released(request, now)
+            return self._released(request)
         return self._refuse(MavResult.DENIED, "Modes that can be set: 1 ready, 3 hold, 4 safe stop.")
 
     def _reboot(self, _: Request, __: float) -> Answer:
@@ -216,10 +212,10 @@ class Commands:
             MavResult.DENIED, "It reboots for nobody on the wire; end its process and start it again."
         )
 
-    def _released(self, request: Request, now: float) -> Answer:
+    def _released(self, request: Request) -> Answer:
         """Release the stop, or answer a release that was answered before without doing anything."""
-        repeated = self._is_repeated(request, now)
-        return self._allowed(request, lambda: self._release_once(repeated=repeated))
+        answer = self._allowed(request, lambda: self._release_once(repeated=request.repeated))
+        return msgspec.structs.replace(answer, remembered=True)
 
     def _release_once(self, *, repeated: bool) -> Answer:
         if self._movement.overtaken or (repeated and self._movement.stopped):
@@ -228,19 +224,6 @@ class Commands:
         if not repeated:
             self._news += self._release()
         return Answer(MavResult.ACCEPTED)
-
-    def _is_repeated(self, request: Request, now: float) -> bool:
-        """Whether a release was answered before; it is remembered.
-
-        The first transmission has confirmation 0 and each repetition the next number. But there are clients
-        that say the same number, such as 1, every time: then each is an order of its own.
-        """
-        order = request.peer, request.command
-        before, answered_at = self._releases.pop(order, (0, -inf))
-        if len(self._releases) >= LARGEST_CROWD:
-            del self._releases[next(iter(self._releases))]
-        self._releases[order] = request.confirmation, now
-        return now - answered_at < COUNTED_REPETITION and request.confirmation not in {0, before}
 
     def _held(self, now: float) -> Answer:
         self._news += self._movement.interrupt(

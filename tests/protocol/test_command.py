@@ -138,6 +138,44 @@ def test_questions_and_stops_are_carried_out_every_time_for_anyone(robot: Robot)
     assert len(robot.done) == 6
 
 
+def test_what_is_carried_out_every_time_is_told_of_its_repetition_if_its_answer_is_remembered() -> None:
+    release, stop, told = 1.0, 0.0, list[bool]()
+
+    def handle(request: Request, _: float) -> Answer:
+        told.append(request.repeated)
+        result = MavResult.DENIED if len(told) == 1 else MavResult.ACCEPTED
+        return Answer(result, remembered=request.param(1) == release)
+
+    server = CommandServer({}, {STOP: handle})
+    for moment, param, confirmation, repeated in [
+        (0.0, release, 0, False),
+        (1.0, release, 1, True),
+        (2.0, release, 1, False),
+        (3.0, stop, 2, False),
+        (4.0, stop, 3, False),
+        (5.0, release, 2, True),
+        (6.0, release, 0, False),
+        (6.0 + COUNTED_REPETITION, release, 1, False),
+    ]:
+        server.receive(_long(STOP, param, confirmation=confirmation), PEER, moment)
+        assert told[-1] is repeated, moment
+    server.receive(_long(STOP, release, confirmation=2), OTHER, 6.0 + COUNTED_REPETITION)
+    assert told[-1] is False, "that was somebody else's order"
+
+
+@pytest.mark.parametrize("command", [GRIP, MOVE])
+def test_who_says_every_order_with_the_same_confirmation_is_obeyed_each_time(
+    robot: Robot, command: int
+) -> None:
+    """MAVROS says 1, always."""
+    for i in range(3):
+        now = i * (REPETITION + 1.0)
+        robot.server.receive(_long(command, confirmation=1), PEER, now)
+        robot.server.receive(_long(command, confirmation=1), PEER, now + 0.1)
+        robot.server.finish(PEER, command, MavResult.ACCEPTED, now + 0.2)
+    assert len(robot.done) == 3
+
+
 def test_an_unknown_command_is_unsupported(robot: Robot) -> None:
     assert _acks([*robot.server.receive(_long(31000), PEER, 0.0)]) == [("link 1", MavResult.UNSUPPORTED, 0)]
 

@@ -254,6 +254,14 @@ def test_the_repetition_of_a_release_does_not_undo_a_stop_that_came_in_between(
     assert say(arm.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY), "that is a new order"
 
 
+def test_the_repetition_of_a_release_does_not_undo_a_later_stop_of_the_same_sender(arm: ArmBench) -> None:
+    disarm = (MavCmd.COMPONENT_ARM_DISARM, 0.0, 0.0)
+    assert say(arm.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
+    assert say(arm.operator, ARM, 1) == (MavResult.ACCEPTED, ModeKind.READY), "its first frame was lost"
+    assert say(arm.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
+    assert say(arm.operator, ARM, 2) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
+
+
 @RELEASES
 def test_the_repetition_of_a_release_that_a_stop_has_overtaken_does_not_undo_it(
     arm: ArmBench, release: tuple[float, ...]
