@@ -69,6 +69,7 @@ class _ShutOut(msgspec.Struct):
 
     epoch: int
     heard: float
+    """[s] Its last set-point."""
 
 
 class SetpointReceiver:
@@ -121,7 +122,7 @@ class SetpointReceiver:
         if not self._fence(setpoint.epoch):
             self._stale += 1
             return False
-        stream = self._stream if self._continues(setpoint, sender, now) else None
+        stream = self._continued(setpoint, sender, now)
         if self._is_shut_out(setpoint, sender, now) or (stream is None and self._is_beside(setpoint, now)):
             self._ended += 1
             return False
@@ -158,22 +159,25 @@ class SetpointReceiver:
         if self._stream is not None:
             self._shut(self._stream.sender, self._stream.epoch, self._stream.heard)
 
-    def _shut(self, sender: Hashable, epoch: int, now: float) -> None:
-        self._shut_out.pop(sender, None)
+    def _shut(self, sender: Hashable, epoch: int, heard: float) -> None:
+        """End a sender's stream; a straggler of an older epoch does not give back the newer one."""
+        before = self._shut_out.pop(sender, None)
+        if before is not None and heard - before.heard < PAUSE:
+            epoch, heard = max(epoch, before.epoch), max(heard, before.heard)
         if len(self._shut_out) >= LARGEST_CROWD:
             del self._shut_out[next(iter(self._shut_out))]
-        self._shut_out[sender] = _ShutOut(epoch, now)
+        self._shut_out[sender] = _ShutOut(epoch, heard)
 
-    def _continues(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
-        """Whether a set-point belongs to the stream that was obeyed last."""
+    def _continued(self, setpoint: Setpoint, sender: Hashable, now: float) -> _Stream | None:
+        """The stream that was obeyed last, if a set-point belongs to it; it is heard by that."""
         stream = self._stream
         if stream is None or (stream.sender, stream.epoch) != (sender, setpoint.epoch):
-            return False
+            return None
         stream.heard = now
-        return now - stream.obeyed < PAUSE
+        return stream if now - stream.obeyed < PAUSE else None
 
     def _is_shut_out(self, setpoint: Setpoint, sender: Hashable, now: float) -> bool:
-        """Whether a set-point belongs to a stream that is over."""
+        """Whether a set-point belongs to a stream that is over; its pause begins anew by that."""
         if (shut := self._shut_out.get(sender)) is None:
             return False
         if setpoint.epoch > shut.epoch or now - shut.heard >= PAUSE:

@@ -196,6 +196,16 @@ def test_who_streams_while_a_goal_runs_is_not_obeyed_when_it_ends(receiver: Setp
     assert receiver.receive(_setpoint(52), 6.9 + PAUSE, "pilot")
 
 
+def test_a_straggler_of_an_older_lease_does_not_bring_an_ended_stream_back(
+    receiver: SetpointReceiver,
+) -> None:
+    receiver.refuse(_setpoint(7, epoch=2), 0.0, "pilot", over=True)
+    receiver.refuse(_setpoint(900, epoch=1), 0.05, "pilot", over=True)
+    assert not receiver.receive(_setpoint(8, epoch=2), 0.1, "pilot")
+    receiver.refuse(_setpoint(901, epoch=1), 0.1 + PAUSE, "pilot", over=True)
+    assert receiver.receive(_setpoint(9, epoch=2), 0.2 + PAUSE, "pilot"), "it has paused meanwhile"
+
+
 def test_ended_streams_of_many_senders_cost_bounded_memory(receiver: SetpointReceiver) -> None:
     for sender in range(10_000):
         receiver.refuse(_setpoint(1), 0.0, sender, over=True)
