@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import errno
 import grp
@@ -12,6 +11,7 @@ import msgspec
 import serial
 
 from robotree.protocol.errors import BadUrl, LinkRefused
+from robotree.protocol.links.in_thread import opened
 from robotree.protocol.links.sockets import cause
 
 BAUD = 57600
@@ -44,7 +44,7 @@ async def open_port(setting: Setting) -> serial.Serial:
         BadUrl: it has no such speed.
     """
 
-    def opened() -> serial.Serial:  # some adapters take their time
+    def open_it() -> serial.Serial:  # some adapters take their time
         return serial.Serial(
             setting.device,
             setting.baud,
@@ -55,7 +55,7 @@ async def open_port(setting: Setting) -> serial.Serial:
         )
 
     try:
-        return await asyncio.to_thread(opened)
+        return await opened(open_it, lambda port: port.close())
     except OSError as error:
         raise LinkRefused(str(setting), _refused(error, setting.device)) from error
     except ValueError as error:

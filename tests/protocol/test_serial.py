@@ -6,6 +6,7 @@ import asyncio
 import errno
 import os
 import termios
+import threading
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -132,6 +133,28 @@ async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
     cable = make_cable()
     assert asyncio.all_tasks() == {asyncio.current_task()}
     (await connect(cable.url(1), Ends())).close()  # nobody holds the port
+
+
+async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_longer(
+    make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, real, open_ports = asyncio.get_running_loop(), serial_port.serial.Serial, list[Serial]()
+    begun = loop.create_future()
+
+    def slow(*where: Any, **options: Any) -> Serial:
+        loop.call_soon_threadsafe(begun.set_result, None)
+        leave.wait()
+        open_ports.append(real(*where, **options))
+        return open_ports[-1]
+
+    leave = threading.Event()
+    listener = await unplugged(make_cable, Ends())
+    monkeypatch.setattr(serial_port.serial, "Serial", slow)
+    make_cable()
+    await begun
+    loop.call_later(0.01, leave.set)  # the adapter takes its time, also after we were told to stop
+    await listener.close()
+    assert [port.is_open for port in open_ports] == [False]
 
 
 async def test_a_port_is_ours_alone(make_cable: MakeCable) -> None:

@@ -159,6 +159,14 @@ class CanLink:
         """The partner gave some other sign of life."""
         self.presence.heard = self._loop.time()
 
+    def silence(self, now: float) -> float:
+        """[s] for which the partner has been silent while we listened.
+
+        While the system withholds the processor from us, nothing is heard of anybody: what passed between
+        the moment at which we wanted to wake up and `now` says nothing about the partner.
+        """
+        return max(0.0, min(now, self._timer_due) - self.presence.heard)
+
     def pump(self) -> None:
         """Send what waits, as far as the bus and the far end take it."""
         while not (self._over or self._channel.busy or self._port.congested):
@@ -210,8 +218,9 @@ class CanLink:
             self._timer = self._loop.call_at(due, self._wake)
 
     def _wake(self) -> None:
-        self._timer, self._timer_due = None, inf
         now = self._loop.time()
+        self.presence.heard = now - self.silence(now)
+        self._timer, self._timer_due = None, inf
         if self.presence.gone(now):
             cause = f"nothing came for {self.presence.silence:g} s"
             self.end(LinkBroken(self.address, cause), say=True)

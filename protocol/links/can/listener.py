@@ -116,6 +116,7 @@ class CanListener:
         """Listen no more and end all links."""
         if self._again is not None:
             self._again.cancel()
+            await asyncio.gather(self._again, return_exceptions=True)
         for link in list(self._links.values()):
             link.close()
         await asyncio.sleep(0)  # until every handler was told
@@ -185,8 +186,9 @@ class CanListener:
     def _open(self, host: int, session: int, *, fd: bool) -> None:
         older = self._links.get(host)
         if older is not None and older.presence.session != session:
-            age = asyncio.get_running_loop().time() - older.presence.heard
-            if age < 2 * ALIVE_PERIOD:  # it lives, so the newcomer has its number by mistake
+            if (
+                older.silence(asyncio.get_running_loop().time()) < 2 * ALIVE_PERIOD
+            ):  # it lives, so the newcomer has its number by mistake
                 self._control(Control(Code.REFUSE, session), target=host, fd=fd)
                 return
             older.end(LinkClosed(older.address, by_us=False))
@@ -271,7 +273,7 @@ async def listen(address: CanAddress, accept: Accept) -> CanListener:
     listener = CanListener(address, accept, await open_port(address))
     try:
         await listener.claim()
-    except LinkRefused:
+    except BaseException:
         await listener.close()
         raise
     return listener

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import can
@@ -11,6 +11,7 @@ import can
 from robotree.protocol.errors import LinkRefused
 from robotree.protocol.links.can.direct import DirectPort
 from robotree.protocol.links.can.threaded import ThreadedPort
+from robotree.protocol.links.in_thread import opened
 
 if TYPE_CHECKING:
     from robotree.protocol.links.can.address import CanAddress
@@ -28,8 +29,9 @@ async def open_port(address: CanAddress) -> Port:
     """
     open_bus: Callable[..., can.BusABC] = can.Bus
     try:
-        bus = await asyncio.to_thread(
-            open_bus, interface=address.interface, channel=address.channel, **address.bus_options
+        bus = await opened(
+            partial(open_bus, interface=address.interface, channel=address.channel, **address.bus_options),
+            lambda bus: bus.shutdown(),
         )
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         raise LinkRefused(str(address), str(error) or type(error).__name__) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import weakref
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import can
@@ -477,6 +477,58 @@ async def test_a_broken_bus_ends_the_links_and_is_entered_again(here: CanAddress
 
         (await again(here)).close()
         await until(lambda: len(at_controller.recorders) == 2 and bool(at_controller.recorders[1].reasons))
+
+
+async def test_who_is_closed_while_the_bus_is_entered_again_leaves_nobody_on_it(
+    here: CanAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entered, loop = list[LoopbackBus](), asyncio.get_running_loop()
+    begun = loop.create_future()
+
+    def enter(**options: str) -> LoopbackBus:
+        loop.call_soon_threadsafe(begun.set_result, None)
+        entered.append(LoopbackBus(options["channel"]))
+        return entered[-1]
+
+    async with listening(here, Recorder) as listener:
+        monkeypatch.setattr(can, "Bus", enter)
+        listener._port._break("the cable was cut")
+        await begun
+        await listener.close()
+    assert [bus._is_shutdown for bus in entered] == [True]
+
+
+@pytest.fixture
+async def leap(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Has time pass in which the system gives the processor to others, [s]."""
+    loop = asyncio.get_running_loop()
+    clock, passed = loop.time, [0.0]
+    monkeypatch.setattr(loop, "time", lambda: clock() + sum(passed))
+    return passed.append
+
+
+async def test_who_was_withheld_the_processor_takes_nobody_for_gone(
+    here: CanAddress, leap: Callable[[float], None]
+) -> None:
+    at_controller, at_host = Gathering(), Gathering()
+    async with listening(here, at_controller), connected(here, at_host) as link:
+        leap(60.0)
+        link.send(b"still here")
+        await until(lambda: at_controller.recorders[0].data == b"still here")
+        assert not at_controller.recorders[0].reasons
+        assert not at_host.recorders[0].reasons
+
+
+async def test_who_was_withheld_the_processor_gives_no_number_away(
+    channel: str, leap: Callable[[float], None]
+) -> None:
+    where = CanAddress(interface="robotree", channel=channel, host=200)
+    at_controller = Gathering()
+    async with listening(where, at_controller) as listener, connected(where, Recorder):
+        links = listener.links
+        leap(60.0)
+        listener._open(200, session=1, fd=True)  # as if it were the first thing that we find
+        assert listener.links == links
 
 
 @pytest.fixture
