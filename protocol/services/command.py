@@ -51,6 +51,7 @@ PROGRESS_PERIOD = 0.5
 LARGEST_CROWD = 256
 """Results that are stored."""
 UNKNOWN_PROGRESS = 255
+"""What the wire says of a progress that nobody knows."""
 _NO_INTEGER = 0x7FFFFFFF
 _DONE = frozenset({MavResult.ACCEPTED, MavResult.IN_PROGRESS})
 """Answers that say that something was done."""
@@ -121,7 +122,7 @@ class CommandServer:
     """Carries out commands that are addressed to one component.
 
     Args:
-        handlers: what is carried out once, by command.
+        once: what is carried out once, though it is repeated, by command.
         always: what is carried out at every repetition and for anyone: questions and stops. Those whose
             answer is remembered are told which is one.
         turn: returns another value whenever something else was done, a stop for instance.
@@ -129,12 +130,12 @@ class CommandServer:
 
     def __init__(
         self,
-        handlers: Mapping[int, Handler],
+        once: Mapping[int, Handler],
         always: Mapping[int, Handler],
         *,
         turn: Callable[[], object] = lambda: None,
     ) -> None:
-        self._handlers, self._always, self._turn = dict(handlers), dict(always), turn
+        self._once, self._always, self._turn = dict(once), dict(always), turn
         self._records: dict[tuple[Peer, int], _Record] = {}
 
     @property
@@ -194,7 +195,7 @@ class CommandServer:
         return [send for record in due for send in self._tell(record, now)]
 
     def _carry_out(self, request: Request, confirmation: int, now: float) -> list[Effect]:
-        handler = self._handlers.get(request.command)
+        handler = self._once.get(request.command)
         if handler is None:
             return [_ack(request.peer, request.command, MavResult.UNSUPPORTED)]
         answer = handler(request, now)

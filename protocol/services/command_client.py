@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.messages import CommandAck, CommandCancel, CommandLong, MavResult
+from robotree.protocol.services.command import UNKNOWN_PROGRESS
 from robotree.protocol.services.peer import Send
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 RESEND = 0.5
 """[s] between two repetitions of what was not answered."""
 ATTEMPTS = 4
+"""Transmissions, after which a command that nobody answers is given up."""
 PATIENCE = 5.0
 """[s] of silence after which a command in progress is given up."""
-UNKNOWN_PROGRESS = 255
 
 
 class CommandProgress(msgspec.Struct, frozen=True):
@@ -49,7 +50,9 @@ class _Asked(msgspec.Struct):
     message: CommandLong
     attempts: int = 0
     asked: float = 0.0
+    """[s] The last time."""
     heard: float | None = None
+    """[s] The last answer; None: none yet."""
     cancelled: bool = False
 
 

@@ -65,8 +65,10 @@ Effect = Send | GoalProgress | GoalEnded | GoalSilent
 class _Pursuit(msgspec.Struct):
     goal: Goal
     deadline: float
+    """[s] When its time to live is over; infinite: never."""
     heard: float
     asked: float
+    """[s] The last time; -inf: it is to be asked about at once."""
     acknowledged: bool = False
     silent: bool = False
     cancelled: bool = False
@@ -80,6 +82,9 @@ class GoalClient:
         system: the controller's.
         component: the controller's.
         via: the link to it; may be set anew when the link was.
+        resend: between two repetitions of what was not answered, [s].
+        poll: the silence after which a status is asked for, [s].
+        patience: the silence after which a goal counts as out of sight, [s].
     """
 
     def __init__(

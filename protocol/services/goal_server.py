@@ -67,12 +67,14 @@ class _Record(msgspec.Struct):
     peer: Peer
     content: bytes
     deadline: float
+    """[s] When its time to live is over; infinite: never."""
     state: GoalState = GoalState.ACCEPTED
     reason: Reason = Reason.NONE
     text: str = ""
     progress: float = 0.0
     sequence: int = 0
     told: float = float("-inf")
+    """[s] The last status that was sent unasked."""
 
 
 class GoalServer:

@@ -23,7 +23,11 @@ LARGEST_CROWD = 1024
 
 
 class HeartbeatSender:
-    """Says when the next heartbeat is due; the first one at once."""
+    """Says when the next heartbeat is due; the first one at once.
+
+    Args:
+        period: between two heartbeats, [s].
+    """
 
     def __init__(self, period: float = PERIOD) -> None:
         self.period = period

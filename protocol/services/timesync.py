@@ -40,7 +40,11 @@ class Estimate(msgspec.Struct, frozen=True):
 
 
 class Synchroniser:
-    """Asks once per period and estimates."""
+    """Asks regularly, and estimates.
+
+    Args:
+        period: between two questions, [s].
+    """
 
     def __init__(self, period: float = PERIOD) -> None:
         self.period = period
