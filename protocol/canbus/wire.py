@@ -19,6 +19,9 @@ BOUND = 256 * 1024
 """[bytes] of the backlog; about 3000 frames of 64 bytes."""
 PATIENCE = 0.25
 """[s]"""
+GLANCE = 0.1
+"""[s] that one look counts at most. Who looks again much later was withheld the processor, and so perhaps was
+the far end, which may live in the same process."""
 SYSTEM_BUFFER = 256 * 1024
 """[bytes] that the system keeps for us on either side."""
 _CHUNK = 64 * 1024
@@ -44,7 +47,7 @@ class Wire:
         """Frames that a stalled far end did not get."""
         self._records = Records(channel)
         self._backlog = bytearray()
-        self._progress = 0.0
+        self._looked = self._idle = 0.0
 
     @property
     def waits(self) -> bool:
@@ -76,7 +79,7 @@ class Wire:
             self._backlog += record
         elif (sent := self._send(record)) < len(record):
             self._backlog += record[sent:]
-            self._progress = now
+            self._looked, self._idle = now, 0.0
             return True
         return False
 
@@ -86,12 +89,13 @@ class Wire:
         Raises:
             OSError: the far end has gone.
         """
-        if sent := self._send(self._backlog):
-            del self._backlog[:sent]
-            self._progress = now
+        sent = self._send(self._backlog)
+        del self._backlog[:sent]
+        self._idle = 0.0 if sent else self._idle + min(now - self._looked, GLANCE)
+        self._looked = now
         if not self._backlog:
             self.stalled = False
-        elif len(self._backlog) >= BOUND and now - self._progress > PATIENCE:
+        elif len(self._backlog) >= BOUND and self._idle > PATIENCE:
             self.stalled = True
 
     def read(self) -> list[Message] | None:

@@ -14,12 +14,13 @@ from contextlib import ExitStack, suppress
 import can
 import pytest
 
-from robotree.protocol.canbus import LoopbackBus, first_port
+from robotree.protocol.canbus import LoopbackBus, first_port, membership
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST, SEATS
+from robotree.protocol.canbus.wire import GLANCE, PATIENCE, Wire
 
 Buses = Callable[..., LoopbackBus]
-SOON = 5.0
+SOON = 60.0
 """[s] A frame that has not come by then will not come."""
 
 
@@ -80,13 +81,24 @@ def test_a_member_that_reads_nothing_holds_nobody_up(buses: Buses) -> None:
     message, total = can.Message(data=bytes(64), is_fd=True), 40_000
     heard = threading.Thread(target=lambda: [reader.recv(SOON) for _ in range(total)])
     heard.start()
-    begun = time.monotonic()
     for _ in range(total):
         one.send(message)
     heard.join()
-    assert time.monotonic() - begun < 20
     assert reader.statistics.received == total
     assert 0 < one.statistics.dropped < total
+
+
+def test_time_in_which_nobody_looked_makes_no_reader_stalled() -> None:
+    with socket.create_server((HOST, 0)) as door, socket.create_connection(door.getsockname()) as connection:
+        wire, now = Wire(connection, 1, "any"), 100.0
+        while not wire.full:
+            wire.put(bytes(1000), now)
+        wire.flush(now)
+        wire.flush(now + 60.0)  # the system gives us the processor again
+        assert not wire.stalled
+        for look in range(1, round(PATIENCE / GLANCE) + 2):
+            wire.flush(now + 60.0 + look * GLANCE)
+        assert wire.stalled, "who reads nothing while we look is stalled"
 
 
 def test_a_sender_that_will_not_wait_is_told_so(buses: Buses) -> None:
@@ -99,11 +111,8 @@ def test_a_sender_that_will_not_wait_is_told_so(buses: Buses) -> None:
 
     with pytest.raises(can.CanTimeoutError, match="no room"):
         send_for_ever()
-    sent = one.statistics.sent
-    arrived = 0
-    while sleeper.recv(0.3):
-        arrived += 1
-    assert arrived == sent, "a frame that was refused went to nobody, all others arrived"
+    assert all(sleeper.recv(SOON) for _ in range(one.statistics.sent)), "all others arrived"
+    assert sleeper.recv(0.02) is None, "a frame that was refused went to nobody"
 
 
 def test_filters_choose_what_is_handed_out(buses: Buses) -> None:
@@ -146,7 +155,7 @@ def test_waiting_ends_in_time(buses: Buses) -> None:
     bus = buses()
     begun = time.monotonic()
     assert bus.recv(0.05) is None
-    assert 0.04 <= time.monotonic() - begun < 2
+    assert 0.04 <= time.monotonic() - begun < SOON
     assert bus.recv(0) is None
 
 
@@ -217,7 +226,8 @@ def test_who_reads_on_after_leaving_touches_no_descriptor_of_others(channel: str
                 two.recv(0)
 
 
-def test_what_was_sent_before_leaving_still_arrives(channel: str) -> None:
+def test_what_was_sent_before_leaving_still_arrives(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(membership, "LINGER", SOON)  # the reader reads, however slow the machine is
     message, arrived = can.Message(data=bytes(64), is_fd=True), 0
     with LoopbackBus(channel) as reader:
         sender = LoopbackBus(channel)
@@ -265,7 +275,10 @@ def test_a_full_bus_says_so(channel: str) -> None:
         member.shutdown()
 
 
-def test_many_who_join_at_the_same_moment_all_hear_each_other(channel: str) -> None:
+def test_many_who_join_at_the_same_moment_all_hear_each_other(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(membership, "ANSWER", SOON)  # all answer, however slow the machine is
     members: list[LoopbackBus] = []
     joiners = [threading.Thread(target=lambda: members.append(LoopbackBus(channel))) for _ in range(8)]
     for joiner in joiners:
