@@ -15,7 +15,6 @@ from textual.binding import Binding, BindingType
 from textual.events import Event, Key
 from textual.filter import LineFilter
 from textual.screen import Screen
-from textual.widgets import Input
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import completion, grammar, manual
@@ -26,12 +25,12 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
 from robotree.tui.screen.fence import Fenced
-from robotree.tui.screen.keys_in_order import KeysInOrder
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.themes import DARK, LIGHT
+from robotree.tui.screen.unasked import LINES, Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.screen.widgets.robot_tree import NOWHERE, Place
 from robotree.tui.seen import wording
@@ -44,9 +43,6 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
 
 log = logging.getLogger(__name__)
-
-LINES = {BY_VERB["prompt"].key, BY_VERB["filter"].key}
-"""Keys of the main page after which one types."""
 
 
 class Hearer(Protocol):
@@ -80,7 +76,7 @@ def program_keys() -> Iterable[Binding]:
             yield Binding(one.typing_key, asked, show=False, priority=True)
 
 
-class Supervisor(Fenced, KeysInOrder[int]):
+class Supervisor(Fenced, Unasked[int]):
     """One operator, one realm."""
 
     TITLE = "robotree"
@@ -113,7 +109,7 @@ class Supervisor(Fenced, KeysInOrder[int]):
 
     @staticmethod
     def now() -> float:
-        """[s] on the store's clock."""
+        """[s] on the store's clock, which is that of events."""
         return time.monotonic()
 
     async def on_mount(self) -> None:
@@ -192,7 +188,9 @@ class Supervisor(Fenced, KeysInOrder[int]):
         if refusal:
             return
         if "\n" in text:
-            self.push_screen(Reading(grammar.form(line, shapes(Where.PROMPT)), text))
+            typed, reading = self.typing, Reading(grammar.form(line, shapes(Where.PROMPT)), text)
+            self.push_screen(reading)
+            self.comes_unasked(reading, typed=typed)
         else:
             self.tell(text, "good")
 
@@ -269,7 +267,7 @@ class Supervisor(Fenced, KeysInOrder[int]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let a letter be a letter, and space a space, while somebody types."""
-        if action == "quiet_verb" and isinstance(self.focused, Input):
+        if action == "quiet_verb" and self.typing:
             return False
         return super().check_action(action, parameters)
 
@@ -279,7 +277,7 @@ class Supervisor(Fenced, KeysInOrder[int]):
         if key.key != stop.key:
             return key.key == stop.typing_key
         typed_next = any(isinstance(one, Key) and one.key in LINES for one in before)
-        return not isinstance(self.focused, Input) and not (typed_next and isinstance(self.screen, MainPage))
+        return not self.typing and not (typed_next and isinstance(self.screen, MainPage))
 
     def action_quiet_verb(self, verb: str) -> None:
         """Do what a key asks for that works wherever nobody types."""

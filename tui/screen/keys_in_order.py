@@ -57,6 +57,11 @@ class KeysInOrder(App[ReturnType]):
         del key, before
         return False
 
+    def heeds(self, event: Event) -> bool:
+        """Whether what a person did shall have any effect, now that its turn has come."""
+        del event
+        return True
+
     async def on_event(self, event: Event) -> None:
         """Take what a person does, or hold it back until its turn comes; everything else is as it was.
 
@@ -68,17 +73,21 @@ class KeysInOrder(App[ReturnType]):
         elif self._under_way is None:
             await self._take(event)
         elif isinstance(event, Key) and self.overtakes(event, [self._under_way.event, *self._held]):
-            await super().on_event(event)
+            await self._hand_over(event)
         else:
             self._held.append(event)
 
     async def _take(self, event: Event) -> None:
         taken = self._under_way = _UnderWay(event, self._keys_are_at)
         try:
-            await super().on_event(event)
+            await self._hand_over(event)
         finally:
             taken.limit = asyncio.get_running_loop().call_later(LIMIT, self._give_up, taken)
             self._send(taken)
+
+    async def _hand_over(self, event: Event) -> None:
+        if self.heeds(event):
+            await super().on_event(event)
 
     @property
     def _keys_are_at(self) -> DOMNode | None:

@@ -15,6 +15,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input
 
+from robotree.tui.screen import unasked
 from robotree.tui.screen.app import Supervisor
 
 if TYPE_CHECKING:
@@ -46,10 +47,16 @@ class Operator:
     async def type(self, text: str) -> None:
         await self._pilot.press(*(KEYS.get(letter, letter) for letter in text))
 
-    def burst(self, bytes_: str) -> None:
-        """Send at once, as a terminal does when it was kept waiting; nothing is waited for."""
+    def burst(self, bytes_: str, *, at: float | None = None) -> None:
+        """Send at once, as a terminal does when it was kept waiting; nothing is waited for.
+
+        Args:
+            bytes_: what the terminal sends.
+            at: [s] on the app's clock, when it was typed; None: now.
+        """
         for event in XTermParser().feed(bytes_):
             assert isinstance(event, Event)
+            event.time = event.time if at is None else at
             self.app.post_message(event.set_sender(self.app))
 
     async def click(self, selector: str) -> None:
@@ -101,6 +108,12 @@ Operate = Callable[..., AbstractAsyncContextManager[Operator]]
 def calm(monkeypatch: pytest.MonkeyPatch) -> None:
     """No animations: they only cost time."""
     monkeypatch.setattr(Supervisor, "animation_level", "none", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """See at once what comes unasked; nobody here looks longer, but where that is the question."""
+    monkeypatch.setattr(unasked, "LOOK", 0.0)
 
 
 @pytest.fixture

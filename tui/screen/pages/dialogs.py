@@ -62,6 +62,7 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
         if self.is_current and (why := self._outlived()):
             self.app.tell(why)
             self.dismiss(False)  # the answer
+            self.app.comes_unasked(self.app.screen, typed=False)
 
     def action_other(self) -> None:
         """Go to the other button."""

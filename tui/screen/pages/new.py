@@ -205,7 +205,10 @@ class NewPage(Page):
         """Create; go back to where the robot appears, or stay and say what was wrong."""
         refusal = await self.app.attempt(line)
         if not refusal:
+            typed, in_front = self.app.typing, self.is_current
             self.dismiss()
+            if in_front:
+                self.app.comes_unasked(self.app.screen, typed=typed)
             return
         self.query_one("#new-complaint", Label).update(f"✗ {refusal}")
         self.query_one("#create", Button).disabled = False
