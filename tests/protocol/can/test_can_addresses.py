@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from typing import Never
+
+import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.protocol.errors import BadUrl
+from robotree.protocol.errors import BadUrl, LinkRefused
 from robotree.protocol.links.can.address import Telemetry, read
 from robotree.protocol.links.can.control import (
     ALIVE_PERIOD,
@@ -28,6 +33,7 @@ from robotree.protocol.links.can.identifiers import (
     route,
     taken_apart,
 )
+from robotree.protocol.links.can.opening import open_port
 from robotree.protocol.links.url import parse
 
 
@@ -133,3 +139,28 @@ def test_a_partner_without_sessions_gets_no_control_frames() -> None:
     presence = Presence(0.0, None)
     assert presence.tick(10.0) is None
     assert presence.due == pytest.approx(SILENCE_OF_STRANGERS)
+
+
+@pytest.mark.parametrize(
+    ("url", "number", "sentence"),
+    [
+        (
+            "can:socketcan/can0",
+            errno.EAFNOSUPPORT,
+            "kernel has no CAN; load it .* or use can:robotree/CHANNEL",
+        ),
+        ("can:socketcan/can7", errno.ENODEV, "no interface can7; plug in its adapter"),
+        ("can:socketcan/can7", errno.ENETDOWN, "can7 is down; bring it up .ip link set can7 up"),
+        ("can:socketcan/can0", errno.EPERM, "Operation not permitted"),
+        ("can:slcan//dev/ttyS9", errno.ENODEV, "No such device"),
+    ],
+)
+async def test_a_bus_that_cannot_be_had_says_whose_fault_it_is_and_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, url: str, number: int, sentence: str
+) -> None:
+    def refuse(**_: object) -> Never:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(can, "Bus", refuse)
+    with pytest.raises(LinkRefused, match=sentence):
+        await open_port(read(parse(url)))
