@@ -107,10 +107,12 @@ async def check_link(
     await _check_pause(near, at_far, settle, pauses=pauses)
     await _check_pause(far, at_near, settle, pauses=pauses)
     await _check_end(near, at_near, settle)
+    if tells_the_end:
+        await _settled(lambda: at_far.reasons, settle)
     far_heard = [type(each) for each in at_far.reasons]
     assert far_heard == ([LinkClosed] if tells_the_end else []), "the far end hears of it"  # noqa: S101
     far.close()
-    await settle()
+    await _settled(lambda: at_far.reasons, settle)
     assert len(at_far.reasons) == 1, "the end is told exactly once"  # noqa: S101
 
 
@@ -134,7 +136,7 @@ async def check_close_in_accept(dial: Dial, settle: Settle) -> None:
         return recorders[-1]
 
     await dial(accept)
-    await settle()
+    await _settled(lambda: recorders, settle)
     assert len(recorders) == 1, "the end is accepted once"  # noqa: S101
     (recorder,) = recorders
     await _check_end(recorder.link, recorder, settle)
@@ -179,14 +181,20 @@ async def _check_bytes(sender: Link, receiver: Recorder, settle: Settle) -> None
     for frame, topic in zip(frames, topics, strict=True):
         sender.send(frame, topic)
         await settle()
-    for _ in range(MOST_SETTLINGS):  # a busy machine may take longer than it usually does
-        if len(receiver.data) >= sum(map(len, frames)):
-            break
-        await settle()
+    await _settled(lambda: len(receiver.data) >= sum(map(len, frames)), settle)
     assert receiver.data == b"".join(frames), "bytes arrive complete and in order"  # noqa: S101
     assert sender.statistics.sent - sent == len(receiver.data), "what was sent is counted"  # noqa: S101
     assert receiver.link.statistics.received - received == len(receiver.data), "and what arrived"  # noqa: S101
     assert not sender.congested, "an idle link is not congested"  # noqa: S101
+
+
+async def _settled(condition: Callable[[], object], settle: Settle) -> None:
+    """Wait until something is the case; a busy machine may take longer than it usually does."""
+    await settle()
+    for _ in range(MOST_SETTLINGS):
+        if condition():
+            return
+        await settle()
 
 
 MOST_SETTLINGS = 100
@@ -250,14 +258,14 @@ async def _check_pause(sender: Link, receiver: Recorder, settle: Settle, *, paus
     assert not receiver.data, "nothing is told while reading is paused"  # noqa: S101
     link.resume_reading()
     link.resume_reading()
-    await settle()
+    await _settled(lambda: receiver.data, settle)
     assert receiver.data == frame, "what waited is told"  # noqa: S101
 
 
 async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:
     link.close()
     link.close()
-    await settle()
+    await _settled(lambda: recorder.reasons, settle)
     assert [type(each) for each in recorder.reasons] == [LinkClosed], "the end is told once"  # noqa: S101
     dropped = link.statistics.dropped
     link.send(b"too late")

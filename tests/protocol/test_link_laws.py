@@ -74,15 +74,18 @@ async def test_a_serial_line_keeps_the_laws_that_a_line_can_keep(make_cable: Cal
     await check_link(make_pair, lambda: asyncio.sleep(0.02), tells_the_end=False)
 
 
-async def test_loopback_keeps_the_laws() -> None:
+@pytest.mark.parametrize("pace", [1, 7], ids=["idle", "busy"])
+async def test_loopback_keeps_the_laws_on_an_idle_machine_and_on_a_busy_one(pace: int) -> None:
     networks: list[Loopback] = []
+    settlings = count(1)
 
     async def make_pair(near: Accept, far: Accept) -> tuple[Link, Link]:
         networks.append(Loopback(near, far))
         return networks[0].near, networks[0].far
 
     async def settle() -> None:
-        networks[0].advance()
+        if next(settlings) % pace == 0:  # else others had the processor
+            networks[0].advance()
 
     await check_link(make_pair, settle, congests=False)
 

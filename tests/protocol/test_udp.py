@@ -93,12 +93,18 @@ async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatc
 
 async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
-    listener = await listen("udp:0", Recorder)
+    heard: list[Recorder] = []
+
+    def accept(link: Link) -> Recorder:
+        heard.append(Recorder(link))
+        return heard[-1]
+
+    listener = await listen("udp:0", accept)
     links = [await connect(listener.address, Recorder) for _ in range(6)]
-    for link in links:
+    for link in (*links, links[0]):
         link.send(b"x")
-    await asyncio.sleep(0.02)
-    assert len(listener.links) == 3
+    await until(lambda: heard and heard[0].data == b"xx")  # said last, and so heard after all others
+    assert len(heard) == len(listener.links) == 3
     for link in links:
         link.close()
     await listener.close()
