@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from robotree.protocol.parser import ParserStatistics, Verifier
 
 WINDOW = 2.0
-"""[s] over which rates are taken."""
-_SHORTEST = 0.1
-"""[s] of a window that has only just begun."""
+"""[s] over which rates are taken; longer where that does not hold two arrivals."""
 _MOST_ARRIVALS = 4096
 """Arrivals of one message that are remembered; above 2 kHz the window is shorter."""
 _NAMED = ("NAMED_VALUE_", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
@@ -33,31 +31,62 @@ LARGEST_CROWD = 1024
 
 
 class Rate:
-    """How often, and how much, over the last few seconds.
+    """How often, and how much, over the last few seconds: by the whole intervals between arrivals.
 
-    Args:
-        began: when counting began, [s].
+    What came is divided by the time in which it came, not by one that began or ended in the middle of an
+    interval: two arrivals of 1 Hz in the first second are 1/s.
     """
 
-    def __init__(self, began: float) -> None:
-        self._began = began
+    def __init__(self) -> None:
         self._arrivals: deque[tuple[float, int]] = deque(maxlen=_MOST_ARRIVALS)
         self._amount = 0
+        """Of all arrivals but the first: an interval belongs to the arrival that ends it."""
 
     def add(self, now: float, amount: int = 1) -> None:
         """Something came."""
-        if len(self._arrivals) == _MOST_ARRIVALS:
-            self._amount -= self._arrivals[0][1]
-        self._arrivals.append((now, amount))
-        self._amount += amount
+        arrivals = self._arrivals
+        if arrivals and arrivals[-1][0] >= now:  # an arrival of several
+            moment, before = arrivals.pop()
+            arrivals.append((moment, before + amount))
+            self._amount += amount if len(arrivals) > 1 else 0
+            return
+        if len(arrivals) == _MOST_ARRIVALS:
+            self._amount -= arrivals[1][1]
+        self._amount += amount if arrivals else 0
+        arrivals.append((now, amount))
 
-    def per_second(self, now: float) -> float:
-        """The rate at this moment."""
-        while self._arrivals and self._arrivals[0][0] <= now - WINDOW:
-            self._amount -= self._arrivals.popleft()[1]
-        if len(self._arrivals) < _MOST_ARRIVALS:
-            return self._amount / min(max(now - self._began, _SHORTEST), WINDOW)
-        return self._amount / max(now - self._arrivals[0][0], 1e-6)
+    def per_second(self, now: float) -> float | None:
+        """The rate at this moment; None: something came once, and it takes two to tell how often."""
+        arrivals = self._arrivals
+        while len(arrivals) > 2 and arrivals[1][0] <= now - WINDOW:
+            arrivals.popleft()
+            self._amount -= arrivals[0][1]
+        if len(arrivals) < 2:
+            return None if arrivals else 0.0
+        (first, _), (last, _), intervals = arrivals[0], arrivals[-1], len(arrivals) - 1
+        if now - last > max(WINDOW, 2 * (last - first) / intervals):
+            return 0.0
+        if_one_came_now = self._amount * (1 + 1 / intervals) / (now - first)
+        return min(self._amount / (last - first), if_one_came_now)
+
+
+class Loss:
+    """Which share of the frames of the last few seconds never came."""
+
+    def __init__(self) -> None:
+        self._lately: deque[tuple[float, int, int]] = deque(maxlen=_MOST_ARRIVALS)
+
+    def add(self, now: float, came: int, lost: int) -> None:
+        """Frames came, and their numbers tell that others did not."""
+        if came or lost:
+            self._lately.append((now, came, lost))
+
+    def share(self, now: float) -> float:
+        """Of all that were sent; 0 to 1."""
+        while self._lately and self._lately[0][0] <= now - WINDOW:
+            self._lately.popleft()
+        came, lost = (sum(each[part] for each in self._lately) for part in (1, 2))
+        return lost / (came + lost) if lost else 0.0
 
 
 class MessageReading(msgspec.Struct, frozen=True):
@@ -67,8 +96,8 @@ class MessageReading(msgspec.Struct, frozen=True):
     compid: int
     name: str
     count: int
-    rate: float
-    """[1/s]"""
+    rate: float | None
+    """[1/s]; None: one has come, and it takes two to tell."""
     age: float
     """[s] since the last one."""
     fields: dict[str, Any]
@@ -79,8 +108,9 @@ class LinkReading(msgspec.Struct, frozen=True):
     """One reading of a link's gauges."""
 
     address: str
-    bytes_per_second: float
-    frames_per_second: float
+    bytes_per_second: float | None
+    frames_per_second: float | None
+    """None: as with the rate of a message."""
     frames: int
     lost: int
     loss: float
@@ -109,8 +139,8 @@ def _instance(message: AnyMessage) -> str:
 
 
 class _Row:
-    def __init__(self, began: float) -> None:
-        self.rate, self.count = Rate(began), 0
+    def __init__(self) -> None:
+        self.rate, self.count = Rate(), 0
         self.last: Frame | None = None
         self.heard = 0.0
 
@@ -120,16 +150,15 @@ class LinkGauge:
 
     Args:
         address: names it.
-        now: [s], of the clock that all other calls use.
         verifier: decides which frames count; None: all do, signed or not.
     """
 
-    def __init__(self, address: str, now: float, verifier: Verifier | None = None) -> None:
-        self._address, self._began = address, now
+    def __init__(self, address: str, verifier: Verifier | None = None) -> None:
+        self._address = address
         self._parser = Parser(verifier)
         self._keyless = 0
         self._synchroniser = Synchroniser()
-        self._bytes, self._frames, self._lost = Rate(now), Rate(now), Rate(now)
+        self._bytes, self._frames, self._loss = Rate(), Rate(), Loss()
         self._lost_before = 0
         self._rows: dict[tuple[int, int, int, str], _Row] = {}
         self._attendance = Attendance()
@@ -137,7 +166,8 @@ class LinkGauge:
     def receive(self, data: bytes, now: float) -> None:
         """The link tells: bytes came."""
         self._bytes.add(now, len(data))
-        for frame in self._parser.feed(data):
+        frames = self._parser.feed(data)
+        for frame in frames:
             self._frames.add(now)
             self._keyless += frame.signed and self._parser.verifier is None
             message = frame.message
@@ -147,12 +177,12 @@ class LinkGauge:
             key = frame.system, frame.component, frame.msgid, _instance(message)
             if key not in self._rows and len(self._rows) >= LARGEST_CROWD:
                 continue
-            row = self._rows.setdefault(key, _Row(self._began))
+            row = self._rows.setdefault(key, _Row())
             row.rate.add(now)
             row.count, row.last, row.heard = row.count + 1, frame, now
-        if (missing := self._parser.statistics.lost - self._lost_before) > 0:
-            self._lost.add(now, missing)
-            self._lost_before += missing
+        lost = self._parser.statistics.lost
+        self._loss.add(now, len(frames), max(lost - self._lost_before, 0))
+        self._lost_before = max(lost, self._lost_before)
 
     def questions(self, now: float) -> list[Timesync]:
         """What to ask now to learn how long a frame takes."""
@@ -166,14 +196,13 @@ class LinkGauge:
     def reading(self, now: float) -> LinkReading:
         """The gauges now."""
         parser, estimate = self._parser.statistics, self._synchroniser.estimate
-        frames, lost = self._frames.per_second(now), self._lost.per_second(now)
         return LinkReading(
             address=self._address,
             bytes_per_second=self._bytes.per_second(now),
-            frames_per_second=frames,
+            frames_per_second=self._frames.per_second(now),
             frames=parser.received,
             lost=parser.lost,
-            loss=lost / (frames + lost) if lost else 0.0,
+            loss=self._loss.share(now),
             bad_crc=parser.bad_crc,
             unknown=parser.unknown,
             refused=parser.refused,

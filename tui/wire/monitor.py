@@ -43,7 +43,7 @@ class Watched:
         self._here = here
         self._clock = asyncio.get_running_loop().time
         seals = security.seals(link.address)
-        self.gauge = LinkGauge(link.address, self._clock(), seals["verifier"])
+        self.gauge = LinkGauge(link.address, seals["verifier"])
         signer = seals["signer"]
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard, signer=signer)
 
@@ -109,9 +109,9 @@ def table(link: LinkReading) -> str:
     """One link for people."""
     delay = "unknown" if link.delay is None else f"{link.delay * 1e3:.2f} ms"
     head = (
-        f"{link.address}   {link.frames_per_second:.1f} frames/s   {link.bytes_per_second:.0f} bytes/s   "
-        f"loss {link.loss:.1%}   delay {delay}   bad checksum {link.bad_crc}   unknown {link.unknown}   "
-        f"refused {link.refused}"
+        f"{link.address}   {_rate(link.frames_per_second)} frames/s   "
+        f"{_rate(link.bytes_per_second, 0)} bytes/s   loss {link.loss:.1%}   delay {delay}   "
+        f"bad checksum {link.bad_crc}   unknown {link.unknown}   refused {link.refused}"
     )
     doubt = [f"{link.address}: {link.disbelief}"] if link.disbelief else []
     rows: list[tuple[str, ...]] = [("FROM", "MESSAGE", "RATE/S", "AGE/S", "COUNT", "LAST")]
@@ -119,7 +119,7 @@ def table(link: LinkReading) -> str:
         (
             f"{one.sysid}/{one.compid}",
             one.name,
-            f"{one.rate:.1f}",
+            _rate(one.rate),
             f"{one.age:.2f}",
             str(one.count),
             fields(one.fields),
@@ -129,6 +129,11 @@ def table(link: LinkReading) -> str:
     return "\n".join(
         [head, *doubt, *_present(link.peers), *(_cut(row) for row in columns(rows).splitlines())]
     )
+
+
+def _rate(rate: float | None, digits: int = 1) -> str:
+    """A rate, or that it is not known yet."""
+    return "-" if rate is None else f"{rate:.{digits}f}"
 
 
 def _present(peers: list[PeerReading]) -> list[str]:

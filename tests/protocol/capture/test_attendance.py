@@ -16,7 +16,7 @@ def say(message: AnyMessage, system: int = 1, component: int = 1) -> bytes:
 
 
 def test_who_falls_silent_is_gone_and_who_speaks_again_is_there() -> None:
-    gauge = LinkGauge("tcp:far", 0.0)
+    gauge = LinkGauge("tcp:far")
     gauge.receive(say(ROVER) + say(ROVER, 2), 1.0)
     gauge.receive(say(Timesync(0, 1)), 3.0)
     rover = PeerReading(1, 1, MavType.GROUND_ROVER, MavState.ACTIVE, 1.5, there=True)
@@ -29,7 +29,7 @@ def test_who_falls_silent_is_gone_and_who_speaks_again_is_there() -> None:
 
 
 def test_the_latest_heartbeat_counts() -> None:
-    gauge = LinkGauge("tcp:far", 0.0)
+    gauge = LinkGauge("tcp:far")
     for state in (MavState.BOOT, MavState.CRITICAL):
         gauge.receive(say(Heartbeat(0, 0, 0, 0, state)), 1.0)
     (peer,) = gauge.reading(1.0).peers
@@ -37,7 +37,7 @@ def test_the_latest_heartbeat_counts() -> None:
 
 
 def test_forged_peers_that_come_and_go_do_not_fill_the_memory() -> None:
-    gauge = LinkGauge("tcp:far", 0.0)
+    gauge = LinkGauge("tcp:far")
     for wave in range(3):
         now = wave * 2 * SILENCE
         crowd = (divmod(wave * LARGEST_CROWD + i, 255) for i in range(LARGEST_CROWD))

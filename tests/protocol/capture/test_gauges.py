@@ -30,7 +30,7 @@ def named(name: str, value: float) -> NamedValueFloat:
 
 
 def test_a_row_tells_rate_age_and_last_value() -> None:
-    gauge, say = LinkGauge("tcp:arm", 0.0), speaker()
+    gauge, say = LinkGauge("tcp:arm"), speaker()
     for step in range(100):
         gauge.receive(say(named("lever", step)), step * 0.05)
     (row,) = gauge.reading(5.2).messages
@@ -40,14 +40,38 @@ def test_a_row_tells_rate_age_and_last_value() -> None:
 
 
 def test_a_link_that_has_only_just_begun_is_not_slow() -> None:
-    gauge, say = LinkGauge("tcp:arm", 10.0), speaker()
+    gauge, say = LinkGauge("tcp:arm"), speaker()
     for step in range(10):
         gauge.receive(say(named("lever", step)), 10.05 + step * 0.05)
     assert gauge.reading(10.5).frames_per_second == pytest.approx(20)
 
 
+def test_a_rate_is_that_of_whole_intervals() -> None:
+    gauge, say = LinkGauge("tcp:arm"), speaker()
+    assert gauge.reading(99.0).frames_per_second == 0.0, "nobody speaks"
+    beat = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
+    told: list[float | None] = []
+    for step in range(5):
+        gauge.receive(say(beat), 100.01 + step)
+        reading = gauge.reading(100.5 + step)
+        assert reading.messages[0].rate == reading.frames_per_second
+        told.append(reading.messages[0].rate)
+    assert told == [None, *[pytest.approx(1.0)] * 4], "one alone does not tell how often it comes"
+    assert gauge.reading(104.99).messages[0].rate == pytest.approx(1.0)
+    assert gauge.reading(106.0).messages[0].rate == pytest.approx(2 / 2.99), "a silence has begun"
+    assert gauge.reading(106.02).messages[0].rate == 0.0
+
+
+def test_what_comes_seldom_has_a_rate_and_what_comes_together_is_one_arrival() -> None:
+    rate = Rate()
+    for moment in (0.0, 3.0, 6.0):
+        for _ in range(10):
+            rate.add(moment, 2)
+    assert [rate.per_second(now) for now in (6.0, 8.9)] == [pytest.approx(20 / 3)] * 2
+
+
 def test_named_values_have_rows_of_their_own() -> None:
-    gauge, say = LinkGauge("tcp:arm", 0.0), speaker()
+    gauge, say = LinkGauge("tcp:arm"), speaker()
     gauge.receive(
         say(named("lever", 1)) + say(named("peak_f", 2)) + say(make("NAMED_VALUE_INT", name="n")), 0
     )
@@ -55,7 +79,7 @@ def test_named_values_have_rows_of_their_own() -> None:
 
 
 def test_a_frame_that_never_came_is_a_loss() -> None:
-    gauge, say = LinkGauge("tcp:arm", 0.0), speaker()
+    gauge, say = LinkGauge("tcp:arm"), speaker()
     for step in range(20):
         frame = say(named("lever", step))
         if step not in (4, 9):
@@ -66,7 +90,7 @@ def test_a_frame_that_never_came_is_a_loss() -> None:
 
 
 def test_the_delay_is_half_of_the_way_there_and_back() -> None:
-    gauge, say = LinkGauge("tcp:arm", 0.0), speaker()
+    gauge, say = LinkGauge("tcp:arm"), speaker()
     (question,) = gauge.questions(1.0)
     assert gauge.reading(1.0).delay is None
     gauge.receive(say(Timesync(tc1=51_000_000_000, ts1=question.ts1)), 1.008)
@@ -77,7 +101,7 @@ def test_the_delay_is_half_of_the_way_there_and_back() -> None:
 
 @given(st.lists(st.binary(max_size=400), max_size=20))
 def test_nothing_that_comes_raises(pieces: list[bytes]) -> None:
-    gauge = LinkGauge("tcp:arm", 0.0)
+    gauge = LinkGauge("tcp:arm")
     for now, piece in enumerate(pieces):
         gauge.receive(piece, now)
     reading = gauge.reading(len(pieces))
@@ -85,7 +109,7 @@ def test_nothing_that_comes_raises(pieces: list[bytes]) -> None:
 
 
 def test_a_crowd_of_forged_speakers_does_not_fill_the_memory() -> None:
-    gauge = LinkGauge("tcp:arm", 0.0)
+    gauge = LinkGauge("tcp:arm")
     message = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
     for number in range(2 * LARGEST_CROWD):
         raw = encode(message, sequence=0, system=1 + number % 255, component=number // 255)
@@ -95,7 +119,7 @@ def test_a_crowd_of_forged_speakers_does_not_fill_the_memory() -> None:
 
 
 def test_a_rate_of_very_many_is_taken_over_a_shorter_time() -> None:
-    rate = Rate(0.0)
+    rate = Rate()
     for step in range(20_000):
         rate.add(step * 1e-4, 3)
     assert rate.per_second(2.0) == pytest.approx(30_000, rel=0.01)

@@ -100,7 +100,7 @@ def test_who_decodes_or_watches_is_told_that_there_was_a_key_and_not_which() -> 
     (one,) = decoder.feed(recording) + decoder.flush()
     assert one.plain()["fields"]["secret_key"] == HIDDEN
     assert one.plain()["fields"]["initial_timestamp"] == 7
-    gauge = LinkGauge("tcp:127.0.0.1:1", 0.0)
+    gauge = LinkGauge("tcp:127.0.0.1:1")
     gauge.receive(said(HANDED), 0.5)
     watched = msgspec.json.encode(gauge.reading(1.0))
     assert b"<hidden>" in watched
