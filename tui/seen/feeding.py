@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
+from robotree.vr.address import everyone
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ class Feed:
         self._watching: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._patrol: asyncio.Task[None] | None = None
+        self._missed: dict[Address, RobotDescription] = {}
+        """Robots under a parent that did not answer at the last look."""
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -101,10 +104,25 @@ class Feed:
         if self.fleet.stale:  # none has come meanwhile
             self.store.take_lists(robots, views, self.clock(), self._present)
 
+    async def _tell_who_has_gone(self, answered: set[Address]) -> None:
+        """Tell of those under a parent whose process has gone; lists tell of the others.
+
+        Who hangs has not gone, and who was killed a moment ago may look so: they are asked about again.
+        """
+        directory = self.fleet.directory
+        for address, robot in list(self._missed.items()):
+            if address in answered:
+                del self._missed[address]
+            elif address not in self._present and not await directory.hanging(everyone("robot", robot.name)):
+                del self._missed[address]
+                self.store.tell_gone(robot, self.clock())
+
     async def _look(self) -> None:
         try:
             tree = await self.fleet.tree()
+            self._missed |= {one.address: one for one in self.store.enslaved}
             self.store.take_descriptions(tree)
+            await self._tell_who_has_gone({one.address for one in tree})
             await self._take_unlisted(tree)
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)

@@ -95,6 +95,8 @@ class Store:
     _came: dict[str, float] = field(default_factory=dict[str, float])
     _asked: dict[str, int] = field(default_factory=dict[str, int])
     """How many commands of ours a robot has not answered yet."""
+    _gone: deque[Address] = field(default_factory=lambda: deque[Address](maxlen=MEMORY))
+    """Agents whose process has gone, as has been told."""
     _elsewhere: set[str] = field(default_factory=set[str])
     """Robots that carry out what others asked for."""
 
@@ -138,11 +140,17 @@ class Store:
             if name not in after:
                 self._came.pop(name, None)
                 if present is not None and listing.address not in present:
-                    self.tell(f"{name} ({listing.kind}): its process has gone", "error", now)
+                    self.tell_gone(listing, now)
                 elif were_listed:
                     self.tell(f"{name} ({listing.kind}) left the list", "plain", now)
         self.revision += 1
         self.shape += 1
+
+    def tell_gone(self, who: Listing | RobotDescription, now: float) -> None:
+        """Tell once that an agent's process has gone."""
+        if who.address not in self._gone:
+            self._gone.append(who.address)
+            self.tell(f"{who.name} ({who.kind}): its process has gone", "error", now)
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
         """Take which lookup services live."""
@@ -218,6 +226,15 @@ class Store:
     def stopped(self) -> tuple[str, ...]:
         """Names of the robots in protective stop."""
         return tuple(sorted(name for name, heard in self._heard.items() if heard.state.stopped))
+
+    @property
+    def enslaved(self) -> list[RobotDescription]:
+        """Robots under a parent, as far as they said so: they are on no list that they could leave."""
+        return [
+            robot
+            for name, robot in self.descriptions.items()
+            if name not in self.robots and (told := self._told(name)) and told.bond is not None
+        ]
 
     def state(self, name: str) -> State | None:
         """Return the newest state of a robot."""

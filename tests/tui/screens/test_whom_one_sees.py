@@ -61,3 +61,24 @@ async def test_the_death_of_a_process_is_no_calm_departure(realm: Realm, operate
         await operator.sees("· arm-1 (Arm) left the list")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ rover-1 (Rover): its process has gone")
+
+
+async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hanging_is_none(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.create("move_square.py", "square")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    await realm.fleet.enslave("square", "rover", "rover-1")
+    async with operate(realm.fleet) as operator:
+        store = operator.app.store
+        await operator.until(lambda: len(store.enslaved) == 2, "both are known to be enslaved")
+        realm.network.freeze(realm.members["rover-1"])
+        realm.network.kill(realm.members["arm-1"])
+        operator.app.feed.hint()
+        await operator.sees("✗ arm-1 (Arm): its process has gone")
+        await realm.fleet.delete("mover")
+        await operator.until(lambda: "mover" not in store.descriptions, "the next look")
+        gone = [happening.text for happening in store.happenings if "has gone" in happening.text]
+        assert gone == ["arm-1 (Arm): its process has gone"]
+        realm.network.thaw(realm.members["rover-1"])
