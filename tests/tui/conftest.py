@@ -47,7 +47,11 @@ class Info(msgspec.Struct, frozen=True):
 class Arm(Robot):
     """An arm of paper: it is where it was told to be, a moment later."""
 
-    reading_units: ClassVar[Mapping[str, str]] = {"x": "m", "j1": "rad", "age": "s"}
+    reading_units: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("x", "y", "z", "width"), "m"),
+        **dict.fromkeys(("twist", "j1"), "rad"),
+        "age": "s",
+    }
 
     def __init__(self, name: str = "arm-1") -> None:
         super().__init__(name, {"place": "table"})

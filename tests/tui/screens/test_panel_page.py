@@ -91,6 +91,9 @@ async def test_a_reading_has_the_unit_in_which_it_is_commanded(realm: Realm, ope
         realm.arm.pose["twist"] = 1.25
         await operator.until(lambda: "+1.2500 rad" in readings(page), "radians, as in the form")
         await operator.sees("now 1.25")
+        await choose(operator, page, "grip")
+        await operator.sees("now 0.08")
+        assert "0.0800 m\n" in readings(page), "metres, as in the form"
         page.query_one("#commands").focus()
         await operator.press("x")
         teleop = await operator.at(TeleopPage)

@@ -30,17 +30,11 @@ ROOMY = 40
 BESIDE = 11
 """Cells for middle, figure and unit."""
 
-FIGURES = {
-    "x": (1.0, "+8.4f", "m"),
-    "y": (1.0, "+8.4f", "m"),
-    "z": (1.0, "+8.4f", "m"),
-    "twist": (1.0, "+8.4f", "rad"),
-    "width": (1000.0, "8.1f", "mm"),
-}
-"""Well known readings: factor from the SI unit, format, unit that is shown."""
+FIGURES = {"x": "+8.4f", "y": "+8.4f", "z": "+8.4f", "twist": "+8.4f", "width": "8.4f"}
+"""Well known readings and their formats. They are shown in the unit that the robot says, as the forms do."""
 
 TURNS = {"twist": (degrees(1.0), "+8.2f", "°")}
-"""Those of them that are shown in another unit where they are commanded in steps of that."""
+"""Those that are commanded in steps of another unit in tele-operation: factor, format, that unit."""
 
 BARS = {**dict.fromkeys(FORCES, (FULL_FORCE, "N")), **dict.fromkeys(TORQUES, (FULL_TORQUE, "Nm"))}
 """Readings that are drawn as bars: value at the end, unit."""
@@ -100,7 +94,7 @@ class Gauges(Still):
     def __init__(self, *, id: str | None = None, in_degrees: bool = False) -> None:  # noqa: A002 # Textual's name for it
         """Show nothing yet; `in_degrees`: angles are commanded in degrees here, not in radians."""
         super().__init__(id=id)
-        self._figures = FIGURES | TURNS if in_degrees else FIGURES
+        self._steps = TURNS if in_degrees else {}
 
     def draw(self, readings: Mapping[str, float], units: Mapping[str, str], *, stale: bool) -> None:
         """Draw these readings, with the units that the robot says; `stale`: they are old."""
@@ -112,9 +106,11 @@ class Gauges(Still):
         if stale:
             text.append("readings are old\n", tint(self.app, "warning"))
         rest = dict(readings)
-        for name, (scale, shown, unit) in self._figures.items():
+        for name, shown in FIGURES.items():
             if name in rest:
-                self._figure(text, name, figure(scale * rest.pop(name), shown), unit)
+                told = (1.0, shown, units.get(name, ""))
+                factor, shown_here, unit = self._steps.get(name, told)
+                self._figure(text, name, figure(factor * rest.pop(name), shown_here), unit)
         for name, (full, unit) in BARS.items():
             if name in rest:
                 self._bar(text, name, rest.pop(name), full, unit)
