@@ -113,7 +113,7 @@ def test_what_an_operator_must_know_is_told_when_it_begins_and_when_it_ends(stor
         store.take_state("arm-1", state, 1.0)
     assert texts(store) == [
         "arm-1 is in protective stop",
-        "arm-1 is released from the stop",
+        "arm-1 was resumed: its stop has ended",
         "arm-1 lost its controller: its readings are stale",
         "arm-1 has its controller back",
     ]

@@ -109,3 +109,12 @@ def test_a_figure_that_rounds_to_zero_has_no_sign_of_its_own(value: float, shown
     from robotree.tui.screen.widgets.gauges import figure
 
     assert figure(value, shown) == written
+
+
+def test_a_stop_is_resumed_and_only_a_child_is_released() -> None:
+    from robotree.tui.line.actions import ACTIONS
+
+    assert {one.verb for one in ACTIONS if "release" in one.help.lower()} <= {"release", "delete"}
+    resume = page("resume").lower()
+    assert "resume after a protective stop" in resume
+    assert "release" not in resume

@@ -132,7 +132,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="resume [NAME]",
-        help="Release the protective stop; nothing moves by itself.",
+        help="Resume after a protective stop; nothing moves by itself.",
         group=COMMAND,
         run=verbs.resume,
         where=ANYWHERE,

@@ -233,7 +233,7 @@ async def stop(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 
 async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
-    """Release the protective stop."""
+    """Resume after a protective stop."""
     told = await fleet.resume(line.text("NAME") or None)
     return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'nobody is there'}")
 

@@ -206,7 +206,7 @@ class Store:
             why = f": {after.stop_reason}" if after.stop_reason else ""
             self.tell(f"{name} is in protective stop{why}", "error", now)
         if before.stopped and not after.stopped:
-            self.tell(f"{name} is released from the stop", "good", now)
+            self.tell(f"{name} was resumed: its stop has ended", "good", now)
 
     def take_descriptions(self, descriptions: Iterable[RobotDescription]) -> None:
         """Take how all robots describe themselves; who is not among them does not live."""

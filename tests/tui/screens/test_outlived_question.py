@@ -17,7 +17,7 @@ async def test_the_question_to_resume_closes_when_somebody_else_has_resumed(
 ) -> None:
     async with operate(realm.fleet) as operator:
         await realm.fleet.stop(None)
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+        await operator.sees("PROTECTIVE STOP: arm-1, rover-1 — R resumes")
         await operator.press("R")
         await operator.at(Confirm)
         await operator.sees("resume?", "arm-1, rover-1 may move again")

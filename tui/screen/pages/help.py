@@ -73,8 +73,8 @@ def _stop(app: Supervisor, text: Text) -> None:
     text.append(f"  {spell(stop.key):<{ROOM}}", strong)
     text.append("stops every robot at once, on every page. In a field that you type in it is a space:\n")
     text.append(f"  {spell(stop.typing_key):<{ROOM}}", strong)
-    release = spell(BY_VERB["resume"].key)
-    text.append(f"stops every robot even then. {release} releases the stop; nothing moves by itself.\n\n")
+    resume = spell(BY_VERB["resume"].key)
+    text.append(f"stops every robot even then. {resume} resumes; nothing moves by itself.\n\n")
 
 
 def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:

@@ -47,7 +47,7 @@ class Banner(Still):
         lines: list[str] = []
         if store.stopped:
             names = ", ".join(store.stopped)
-            lines.append(f"■ PROTECTIVE STOP: {names} — {spell(BY_VERB['resume'].key)} releases")
+            lines.append(f"■ PROTECTIVE STOP: {names} — {spell(BY_VERB['resume'].key)} resumes")
         if store.orphaned:
             lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
         self.display = bool(lines)
