@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.url import SCHEMES, connect, listen
 from robotree.protocol.testing import Recorder, check_close_in_accept, check_link, check_refused, until
@@ -142,9 +143,12 @@ async def test_a_link_that_cannot_be_had_is_refused_in_one_sentence(scheme: str)
 
 
 @pytest.mark.parametrize("url", ["tcp:0", "udp:0", "can:robotree/"])
-async def test_a_place_that_is_taken_is_refused_in_one_sentence(url: str) -> None:
+async def test_a_place_that_is_taken_is_refused_in_one_sentence(
+    url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     url = bus("robotree/?fd=1") if url.startswith("can") else url
     async with AsyncExitStack() as stack:
         first = await listen(url, lambda _: pytest.fail("nobody comes"))
         stack.push_async_callback(first.close)
+        monkeypatch.setattr(can_listener, "CLAIM_TIME", 60.0)  # the other one answers, sooner or later
         await check_refused(lambda accept: listen(first.address, accept))

@@ -33,6 +33,8 @@ TRANSFER_TIMEOUT = 0.3
 """[s] that the far end may be silent in the middle of a transfer; well below `control.SILENCE`, so that a
 transfer is tried again before the far end counts as gone."""
 ATTEMPTS = 3
+LATE = 0.1
+"""[s] after its time at which a timer may fire on a machine that has much to do."""
 
 
 class Ends(msgspec.Struct, frozen=True):
@@ -162,10 +164,10 @@ class CanLink:
     def silence(self, now: float) -> float:
         """[s] for which the partner has been silent while we listened.
 
-        While the system withholds the processor from us, nothing is heard of anybody: what passed between
-        the moment at which we wanted to wake up and `now` says nothing about the partner.
+        While the system withholds the processor from us, nothing is heard of anybody: what passed from the
+        moment at which we should have woken up says nothing about the partner.
         """
-        return max(0.0, min(now, self._timer_due) - self.presence.heard)
+        return max(0.0, min(now, self._timer_due + LATE) - self.presence.heard)
 
     def pump(self) -> None:
         """Send what waits, as far as the bus and the far end take it."""

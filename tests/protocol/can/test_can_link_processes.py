@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from subprocess import Popen
 
@@ -10,17 +9,22 @@ import pytest
 
 from robotree.protocol import Parser, encode
 from robotree.protocol.errors import LinkBroken, LinkClosed
+from robotree.protocol.links.can import link as can_link
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Statustext
 from robotree.protocol.testing import Recorder, until
 
 Spawn = Callable[..., "Popen[str]"]
-SOON = 10.0
+LONG = 60.0
+"""[s] that no test takes, however slow the machine is."""
 CONTROLLER = """
 import asyncio, sys
 from robotree.protocol import Endpoint
+from robotree.protocol.links.can import link
 from robotree.protocol.links.url import listen
+
+link.TRANSFER_TIMEOUT = float(sys.argv[2])
 
 def echo(link):
     endpoint = Endpoint(link, system=1, component=1, on_frame=lambda frame: endpoint.send(frame.message))
@@ -38,7 +42,7 @@ asyncio.run(main())
 
 def controller(spawn: Spawn, url: str) -> Popen[str]:
     """A process that sends every message back."""
-    process = spawn("-c", CONTROLLER, url)
+    process = spawn("-c", CONTROLLER, url, str(LONG))
     assert process.stdout
     assert process.stdout.readline() == "here\n"
     return process
@@ -75,28 +79,31 @@ def words(count: int) -> list[str]:
 
 
 @pytest.mark.parametrize("fd", [0, 1])
-async def test_a_burst_comes_back_whole_and_in_order(spawn: Spawn, channel: str, fd: int) -> None:
-    url = f"can:robotree/{channel}?fd={fd}"
+async def test_a_burst_comes_back_whole_and_in_order(
+    spawn: Spawn, channel: str, fd: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can_link, "TRANSFER_TIMEOUT", LONG)
+    url = f"can:robotree/{channel}?fd={fd}&silence={LONG:g}"
     process = controller(spawn, url)
     link, ear = await opened(url)
     texts = words(500)
     for index, text in enumerate(texts):
         link.send(encode(Statustext(severity=6, text=text), sequence=index, system=255, component=1))
-    await until(lambda: len(ear.texts) == len(texts))
+    await until(lambda: len(ear.texts) == len(texts) or ear.reasons, LONG)
     assert ear.texts == texts
     statistics = ear.parser.statistics
     assert (statistics.lost, statistics.late, statistics.bad_crc, statistics.skipped) == (0, 0, 0, 0)
     link.close()
     await until(lambda: bool(ear.reasons))
-    process.communicate("end\n", timeout=SOON)
+    process.communicate("end\n", timeout=LONG)
     assert process.returncode == 0
 
 
 async def test_a_controller_that_ends_says_so(spawn: Spawn, channel: str) -> None:
-    url = f"can:robotree/{channel}"
+    url = f"can:robotree/{channel}?silence={LONG:g}"
     process = controller(spawn, url)
     _, ear = await opened(url)
-    process.communicate("end\n", timeout=SOON)
+    process.communicate("end\n", timeout=LONG)
     await until(lambda: bool(ear.reasons))
     assert [type(each) for each in ear.reasons] == [LinkClosed]
 
@@ -106,10 +113,10 @@ async def test_a_killed_controller_is_missed_and_its_successor_found(spawn: Spaw
     process = controller(spawn, url)
     _, ear = await opened(url)
     process.kill()
-    begun = time.monotonic()
     await until(lambda: bool(ear.reasons))
-    assert time.monotonic() - begun < 2
     assert [type(each) for each in ear.reasons] == [LinkBroken]
+    assert "nothing came for 0.6 s" in str(ear.reasons[0])
+    url = f"can:robotree/{channel}?silence={LONG:g}"
     controller(spawn, url)
     link, second = await opened(url)
     link.send(encode(Statustext(severity=6, text="hello"), sequence=0, system=255, component=1))
@@ -120,7 +127,7 @@ async def test_a_killed_controller_is_missed_and_its_successor_found(spawn: Spaw
 
 async def test_a_session_does_not_survive_its_controller(spawn: Spawn, channel: str) -> None:
     """The successor is up before the silence is noticed, knows no such session, and says so."""
-    url = f"can:robotree/{channel}?silence=30"
+    url = f"can:robotree/{channel}?silence={LONG:g}"
     process = controller(spawn, url)
     _, ear = await opened(url)
     process.kill()

@@ -19,6 +19,7 @@ from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkOverrun, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, Telemetry, connect, listen
+from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Priority, identifier
 from robotree.protocol.links.link import Accept, Link
 from robotree.protocol.links.url import connect as connect_url
@@ -35,6 +36,8 @@ from robotree.protocol.messages import (
 from robotree.protocol.testing import Recorder, until
 
 SOON = 5.0
+LONG = 60.0
+"""[s] that no test takes, however slow the machine is."""
 BEAT = Heartbeat(0, 0, 0, 0, 0)
 PING = Timesync(tc1=0, ts1=1)
 
@@ -248,8 +251,11 @@ async def test_nobody_answers_on_an_empty_bus(here: CanAddress) -> None:
         await connect(here, Recorder)
 
 
-async def test_a_node_number_belongs_to_one_controller(here: CanAddress) -> None:
+async def test_a_node_number_belongs_to_one_controller(
+    here: CanAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with listening(here, Recorder):
+        monkeypatch.setattr(can_listener, "CLAIM_TIME", LONG)  # the other one answers, on a slow machine late
         with pytest.raises(LinkRefused, match="another controller on this bus has node=1"):
             await listen(here, Recorder)
 

@@ -12,7 +12,7 @@ import can
 import pytest
 
 Spawn = Callable[..., "Popen[str]"]
-SOON = 10.0
+SOON = 60.0
 ECHO = """
 import sys, can
 with can.Bus(interface="robotree", channel=sys.argv[1]) as bus:
