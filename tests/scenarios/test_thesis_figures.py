@@ -135,7 +135,7 @@ async def test_figure_4_15_teleop_is_deleted(stage: Stage) -> None:
 
 
 async def test_figure_4_16_the_proxy_is_back_in_the_lookup(stage: Stage) -> None:
-    await stage.until(lambda: "arm-1" in stage.listed, within=1)
+    await stage.until(lambda: "arm-1" in stage.listed)
     await stage.sees("arm-1", "free")
 
 

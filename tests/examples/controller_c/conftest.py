@@ -94,11 +94,15 @@ def port(program: Path) -> Iterator[int]:
         yield port
 
 
+PATIENCE = 30.0
+"""[s] after which what has not come will not come."""
+
+
 class Operator:
     """Speaks with the controller in MAVLink, without a proxy."""
 
     def __init__(self, port: int, system: int = 255) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
         self._system, self._parser, self._heard = system, Parser(), list[Any]()
 
     def __enter__(self) -> Self:
@@ -110,16 +114,23 @@ class Operator:
     def say(self, message: AnyMessage) -> None:
         self.socket.sendall(encode(message, sequence=0, system=self._system, component=190))
 
-    def hear(self, kind: type[T], such: Callable[[T], bool] = lambda _: True, within: float = 5.0) -> T:
+    def next(self) -> AnyMessage:
+        """The next message, whatever it is."""
+        while not self._heard:
+            data = self.socket.recv(65536)
+            assert data, "the controller hung up"
+            self._heard += [frame.message for frame in self._parser.feed(data)]
+        message: AnyMessage = self._heard.pop(0)
+        return message
+
+    def hear(self, kind: type[T], such: Callable[[T], bool] = lambda _: True) -> T:
         """The next message of a kind that is such; what came before it is dropped."""
-        deadline = time.monotonic() + within
+        deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
-            while self._heard:
-                message = self._heard.pop(0)
-                if isinstance(message, kind) and such(message):
-                    return message
-            self._heard += [frame.message for frame in self._parser.feed(self.socket.recv(65536))]
-        pytest.fail(f"no such {kind.__name__} came within {within} s")
+            message = self.next()
+            if isinstance(message, kind) and such(message):
+                return message
+        pytest.fail(f"no such {kind.__name__} came within {PATIENCE:g} s")
 
     def ask(self, key: int, *args: float, verb: int = Verb.MOVE, epoch: int = 1, ttl: int = 0) -> GoalStatus:
         """Send a goal; its next status."""
