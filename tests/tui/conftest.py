@@ -117,7 +117,7 @@ class Arm(Robot):
         raise CommandFailed(robot=self.name, command="stumble", detail="a stone [/x] lay there")
 
     def readings(self) -> dict[str, float]:
-        forces = {"fx": 1.5, "fy": -2.0, "fz": -20.0}
+        forces = {"fx": 1.5, "fy": -2.0, "fz": -20.0, "tx": -0.01}
         return {**self.pose, **forces, "width": self.width, "j1": 0.25, "age": 0.125}
 
 

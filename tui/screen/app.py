@@ -291,6 +291,10 @@ class Supervisor(Fenced, Unasked[int]):
         """Leave, after asking back if something ends with this screen."""
         self.ask_for("quit")
 
+    def action_help_quit(self) -> None:
+        """Say at ctrl+c what leaves, in the line for such words; Textual's own would cover what one reads."""
+        self.tell(f"ctrl+q leaves; {manual.spell(BY_VERB['stop'].typing_key)} stops every robot")
+
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
         found = bounds(robot)

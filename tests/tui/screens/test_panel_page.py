@@ -100,6 +100,12 @@ async def test_a_reading_has_the_unit_in_which_it_is_commanded(realm: Realm, ope
         await operator.until(lambda: "+71.62 °" in readings(teleop), "degrees, as in the steps")
 
 
+async def test_a_force_that_rounds_to_zero_has_no_sign_of_its_own(realm: Realm, operate: Operate) -> None:
+    async with panel(realm, operate, "arm-1", "hold") as (operator, page, _form):
+        await operator.until(lambda: "+0.0 Nm" in readings(page), "a torque of -0.01 Nm")
+        assert "-0.0 Nm" not in readings(page)
+
+
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, page, form):
         realm.arm.pace = 0.5

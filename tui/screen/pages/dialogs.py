@@ -16,6 +16,9 @@ from textual.widgets import Button, Static
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.leaving import Leaving
 
+LOW = [(0, "-tight"), (20, "-roomy")]
+"""Lines below which a question leaves its margins out, so that its answers can be read."""
+
 LOOK = 0.25
 """[s] between two looks whether a question is still one."""
 
@@ -23,6 +26,7 @@ LOOK = 0.25
 class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
     """Asks before something is taken away. The harmless answer comes first and has the focus."""
 
+    VERTICAL_BREAKPOINTS = LOW
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,n", "answer(False)", "Cancel"),
         Binding("left,right", "other", "Other button", show=False),

@@ -21,7 +21,11 @@ class Page(Fenced, Leaving[None]):
     """A full page."""
 
     PAGE: ClassVar[str] = ""
-    HORIZONTAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-narrow"), (100, "-wide")]  # noqa: RUF012 # as Textual declares it
+    HORIZONTAL_BREAKPOINTS: list[tuple[int, str]] | None = [  # noqa: RUF012 # as Textual declares it
+        (0, "-slim"),
+        (60, "-narrow"),
+        (100, "-wide"),
+    ]
     VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-low"), (32, "-high")]  # noqa: RUF012
 
     def compose(self) -> ComposeResult:

@@ -145,4 +145,4 @@ class Gauges(Still):
         text.append(left, style)
         text.append("│", muted)
         text.append(right, style)
-        text.append(f" {value:+6.1f} {unit}\n", style if share >= _WARN else "")
+        text.append(f" {figure(value, '+6.1f')} {unit}\n", style if share >= _WARN else "")

@@ -35,6 +35,7 @@ class TopBar(Still):
         width = max(self.size.width, 1)
         if left.cell_len + right.cell_len + stop.cell_len >= width:
             right = Text()
+        left.truncate(max(width - stop.cell_len - 1, 0), overflow="ellipsis")  # how to stop stays to be read
         gap = max(width - left.cell_len - right.cell_len - stop.cell_len, 1)
         self.show(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
 

@@ -1,0 +1,80 @@
+"""A small terminal keeps what an operator needs: how to stop, what is asked, where one types."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.widgets import Input
+
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.widgets.gauges import Gauges
+from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.robot_tree import Place
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+SMALL = (40, 12)
+
+
+async def test_the_answers_to_a_question_can_be_read_in_a_small_terminal(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, size=SMALL) as operator:
+        await realm.fleet.stop(None)
+        await operator.sees("PROTECTIVE STOP")
+        await operator.press("R")
+        await operator.at(Confirm)
+        await operator.sees("resume?", "Cancel", "Resume")
+
+
+async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, size=SMALL) as operator:
+        store = operator.app.store
+        await operator.until(lambda: "arm-1" in store.descriptions, "its description")
+        await operator.until(lambda: store.state("arm-1") is not None, "its state")
+        operator.app.ask_for("panel", Place("arm-1"))
+        page = await operator.at(PanelPage)
+        await operator.press("enter")
+        await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
+        await operator.sees("arm-1", "space STOP", "x           0.35", "-0.8 …")
+        assert not page.query_one(Gauges).display
+        await operator.resize(80, 24)
+        await operator.sees("space STOP", "-0.8 … 0.8 m", "readings")
+
+
+async def test_the_keys_of_tele_operation_have_a_small_terminal_to_themselves(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, size=SMALL) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
+        page = await operator.at(TeleopPage)
+        await operator.sees("space STOP", "↑ +x", "⇟ -z", "step 10 mm", "● at rest")
+        assert page.query_one(PictureView).size.width == 0
+
+
+async def test_tele_operation_tells_what_it_does_however_many_readings_there_are(
+    realm: Realm, operate: Operate
+) -> None:
+    more = {**realm.arm.readings(), **{f"joint-{number}": 0.5 for number in range(20)}}
+    realm.arm.readings = lambda: more  # type: ignore[method-assign]
+    async with operate(realm.fleet, size=(80, 24)) as operator:
+        store = operator.app.store
+        await operator.until(lambda: "arm-1" in store.descriptions, "its description")
+        await operator.until(lambda: "joint-19" in store.readings("arm-1"), "its readings")
+        operator.app.open_teleoperation(store.descriptions["arm-1"])
+        await operator.at(TeleopPage)
+        await operator.sees("joint-1 ", "● at rest; press a key to move")
+
+
+async def test_ctrl_c_says_what_leaves_and_covers_nothing(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.press("ctrl+c")
+        await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
+        assert "Do you want to quit" not in operator.text
