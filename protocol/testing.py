@@ -30,7 +30,7 @@ Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
 """Another encoder: definition, values by field, sequence, system, component."""
 
 
-async def until(condition: Callable[[], object], patience: float = 10.0) -> None:
+async def until(condition: Callable[[], object], patience: float = 60.0) -> None:
     """Let the event loop turn until something is the case that no event tells of.
 
     Args:

@@ -45,7 +45,7 @@ class Stage:
     async def press(self, *keys: str) -> None:
         await self.play(self._pilot.press(*keys))
 
-    async def until(self, holds: Callable[[], bool], within: float = 10.0) -> None:
+    async def until(self, holds: Callable[[], bool], within: float = 60.0) -> None:
         """Wait until the screen shows something; its drawing says when to look."""
         try:
             async with asyncio.timeout(within):
@@ -54,7 +54,7 @@ class Stage:
         except TimeoutError:
             pytest.fail(f"it did not come to that within {within:g} s:\n{self.text}")
 
-    async def sees(self, *words: str, within: float = 10.0) -> None:
+    async def sees(self, *words: str, within: float = 60.0) -> None:
         """Wait until all words are on the screen."""
         await self.until(lambda: shows(self.text, words), within)
 
@@ -139,7 +139,7 @@ class Stage:
         await self.press("ctrl+r")
         await self.sees("done in", within=within)
 
-    async def jog(self, *keys: str, within: float = 15.0) -> None:
+    async def jog(self, *keys: str, within: float = 60.0) -> None:
         """Press jog keys, each when the step before has been made."""
         page = self.app.screen
         assert isinstance(page, TeleopPage)

@@ -72,7 +72,7 @@ async def test_a_member_does_not_outlive_a_starter_that_was_killed(tmp_path: Pat
     member = os.pidfd_open(pid)
     os.kill(starter.pid, signal.SIGKILL)
     await starter.wait()
-    assert await ended(member, within=5)
+    assert await ended(member, within=60)
 
 
 async def test_a_member_that_cannot_start_says_why_in_one_sentence(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     handles = [os.pidfd_open(pid) for pid in members]
     demo.kill()
     await demo.wait()
-    assert all(await asyncio.gather(*(ended(handle, 20) for handle in handles)))
+    assert all(await asyncio.gather(*(ended(handle, 60) for handle in handles)))
     async with joined("killed") as fleet:
         assert not any(fleet.directory.present(role) for role in ROLES)
     entries = {path.name for path in (place / "robotree" / "killed").iterdir()}

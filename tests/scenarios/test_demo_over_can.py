@@ -38,7 +38,7 @@ async def playing(wire: Wire, folder: Path) -> AsyncGenerator[Fleet]:
         await cast(crew, counting=False, wire=wire)
         async with joined(realm) as fleet:
             await until(lambda: len(fleet.robots()) == 2 and len(fleet.views()) == 1, "the cast is listed")
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 for robot in ("arm-1", "rover-1"):
                     while not (await fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
                         await asyncio.sleep(0.02)
@@ -90,7 +90,7 @@ def test_a_realm_whose_name_is_a_number_has_a_bus_too() -> None:
 
 async def lever(fleet: Fleet) -> float:
     """[rad] What the workspace's instrument reads; a view tells it from its first pose on."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while True:
             readings = (await fleet.describe_view("cell")).readings
             if "lever" in readings:

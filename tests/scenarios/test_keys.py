@@ -47,7 +47,7 @@ class Guarded:
         """What a robot says of why it cannot be commanded, once it is what it must become."""
         said = ""
         try:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 while of not in said:
                     await asyncio.sleep(0.02)
                     with pytest.raises(VrError) as refused:
@@ -63,7 +63,7 @@ class Guarded:
 
     async def online(self, robot: str) -> None:
         """Return once the robot is online."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while not (await self.fleet.describe(robot)).online:  # noqa: ASYNC110  an answer has no event
                 await asyncio.sleep(0.02)
 

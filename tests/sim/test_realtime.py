@@ -57,7 +57,7 @@ def test_a_cell_runs_in_its_thread_until_it_is_closed() -> None:
     running = RealTime(controller, told.put, failures.append)
     seen: set[type] = set()
     while not {Heartbeat, LocalPositionNed} <= seen:
-        seen |= {type(outgoing.message) for outgoing in told.get(timeout=10)}
+        seen |= {type(outgoing.message) for outgoing in told.get(timeout=60)}
     running.close()
     time_ms = running.pace.time_ms
     assert time_ms > 0
@@ -73,7 +73,7 @@ def test_what_ends_the_physics_is_told() -> None:
     whole = kind("rover").build(1, 2.0)
     failures: queue.SimpleQueue[Exception] = queue.SimpleQueue()
     running = RealTime(Broken(whole.cell, whole.firmware, {}), lambda _: None, failures.put)
-    assert isinstance(failures.get(timeout=10), FloatingPointError)
+    assert isinstance(failures.get(timeout=60), FloatingPointError)
     running.close()
 
 

@@ -87,7 +87,7 @@ async def test_every_datagram_of_a_flood_is_heard_or_counted() -> None:
     for _ in range(sent):
         bench.throttled.received(DATAGRAM)
     assert bench.lost > 0
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         await bench.listener.until((sent - bench.lost) * len(DATAGRAM))
     assert len(bench.listener.data) == (sent - bench.lost) * len(DATAGRAM)
 
@@ -184,7 +184,7 @@ async def test_who_has_caught_up_is_heard_as_now_again() -> None:
     bench.share = 10 * BURST
     bench.throttled.received(DATAGRAM * 100)
     bench.throttled.received(DATAGRAM)
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         await bench.listener.until(101 * len(DATAGRAM))
     bench.listener.stamps.clear()
     bench.throttled.received(DATAGRAM)

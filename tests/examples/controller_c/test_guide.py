@@ -94,6 +94,6 @@ async def test_a_file_that_is_no_kind_is_refused_in_one_sentence(crew: Crew, tmp
 
 
 async def until_online() -> None:
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while not (await answer("show", "belt-1")).get("online", True):
             pass

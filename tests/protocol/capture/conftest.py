@@ -39,7 +39,7 @@ def frames() -> list[Frame]:
 
         async with serving("arm", "tcp:127.0.0.1:0") as server:
             link = await connect(server.address, accept)
-            await asyncio.wait_for(enough.wait(), 20)
+            await asyncio.wait_for(enough.wait(), 60)
             link.close()
             await asyncio.sleep(0)
 

@@ -37,7 +37,7 @@ class Ear:
         self.changed.set()
 
     async def until(self, happened: Callable[[], bool]) -> None:
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             while not happened():
                 self.changed.clear()
                 await self.changed.wait()

@@ -47,14 +47,14 @@ class Process:
 
     async def ready(self) -> None:
         assert self.process.stdout is not None
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             line = await self.process.stdout.readline()
         assert line.strip() == b"ready", (await self.end())[1]
 
     def signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
-    async def end(self, within: float = 10) -> tuple[int, str]:
+    async def end(self, within: float = 60) -> tuple[int, str]:
         """Let it end, and return its exit code and what it complained of."""
         assert self.process.stdin is not None
         self.process.stdin.close()

@@ -64,7 +64,7 @@ async def begin(start: Start, *members: tuple[str, str]) -> list[Any]:
 
 async def answer(fleet: Fleet, name: str, command: str, arguments: dict[str, Any]) -> Any:
     """Return what a robot answers that is just coming back: a result, or its refusal."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while True:
             try:
                 return await fleet.call(name, command, arguments)
@@ -76,7 +76,7 @@ async def answer(fleet: Fleet, name: str, command: str, arguments: dict[str, Any
 
 async def lost(fleet: Fleet, parent: str) -> None:
     """Wait until a parent knows that its child is lost."""
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         while (await fleet.describe(parent)).slots[0].child is not None:  # noqa: ASYNC110 # it is asked
             await asyncio.sleep(0.01)
 

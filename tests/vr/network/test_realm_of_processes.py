@@ -20,7 +20,7 @@ Enter = Callable[[], Awaitable[ZenohTransport]]
 
 
 async def arrived(transport: ZenohTransport, name: str) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not await transport.present(f"robot/{name}/*"):  # noqa: ASYNC110 # what is asked is the test
             await asyncio.sleep(0.005)
 
