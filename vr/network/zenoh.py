@@ -119,13 +119,13 @@ class ZenohTransport:
             if not self._turns.put(partial(self._answer, key, query, body), urgent=urgent):
                 query.drop()  # the loop is closed
 
-        # never complete=True: after one of two is undeclared, callers get nothing for ever (zenoh pull 2660)
-        queryable = await self.in_thread(lambda: session.declare_queryable(key, _direct(take)))
-
         def undo() -> None:
             self._served.pop(key, None)
 
-        return _Declared(self, queryable.undeclare, undo)
+        # never complete=True: after one of two is undeclared, callers get nothing for ever (zenoh pull 2660)
+        return await self._declare(
+            lambda: session.declare_queryable(key, _direct(take)), zenoh.Queryable.undeclare, undo
+        )
 
     def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
         """See `Transport.request`."""
@@ -180,14 +180,16 @@ class ZenohTransport:
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.payload.to_bytes()))
 
-        subscriber = await self.in_thread(lambda: session.declare_subscriber(pattern, _direct(take)))
-        return _Declared(self, subscriber.undeclare, inbox.close)
+        return await self._declare(
+            lambda: session.declare_subscriber(pattern, _direct(take)),
+            zenoh.Subscriber.undeclare,
+            inbox.close,
+        )
 
     async def announce(self, key: str) -> Registration:
         """See `Transport.announce`."""
         self._open(key)
-        token = await self.in_thread(partial(self.session.announce, key))
-        return _Declared(self, partial(self.session.take_back, key, token))
+        return await self._declare(partial(self.session.announce, key), partial(self.session.take_back, key))
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""
@@ -202,15 +204,18 @@ class ZenohTransport:
             # never with the default handler: it blocks for ever once 256 tokens are there
             return session.liveliness().declare_subscriber(pattern, _direct(take), history=True)
 
-        subscriber = await self.in_thread(declare)
-        # history comes bit by bit, and nothing says where it ends; a query of the same does end
-        await presence.hear_of(await self.present(pattern), HISTORY)
-
         def undo() -> None:
             inbox.close()
             presence.close()
 
-        return _Declared(self, subscriber.undeclare, undo)
+        watching = await self._declare(declare, zenoh.Subscriber.undeclare, undo)
+        try:
+            # history comes bit by bit, and nothing says where it ends; a query of the same does end
+            await presence.hear_of(await self.present(pattern), HISTORY)
+        except BaseException:
+            await watching.close()
+            raise
+        return watching
 
     async def present(self, pattern: str) -> list[str]:
         """See `Transport.present`."""
@@ -256,6 +261,28 @@ class ZenohTransport:
     async def in_thread(self, action: Callable[[], _R]) -> _R:
         """Do what may block."""
         return await self._loop.run_in_executor(self._pool, action)
+
+    async def _declare(
+        self,
+        declare: Callable[[], _R],
+        undeclare: Callable[[_R], None],
+        undo: Callable[[], None] = lambda: None,
+    ) -> _Declared:
+        """Declare something in a thread, which cannot be stopped: who is cancelled meanwhile takes it back.
+
+        Otherwise nobody could, and others would take this process for one that is present and hangs.
+        """
+        declaring = asyncio.ensure_future(self.in_thread(declare))
+        try:
+            return _Declared(self, partial(undeclare, await asyncio.shield(declaring)), undo)
+        except asyncio.CancelledError:
+            with contextlib.suppress(zenoh.ZError):
+                await _Declared(self, partial(undeclare, await declaring)).close()
+            undo()
+            raise
+        except BaseException:
+            undo()
+            raise
 
     async def _close(self) -> None:
         for replies in list(self._asking):

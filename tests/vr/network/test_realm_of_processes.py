@@ -14,6 +14,7 @@ import pytest
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.network.zenoh import ZenohTransport
 from robotree.vr.rehearsal.promises import replies_of, until
+from robotree.vr.transport import Respond
 
 Start = Callable[..., Awaitable[Any]]
 Enter = Callable[[], Awaitable[ZenohTransport]]
@@ -101,6 +102,24 @@ async def test_a_process_that_forgets_to_close_still_ends(
     process = await start("leave-open", f"r{times}")
     await process.ready()
     assert await process.end() == (0, "")
+
+
+async def test_who_is_cancelled_while_it_declares_leaves_nothing_declared(join_zenoh: Enter) -> None:
+    transport, key = await join_zenoh(), "robot/arm/1"
+
+    async def handle(_body: bytes, respond: Respond) -> None:
+        respond(b"served")
+
+    for declaring in (transport.serve(key, handle), transport.announce(key)):
+        task = asyncio.ensure_future(declaring)
+        await asyncio.sleep(0)  # it has begun, and a thread goes on with it
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    assert await transport.silent("robot/**") == [], "nobody is taken for one that hangs"
+    assert await transport.present("robot/**") == []
+    await transport.serve(key, handle)
+    assert await replies_of(transport.request(key, b"", timeout=5)) == ([b"served"], None)
 
 
 async def test_an_interrupt_ends_a_process_without_a_word(start: Start, join_zenoh: Enter) -> None:
