@@ -77,7 +77,7 @@ class Membership:
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         try:
             self._seat, self.port = self._sit()
-        except CanInitializationError:
+        except BaseException:  # also when the system has no socket left
             self.inlet.close()
             os.close(self._bell)
             raise

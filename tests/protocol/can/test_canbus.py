@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
+import os
 import select
 import socket
 import threading
@@ -402,6 +404,28 @@ def test_who_leaves_while_being_greeted_leaves_nothing_behind(
     with socket.create_server((HOST, first_port(channel) + 1)) as leaving, LoopbackBus(channel) as bus:
         assert bus.statistics.members == 0
         assert [connection.fileno() for connection in met] == [-1]
+
+
+def test_who_gets_no_seat_since_the_system_has_no_socket_left_leaves_nothing_behind(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none_left(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    bells: list[int] = []
+
+    def eventfd(*flags: int) -> int:
+        bells.append(ring(*flags))
+        return bells[-1]
+
+    ring = os.eventfd
+    monkeypatch.setattr(os, "eventfd", eventfd)
+    monkeypatch.setattr(socket, "socket", none_left)
+    with pytest.raises(OSError, match="Too many"):
+        LoopbackBus(channel)
+    (bell,) = bells
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(bell)
 
 
 def test_python_can_finds_the_interface_by_its_name(channel: str) -> None:
