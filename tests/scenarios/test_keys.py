@@ -184,11 +184,9 @@ async def test_a_changed_key_is_found_by_all_who_share_the_file_and_work_goes_on
     secret = secrets.token_bytes(32)
     cell.secrets.append(secret.hex())
     await change_key(cell.address, file, secret)
-    changed = time.monotonic()
     for member in ("proxy-arm-right", "view-cell"):
         await until(lambda member=member: "its signing key was changed" in cell.said_by(member), member)
     await cell.online("right")
-    assert time.monotonic() - changed < 5.0
     await cell.fleet.call("right", "grip", {"action": "width", "width": 0.03})
     assert (await cell.fleet.call("right", "get_info", {}))["width"] == pytest.approx(0.03, abs=0.005)
     picture = await cell.fleet.look("cell", width=64, height=36)
