@@ -47,11 +47,15 @@ def test_arrivals_and_departures_tell_themselves_once(store: Store) -> None:
     assert texts(store) == ["arm-2 (Arm) is listed", "arm-1 (Arm) left the list"]
 
 
-def test_who_is_seen_nowhere_any_more_has_lost_its_process(store: Store) -> None:
+def test_who_is_seen_nowhere_any_more_is_missed_and_does_not_calmly_leave(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
     store.take_lists([], [], 2.0, {address("arm-2")})
-    assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
-    assert [happening.weight for happening in store.happenings][1:] == ["error", "plain"]
+    assert texts(store)[1:] == ["arm-2 (Arm) left the list"]
+    assert set(store.missed) == {address("arm-1")}
+    for now in (3.0, 4.0):
+        store.tell_missed(address("arm-1"), "has gone", now)
+    assert texts(store)[2:] == ["arm-1 (Arm): its process has gone"], "told once"
+    assert store.happenings[-1].weight == "error"
 
 
 def test_who_was_never_listed_leaves_no_list(store: Store) -> None:

@@ -42,8 +42,8 @@ class Feed:
         self._watching: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._patrol: asyncio.Task[None] | None = None
-        self._missed: dict[Address, RobotDescription] = {}
-        """Robots under a parent that did not answer at the last look."""
+        self._silent: set[Address] = set()
+        """Who is missed and did not answer at the last look, although its process lives."""
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -104,25 +104,29 @@ class Feed:
         if self.fleet.stale:  # none has come meanwhile
             self.store.take_lists(robots, views, self.clock(), self._present)
 
-    async def _tell_who_has_gone(self, answered: set[Address]) -> None:
-        """Tell of those under a parent whose process has gone; lists tell of the others.
+    async def _tell_of_the_missed(self) -> None:
+        """Tell whose process has gone, and whose hangs.
 
-        Who hangs has not gone, and who was killed a moment ago may look so: they are asked about again.
+        Who was killed a moment ago looks as if it hung: that is told when it is still so at the next look.
         """
-        directory = self.fleet.directory
-        for address, robot in list(self._missed.items()):
-            if address in answered:
-                del self._missed[address]
-            elif address not in self._present and not await directory.hanging(everyone("robot", robot.name)):
-                del self._missed[address]
-                self.store.tell_gone(robot, self.clock())
+        for address in list(self.store.missed):
+            if address in self._present:
+                del self.store.missed[address]
+            elif not await self.fleet.directory.hanging(everyone(address.role, address.name)):
+                self.store.tell_missed(address, "has gone", self.clock())
+                del self.store.missed[address]
+            elif address in self._silent:
+                self.store.tell_missed(address, "hangs, it answers nobody", self.clock())
+            else:
+                self._silent.add(address)
+                self._hint.set()
+        self._silent.intersection_update(self.store.missed)
 
     async def _look(self) -> None:
         try:
             tree = await self.fleet.tree()
-            self._missed |= {one.address: one for one in self.store.enslaved}
             self.store.take_descriptions(tree)
-            await self._tell_who_has_gone({one.address for one in tree})
+            await self._tell_of_the_missed()
             await self._take_unlisted(tree)
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)

@@ -95,8 +95,14 @@ class Store:
     _came: dict[str, float] = field(default_factory=dict[str, float])
     _asked: dict[str, int] = field(default_factory=dict[str, int])
     """How many commands of ours a robot has not answered yet."""
-    _gone: deque[Address] = field(default_factory=lambda: deque[Address](maxlen=MEMORY))
-    """Agents whose process has gone, as has been told."""
+    missed: dict[Address, Listing | RobotDescription] = field(
+        default_factory=dict[Address, "Listing | RobotDescription"]
+    )
+    """Agents that are seen no more: they hang or have gone, as somebody should find out."""
+    _told_of: deque[tuple[Address, str]] = field(
+        default_factory=lambda: deque[tuple[Address, str]](maxlen=MEMORY)
+    )
+    """What has been told of those that are missed."""
     _elsewhere: set[str] = field(default_factory=set[str])
     """Robots that carry out what others asked for."""
 
@@ -122,7 +128,7 @@ class Store:
             robots: that are free.
             views: all.
             now: [s] on the store's clock.
-            present: who is seen alive, listed or not; None: everybody. Who is not has no process any more.
+            present: who is seen alive, listed or not; None: everybody. Who is not is missed.
         """
         first, were_listed = not self.joined, self._were_listed
         self.joined, self._were_listed = True, not self.stale
@@ -140,17 +146,18 @@ class Store:
             if name not in after:
                 self._came.pop(name, None)
                 if present is not None and listing.address not in present:
-                    self.tell_gone(listing, now)
+                    self.missed[listing.address] = listing
                 elif were_listed:
                     self.tell(f"{name} ({listing.kind}) left the list", "plain", now)
         self.revision += 1
         self.shape += 1
 
-    def tell_gone(self, who: Listing | RobotDescription, now: float) -> None:
-        """Tell once that an agent's process has gone."""
-        if who.address not in self._gone:
-            self._gone.append(who.address)
-            self.tell(f"{who.name} ({who.kind}): its process has gone", "error", now)
+    def tell_missed(self, address: Address, why: str, now: float) -> None:
+        """Tell once what has become of an agent that is missed."""
+        told, who = (address, why), self.missed[address]
+        if told not in self._told_of:
+            self._told_of.append(told)
+            self.tell(f"{who.name} ({who.kind}): its process {why}", "error", now)
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
         """Take which lookup services live."""
@@ -210,7 +217,9 @@ class Store:
 
     def take_descriptions(self, descriptions: Iterable[RobotDescription]) -> None:
         """Take how all robots describe themselves; who is not among them does not live."""
+        enslaved = self.enslaved
         self.descriptions = {one.name: one for one in descriptions}
+        self.missed |= {one.address: one for one in enslaved if one.name not in self.descriptions}
         living = self.descriptions.keys() | self.robots.keys()
         self._heard = {name: heard for name, heard in self._heard.items() if name in living}
         self.revision += 1

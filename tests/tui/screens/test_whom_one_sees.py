@@ -82,3 +82,14 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
         gone = [happening.text for happening in store.happenings if "has gone" in happening.text]
         assert gone == ["arm-1 (Arm): its process has gone"]
         realm.network.thaw(realm.members["rover-1"])
+
+
+async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("rover-1")
+        realm.network.freeze(realm.members["rover-1"])
+        await operator.sees("✗ rover-1 (Rover): its process hangs, it answers nobody")
+        realm.network.thaw(realm.members["rover-1"])
+        await operator.sees("✓ rover-1 (Rover) is listed")
+        await operator.until(lambda: not operator.app.store.missed, "it is back")
+        assert not [one for one in operator.app.store.happenings if "gone" in one.text]
