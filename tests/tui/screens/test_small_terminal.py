@@ -73,6 +73,17 @@ async def test_tele_operation_tells_what_it_does_however_many_readings_there_are
         await operator.sees("joint-1 ", "● at rest; press a key to move")
 
 
+async def test_an_error_is_told_to_its_end_where_one_line_is_too_short(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, size=(80, 24)) as operator:
+        operator.app.tell(f"the stop is confirmed by {', '.join(['arm-1'] * 12)} but NOT by rover-1", "error")
+        await operator.sees("the stop is confirmed by", "NOT by rover-1", "? Help")
+        operator.app.tell("calm again", "good")
+        await operator.sees("✓ calm again   ✗ the stop")
+        await operator.until(lambda: "NOT by" not in operator.text, "one line is enough again")
+
+
 async def test_ctrl_c_says_what_leaves_and_covers_nothing(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await operator.press("ctrl+c")

@@ -1,4 +1,4 @@
-"""One line for what happened last: it goes by itself, everything stays in the log."""
+"""What happened last, in a line below: it goes by itself, everything stays in the log."""
 
 from __future__ import annotations
 
@@ -13,15 +13,19 @@ STAYS = 8.0
 
 
 class FlashLine(Still):
-    """Shows what happened last, the newest first, as much as fits."""
+    """Shows what happened last, the newest first, as much as fits; an error that does not has more lines."""
 
     def draw(self, store: Store, now: float) -> None:
         """Draw the line, or clear it."""
         line = Text(" ", no_wrap=True, overflow="ellipsis")
         for happening in reversed(store.happenings):
-            stays = STAYS * (2 if happening.weight == "error" else 1)
-            if now - happening.at > stays or line.cell_len > self.size.width:
+            bad = happening.weight == "error"
+            if now - happening.at > STAYS * (1 + bad) or line.cell_len > self.size.width:
                 break
+            newest = line.cell_len == 1
             line.append_text(weigh(self.app, happening.weight, happening.text.replace("\n", " ")))
+            if newest and bad and line.cell_len > self.size.width:
+                line.no_wrap = False  # its end may name who did not stop
+                break
             line.append("   ")
         self.show(line)
