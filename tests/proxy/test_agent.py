@@ -46,11 +46,11 @@ T = TypeVar("T")
 
 async def eventually(ask: Callable[[], Awaitable[T]], holds: Callable[[T], bool]) -> T:
     """Ask again and again until the answer is as it must become."""
-    for _ in range(100):
+    for _ in range(1200):
         if holds(answer := await ask()):
             return answer
         await asyncio.sleep(0.05)
-    pytest.fail("it did not become so within 5 s")
+    pytest.fail("it did not become so within 60 s")
 
 
 class Up(asyncio.Future[str]):
