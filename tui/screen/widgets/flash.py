@@ -17,7 +17,7 @@ class FlashLine(Still):
 
     def draw(self, store: Store, now: float) -> None:
         """Draw the line, or clear it."""
-        line = Text(" ", no_wrap=True, overflow="ellipsis")
+        line, long = Text(" "), False
         for happening in reversed(store.happenings):
             bad = happening.weight == "error"
             if now - happening.at > STAYS * (1 + bad) or line.cell_len > self.size.width:
@@ -25,7 +25,8 @@ class FlashLine(Still):
             newest = line.cell_len == 1
             line.append_text(weigh(self.app, happening.weight, happening.text.replace("\n", " ")))
             if newest and bad and line.cell_len > self.size.width:
-                line.no_wrap = False  # its end may name who did not stop
+                long = True  # its end may name who did not stop
                 break
             line.append("   ")
+        self.set_class(long, "-long")
         self.show(line)
