@@ -113,8 +113,14 @@ async def test_a_camera_that_does_not_answer_is_given_up(view: WorkspaceView, co
     assert len(requests(controller)) == ATTEMPTS
 
 
-async def test_a_picture_that_comes_slowly_is_waited_for(view: WorkspaceView, controller: Controller) -> None:
+async def test_a_picture_that_comes_slowly_is_waited_for(
+    view: WorkspaceView, controller: Controller, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Longer than a picture may take to begin, but each piece comes in time."""
+    loop = asyncio.get_running_loop()
+    clock, passed = loop.time, list[float]()
+    monkeypatch.setattr(loop, "time", lambda: clock() + sum(passed))
+    view._answer_within = LONG
     controller.jpeg = b""
     look = asyncio.create_task(view.look("wrist"))
     await until(lambda: bool(requests(controller)), "it is asked for")
@@ -122,7 +128,9 @@ async def test_a_picture_that_comes_slowly_is_waited_for(view: WorkspaceView, co
     for piece in split(slow, width=64, height=36, quality=50):
         assert controller._endpoint is not None
         controller._endpoint.send(piece, component=101)
-        await asyncio.sleep(0.1)
+        passed.append(LONG / 3)
+        await asyncio.sleep(0.01)
+    assert sum(passed) > LONG
     assert await look == slow
     assert len(requests(controller)) == 1
 

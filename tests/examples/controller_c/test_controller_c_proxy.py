@@ -56,7 +56,7 @@ async def driving(port: int, **limits: Span) -> AsyncIterator[Drive]:
 async def test_a_proxy_moves_it_and_passes_its_progress_up(port: int) -> None:
     seen: list[float] = []
     async with driving(port) as drive:
-        assert await drive.begin(0.3, -0.2, 0.5, on_progress=lambda part, _: seen.append(part)) is None
+        assert await drive.begin(0.3, -0.2, 0.2, on_progress=lambda part, _: seen.append(part)) is None
         assert await drive.place() == pytest.approx([0.3, -0.2], abs=1e-6)
     assert len(set(seen)) >= 3
     assert seen == sorted(seen)
