@@ -6,10 +6,10 @@ out; the shell in `connection.py` carries them out.
 
 A robot is *online* while its link is open and its controller was heard within SILENCE.
 
-A stop that was asked for here is kept until it is released here: a controller that restarts in the meantime,
-or that somebody else releases, is stopped again as soon as it is heard. A stop that nobody asked for here (a
-former proxy did, or somebody on another link) is the controller's own: the session tells that the robot is
-*held*, until the controller tells that it is not. A restart is no release: such a stop is then kept as ours.
+A stop that was asked for here is kept until it is released here (`will.py`): a controller that restarts
+meanwhile, or that somebody else releases, is stopped again as soon as it is heard. A stop that nobody asked
+for here (a former proxy did, or somebody on another link) is the controller's own: the session tells that the
+robot is *held*, until the controller tells that it is not. A restart is no release: it is then kept as ours.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ from robotree.protocol.messages import (
     Message,
     Mode,
     ModeKind,
-    Reason,
-    SetMode,
 )
 from robotree.protocol.services.command_client import CommandClient
 from robotree.protocol.services.command_client import Effect as CommandEffect
@@ -48,22 +46,14 @@ from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import READERS, Readers, Target
 from robotree.proxy.twin import Twin
+from robotree.proxy.will import HOLDING, Answer, Will
 
 CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
 """Where a robot's controller is found on its own link, by MAVLink's custom."""
 SUPERVISOR_SYSTEM = 255
 """System id of ground stations, by the same custom."""
-INSIST = 0.25
-"""[s] between two repetitions of a stop that is not confirmed."""
 DEAD = 2 * SILENCE
 """[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
-RELEASE_WITHIN = 3.0
-"""[s] for which the release of a stop is repeated. A stop is repeated for ever."""
-HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
-"""Modes in which a controller takes no goal until it is released, as clauses."""
-REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL}
-"""Reasons that a MODE gives only where it answers a release: that release is not obeyed. Said once more, it
-could undo a stop that came after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +77,7 @@ class Redial:
     trouble: str
 
 
-Event = OnlineChanged | HeldChanged | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
+Event = OnlineChanged | HeldChanged | Answer | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
 """What the session has to tell."""
 Effect = Send | Redial | Event
 """What the session has to tell, and what it asks the shell to do."""
@@ -129,18 +119,13 @@ class Session:
         self._heartbeats = HeartbeatSender()
         self._pictures = PictureReceiver()
         self._listener = Listener()
-        self._wish: ModeKind | None = None
-        self._wish_epoch = self._wish_stops = 0
-        self._wish_until = math.inf
-        self._wished_at = -math.inf
-        self._confirmed = False
-        """Whether it told last that it is stopped, on this link and since the stop was asked for."""
+        self._will = Will(controller)
         self._held_told = ""
 
     @property
     def stopped(self) -> bool:
         """Whether a stop is wanted, confirmed or not."""
-        return self._wish == ModeKind.SAFE_STOP
+        return self._will.stopped
 
     @property
     def held(self) -> str:
@@ -149,7 +134,7 @@ class Session:
         What the controller told last, but for the moment in which its release is on the way: then a goal that
         follows the release is obeyed, and must not be held up here.
         """
-        if self._wish == ModeKind.READY:
+        if self._will.releasing:
             return ""
         mode = self.twin.latest(Mode)
         if mode is not None and mode.mode in HOLDING:
@@ -172,7 +157,8 @@ class Session:
     def opened(self, now: float) -> list[Effect]:
         """A link was opened; the controller has yet to be heard on it."""
         self._open = True
-        self._opened_at, self._confirmed = now, False
+        self._opened_at = now
+        self._will.opened()
         self.trouble = self.disbelief or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
         self._goals.hurry()
@@ -209,14 +195,15 @@ class Session:
 
     def tick(self, now: float) -> list[Effect]:
         """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
-        effects: list[Effect] = [*self._listener.tick(now), *self._goals.tick(now)]
+        effects: list[Effect] = [*self._listener.tick(now), *self._goals.tick(now), *self._will.expire(now)]
         if self.online and now - self.heard_at >= SILENCE:
             silent = f"its controller has been silent for {SILENCE:g} s"
             effects += self._turn(online=False, trouble=self.disbelief or silent)
         elif not self.online and self._open and self.disbelief:
             self.trouble = self.disbelief
         if not self._open:
-            return [effect for effect in effects if not isinstance(effect, Send)]
+            effects = [effect for effect in effects if not isinstance(effect, Send)]
+            return effects + self._held_news()
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
         effects += _said(self._commands.tick(now))
         if now - max(self._opened_at, self.heard_at) >= DEAD:
@@ -247,19 +234,17 @@ class Session:
 
     def stop(self, now: float) -> list[Effect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
-        self._wish, self._wish_until, self._wished_at = ModeKind.SAFE_STOP, math.inf, -math.inf
-        self._confirmed = False
+        self._will.stop()
         return self._insist(now) + self._held_news()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
         """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most.
 
-        What is released is the stop that the controller told of last: one that somebody asks for while the
-        release is said again stays in force.
+        What is released is the stop that the controller told of last, or our own that it has yet to confirm:
+        one that somebody asks for while the release is said again stays in force.
         """
         told = self.twin.latest(Mode)
-        self._wish, self._wish_epoch, self._wish_stops = ModeKind.READY, epoch, told.stops if told else 0
-        self._wish_until, self._wished_at = now + RELEASE_WITHIN, -math.inf
+        self._will.release(epoch, told.stops if told else 0, now)
         return self._insist(now) + self._held_news()
 
     # -- inside ------------------------------------------------------------------------------------
@@ -285,14 +270,11 @@ class Session:
 
     def _compare(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
         """The controller has told its mode, and `told_at` [s] the one before: is it what is wished for?"""
-        self._confirmed = mode.mode == ModeKind.SAFE_STOP
-        if self._wish == ModeKind.READY and (mode.mode not in HOLDING or mode.reason in REFUSALS):
-            self._wish = None
-        elif self._wish is None and before is not None and mode.mode != ModeKind.SAFE_STOP:
-            lives = Word(before.time_boot_ms, told_at), Word(mode.time_boot_ms, now)
-            if before.mode == ModeKind.SAFE_STOP and restarted(*lives):
-                return self.stop(now)
-        return self._insist(now)
+        anew = before is not None and restarted(
+            Word(before.time_boot_ms, told_at), Word(mode.time_boot_ms, now)
+        )
+        lost = before is not None and before.mode == ModeKind.SAFE_STOP
+        return [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
 
     def _held_news(self) -> list[Effect]:
         if self.held == self._held_told:
@@ -301,16 +283,7 @@ class Session:
         return [HeldChanged(self._held_told)]
 
     def _insist(self, now: float) -> list[Effect]:
-        if self._wish is None or not self._open or now - self._wished_at < INSIST:
-            return []
-        if now >= self._wish_until:
-            self._wish = None
-            return []
-        if self._wish == ModeKind.SAFE_STOP and self._confirmed:
-            return []
-        self._wished_at = now
-        stops = self._wish_stops if self._wish == ModeKind.READY else 0
-        return [Send(SetMode(self._wish_epoch, *self.controller, self._wish, stops))]
+        return [Send(message) for message in self._will.say(now)] if self._open else []
 
 
 def _said(effects: Sequence[CommandEffect]) -> list[Effect]:

@@ -11,7 +11,8 @@ from robotree.protocol.messages import GoalState, ModeKind, Reason, SetMode, Ver
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress
 from robotree.protocol.services.peer import Send
 from robotree.proxy.motion import Request
-from robotree.proxy.session import RELEASE_WITHIN, SUPERVISOR_SYSTEM, Effect, Session
+from robotree.proxy.session import SUPERVISOR_SYSTEM, Effect, Session
+from robotree.proxy.will import RELEASE_WITHIN
 from robotree.sim.testing import RoverBench
 
 STEP = 0.1

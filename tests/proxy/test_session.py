@@ -27,7 +27,8 @@ from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProg
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
-from robotree.proxy.session import DEAD, RELEASE_WITHIN, HeldChanged, Session
+from robotree.proxy.session import DEAD, HeldChanged, Session
+from robotree.proxy.will import RELEASE_WITHIN
 
 Talk = Any
 GRIP = Request(Verb.GRIP, (0.02,))

@@ -14,7 +14,7 @@ from robotree.protocol.messages import GoalState, ModeKind, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.motion import Request
-from robotree.proxy.session import RELEASE_WITHIN
+from robotree.proxy.will import RELEASE_WITHIN
 
 DURATIONS = st.sampled_from([0.1, 1.0, 2.5, 4.0, 8.0])
 """[s]"""
