@@ -79,13 +79,14 @@ class Joint:
     Args:
         accidents: what happens on the way; may be changed while it runs.
         now: [s], of the clock that all other calls use.
+        silent_until: [s] of the same clock; before it everything is lost.
     """
 
-    def __init__(self, accidents: Accidents, now: float) -> None:
+    def __init__(self, accidents: Accidents, now: float, silent_until: float = 0.0) -> None:
         self._exits = {"near": _Exit(), "far": _Exit()}
         self._cable = Loopback(lambda _: self._exits["near"], lambda _: self._exits["far"], accidents, now)
         self._entrances = {"near": _Entrance(self._cable.near), "far": _Entrance(self._cable.far)}
-        self._silent_until = now
+        self._silent_until = silent_until
 
     @property
     def accidents(self) -> Accidents:
@@ -119,9 +120,9 @@ class Joint:
         self._entrances[side].take(data, lose=now < self._silent_until)
         self._cable.advance(now)
 
-    def cut(self, now: float, duration: float) -> None:
-        """Lose everything that comes within the next `duration` [s], as if the cable were pulled."""
-        self._silent_until = now + duration
+    def cut(self, until: float) -> None:
+        """Lose everything that comes before `until` [s], as if the cable were pulled."""
+        self._silent_until = until
 
     def advance(self, now: float) -> None:
         """Deliver what is due."""

@@ -35,10 +35,10 @@ class _Side:
 class _Pair:
     """A link that came and the one that was opened for it."""
 
-    def __init__(self, relay: Relay, near: Link, accidents: Accidents) -> None:
+    def __init__(self, relay: Relay, near: Link, accidents: Accidents, silent_until: float) -> None:
         self._relay = relay
         self._loop = asyncio.get_running_loop()
-        self.joint = Joint(accidents, self._loop.time())
+        self.joint = Joint(accidents, self._loop.time(), silent_until)
         self._links = [near]
         self._timer: asyncio.TimerHandle | None = None
         self._over = False
@@ -95,6 +95,7 @@ class Relay:
     def __init__(self, target: str, accidents: Accidents) -> None:
         self.target = target
         self._accidents = accidents
+        self._silent_until = 0.0  # kept here, for who comes during a cut is cut, too
         self._pairs: list[_Pair] = []
         self._met = 0
         self._ended: dict[str, Traffic] = {side: Traffic(0, 0) for side in ("near", "far")}
@@ -110,7 +111,8 @@ class Relay:
     def accept(self, link: Link) -> _Side:
         """Somebody has come."""
         seed = self._accidents.seed + self._met
-        pair = _Pair(self, link, msgspec.structs.replace(self._accidents, seed=seed))
+        accidents = msgspec.structs.replace(self._accidents, seed=seed)
+        pair = _Pair(self, link, accidents, self._silent_until)
         self._met += 1
         self._pairs.append(pair)
         return _Side(pair, "near")
@@ -133,10 +135,15 @@ class Relay:
         return {side: _sum([one[side] for one in every]) for side in ("near", "far")}
 
     def cut(self, duration: float) -> None:
-        """Lose everything for `duration` [s]; the links stay open."""
-        now = asyncio.get_running_loop().time()
+        """Lose everything for `duration` [s], also of those who come meanwhile; the links stay open."""
+        self._silent_until = asyncio.get_running_loop().time() + duration
         for pair in self._pairs:
-            pair.joint.cut(now, duration)
+            pair.joint.cut(self._silent_until)
+
+    @property
+    def cut_left(self) -> float:
+        """How long everything is still lost, [s]."""
+        return max(self._silent_until - asyncio.get_running_loop().time(), 0.0)
 
     def end(self) -> None:
         """End all links that run; others may come."""

@@ -261,6 +261,7 @@ ACTIONS: tuple[Action, ...] = (
         help="Stand between two programs and be a bad link; lines on standard input (cut 3s) change it.",
         group=WIRE,
         where=Where.SHELL,
+        guide=("robotree.tui.wire.inject",),
         examples=(
             "wire inject --listen tcp:127.0.0.1:5770 --connect tcp:127.0.0.1:5760 --loss 20% --delay 50ms",
         ),

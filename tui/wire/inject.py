@@ -1,12 +1,17 @@
-"""`robotree wire inject --listen URL --connect URL`: stand between two programs and be a bad link.
+"""Accidents on the way between two programs: `robotree wire inject --listen URL --connect URL`.
 
-While it runs it reads lines from standard input: `loss 20%`, `delay 50ms`, `jitter 10ms`, `duplication 1%`,
-`cut 3s` (nothing passes), `break` (all links end), `heal`.
+While it runs it reads lines from standard input, and answers each with what is in force:
+
+    loss 20%          this share of the frames is lost; so for delay 50ms, jitter 10ms, duplication 1%
+    cut 3s            nothing passes for so long; links stay open, and those that come are as deaf
+    break             all links end at once; who dials again is joined again, also to a cut in force
+    heal              nothing is done to frames any more, and a cut ends; links that ended stay ended
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import sys
 import threading
 from collections.abc import Callable
@@ -66,6 +71,7 @@ async def _relay(line: Line, accidents: Accidents) -> int:
     ):
         relay.on_refused = complain
         put(f"ready {relay.address}")
+        note(told(accidents))  # so that --delay 20 is seen to be 20 s
         loop = asyncio.get_running_loop()
         threading.Thread(target=_read, args=(loop, relay), name="accidents", daemon=True).start()
         await here.wait()
@@ -81,11 +87,16 @@ async def _relay(line: Line, accidents: Accidents) -> int:
     return here.exit_code()
 
 
-def told(accidents: Accidents) -> str:
-    """What is done to the link, for people."""
+def told(accidents: Accidents, cut_left: float = 0.0) -> str:
+    """What is done to the link, for people; a cut has `cut_left` [s] to go."""
     loss, duplication = f"{accidents.loss * 100:.3g}%", f"{accidents.duplication * 100:.3g}%"
-    delay, jitter = f"{accidents.delay * 1e3:g} ms", f"{accidents.jitter * 1e3:g} ms"
-    return f"loss {loss}, delay {delay}, jitter {jitter}, duplication {duplication}"
+    delay, jitter = _time(accidents.delay), _time(accidents.jitter)
+    cut = f"; cut, {math.ceil(cut_left * 10) / 10:g} s left" if cut_left else ""
+    return f"loss {loss}, delay {delay}, jitter {jitter}, duplication {duplication}{cut}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds >= 1 else f"{seconds * 1e3:g} ms"
 
 
 def _read(loop: asyncio.AbstractEventLoop, relay: Relay) -> None:
@@ -118,4 +129,4 @@ def obey(relay: Relay, text: str) -> None:
     except SupervisorError as error:
         complain(error)
     else:
-        note(told(relay.accidents))
+        note(told(relay.accidents, relay.cut_left))

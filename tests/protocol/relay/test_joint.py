@@ -91,7 +91,7 @@ def test_nothing_passes_while_the_cable_is_cut_and_everything_after() -> None:
     joint, near, far = joined(Accidents())
     for number in range(20):
         if number == 10:
-            joint.cut(10.0, 3.0)
+            joint.cut(13.0)
         joint.take("near", frame(number), number)
         joint.take("far", frame(number), number)
     assert near.sequences == far.sequences == [*range(10), *range(13, 20)]

@@ -26,6 +26,7 @@ class Ear:
 
     def accept(self, link: Link) -> Endpoint:
         self.mouths.append(Endpoint(link, system=1, component=1, on_frame=self._hear, on_closed=self._closed))
+        self.changed.set()
         return self.mouths[-1]
 
     def _hear(self, frame: Frame) -> None:
@@ -100,6 +101,28 @@ async def test_a_target_that_is_not_there_ends_the_link_that_came() -> None:
         await connect(relay.address, near.accept)
         await near.until(lambda: bool(near.reasons))
         assert relay.refused == 1
+
+
+async def test_who_comes_during_a_cut_is_cut_until_it_ends() -> None:
+    async def story(relay: Relay, _near: Ear, far: Ear) -> None:
+        relay.cut(600.0)
+        late = Ear()
+        link = await connect(relay.address, late.accept)
+        await far.until(lambda: len(far.mouths) == 2)
+        late.mouths[0].send(Ping(1, 1))
+        link.close()
+        await far.until(lambda: bool(far.reasons))
+        assert (relay.traffic["near"].taken, relay.traffic["near"].passed) == (1, 0)
+        assert 500.0 < relay.cut_left <= 600.0
+        relay.cut(0.0)
+        assert relay.cut_left == 0.0
+        link = await connect(relay.address, late.accept)
+        late.mouths[1].send(Ping(1, 2))
+        await far.until(lambda: bool(far.frames))
+        assert [frame.message for frame in far.frames] == [Ping(1, 2)]
+        link.close()
+
+    await pair("tcp:127.0.0.1:0", Accidents(), story)
 
 
 async def test_a_relay_joins_tcp_with_can(unused_channel: str) -> None:

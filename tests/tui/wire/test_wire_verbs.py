@@ -181,6 +181,7 @@ def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         address = process.stdout.readline().split()[1]
+        assert process.stderr.readline() == "loss 0%, delay 40 ms, jitter 0 ms, duplication 0%\n"
         process.stdin.write("loss 50%\n")
         process.stdin.flush()
         assert process.stderr.readline() == "loss 50%, delay 40 ms, jitter 0 ms, duplication 0%\n"
@@ -192,6 +193,25 @@ def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
         traffic = json.loads(process.stdout.readline())["traffic"]
     assert 0 < traffic["far"]["passed"] < traffic["far"]["taken"]
     assert process.returncode == exit_codes.DONE
+
+
+def test_who_is_a_bad_link_says_what_is_in_force_with_its_units() -> None:
+    words = [*ROBOTREE, "wire", "inject", "--listen", "tcp:127.0.0.1:0", "--connect", "tcp:127.0.0.1:1"]
+    pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen([*words, "--delay", "20"], text=True, **pipes) as process:
+        assert process.stdout is not None
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdin.write("cut 10min\ndelay 15ms\nheal\n")
+        process.stdin.flush()
+        began, cut, changed, healed = (process.stderr.readline() for _ in range(4))
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+    assert began == "loss 0%, delay 20 s, jitter 0 ms, duplication 0%\n"
+    assert cut.startswith(began.rstrip() + "; cut, 600 s left")
+    assert changed.startswith("loss 0%, delay 15 ms, jitter 0 ms, duplication 0%; cut, ")
+    assert healed == "loss 0%, delay 0 ms, jitter 0 ms, duplication 0%\n"
 
 
 def test_the_dissector_is_written_once(say: Any, tmp_path: Path) -> None:
@@ -273,6 +293,7 @@ def test_who_stands_before_a_robot_that_is_not_there_says_so_and_fails(say: Any,
         assert process.stdout is not None
         assert process.stderr is not None
         address = process.stdout.readline().split()[1]
+        process.stderr.readline()  # what it does to the link
         say("wire", "record", "--connect", address, tmp_path / "a.tlog", "--for", "5s")
         assert process.stderr.readline() == "robotree: tcp:127.0.0.1:1 cannot be opened: Connection refused\n"
         process.send_signal(signal.SIGTERM)
