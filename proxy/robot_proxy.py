@@ -24,9 +24,11 @@ from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.errand import Desk, Errand, NotSent
 from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
+from robotree.proxy.orders import Order, Orders
 from robotree.proxy.outcome import error_of
 from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
 from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_live
+from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.vr.command import command
 from robotree.vr.context import Activity, running
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
@@ -94,6 +96,7 @@ class RobotProxy(Robot):
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )
         self._desk = Desk(self._connection)
+        self._orders = Orders(name)
         self._fence = Fence(name)
         self._settled_at = 0.0
         self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
@@ -121,16 +124,22 @@ class RobotProxy(Robot):
         """Return the last known readings, however old; `age` [s] tells how old."""
         return self._session.twin.readings(self._connection.now())
 
-    def safe_stop(self, reason: str) -> None:  # noqa: ARG002  the wire has no place for it
-        """Stop the robot at its controller: at once, and again until it is confirmed."""
-        self._connection.soon(lambda: self._connection.perform(self._session.stop(self._connection.now())))
+    def safe_stop(self, reason: str) -> Order:  # noqa: ARG002  the wire has no place for it
+        """Stop the robot at its controller: at once, and again until it is confirmed.
 
-    def resume(self) -> None:
-        """Release the stop at the controller."""
-        epoch = max(self._fence.highest, self.controller_epoch)
-        self._connection.soon(
-            lambda: self._connection.perform(self._session.release(epoch, self._connection.now()))
-        )
+        Returns:
+            Something to await: it ends when the controller has confirmed the stop.
+        """
+        return self._order(self._stop)
+
+    def resume(self) -> Order:
+        """Release the stop at the controller.
+
+        Returns:
+            Something to await: it ends when the controller has confirmed the release, and raises
+            `CommandFailed` when it refuses it, or when the release was given up.
+        """
+        return self._order(self._release)
 
     # -- commands of every robot -------------------------------------------------------------------
 
@@ -200,6 +209,20 @@ class RobotProxy(Robot):
 
     # -- inside ------------------------------------------------------------------------------------
 
+    def _order(self, carry_out: Callable[[Order], None]) -> Order:
+        order = Order()
+        self._connection.soon(lambda: carry_out(order))
+        return order
+
+    def _stop(self, order: Order) -> None:
+        self._orders.stop(order)
+        self._connection.perform(self._session.stop(self._connection.now()))
+
+    def _release(self, order: Order) -> None:
+        self._orders.resume(order)
+        epoch = max(self._fence.highest, self.controller_epoch)
+        self._connection.perform(self._session.release(epoch, self._connection.now()))
+
     def _next_key(self) -> int:
         """The key of the running command's next goal."""
         activity = running()
@@ -247,5 +270,7 @@ class RobotProxy(Robot):
             case HeldChanged(reason=reason):
                 self.halted = reason
                 self.on_change()
+            case StopConfirmed() | ReleaseConfirmed() | ReleaseRefused() | ReleaseUnanswered():
+                self._orders.hear(event, "" if self.online else self._session.trouble)
             case _:
                 self._desk.hear(event)

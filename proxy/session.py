@@ -195,12 +195,13 @@ class Session:
 
     def tick(self, now: float) -> list[Effect]:
         """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
-        effects: list[Effect] = [*self._listener.tick(now), *self._goals.tick(now), *self._will.expire(now)]
+        effects: list[Effect] = [*self._listener.tick(now)]
         if self.online and now - self.heard_at >= SILENCE:
             silent = f"its controller has been silent for {SILENCE:g} s"
             effects += self._turn(online=False, trouble=self.disbelief or silent)
         elif not self.online and self._open and self.disbelief:
             self.trouble = self.disbelief
+        effects += [*self._goals.tick(now), *self._will.expire(now)]
         if not self._open:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
             return effects + self._held_news()

@@ -1,0 +1,156 @@
+"""When a stop or a resume of a proxy is told as done: once its controller has said so, not before."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable
+
+import pytest
+
+from robotree.protocol.frame import Frame
+from robotree.protocol.messages import AnyMessage, Heartbeat, Mode, ModeKind, Reason
+from robotree.proxy.arm import Arm
+from robotree.proxy.will import RELEASE_WITHIN
+from robotree.vr.errors import CommandFailed
+
+BEAT = Heartbeat(0, 0, 0, 0, 4)
+
+
+class Place:
+    """A proxy whose controller is the test."""
+
+    def __init__(self) -> None:
+        self.robot = Arm("arm-1", "tcp:127.0.0.1:5760")
+        self.session, self.connection = self.robot._session, self.robot._connection
+
+    def connect(self) -> None:
+        self.connection.perform(self.session.opened(self.connection.now()))
+        self.hear(BEAT)
+
+    def cut(self) -> None:
+        self.connection.perform(self.session.closed("the cable was pulled"))
+
+    def hear(self, message: AnyMessage) -> None:
+        frame = Frame.of(message, system=1, component=1)
+        self.connection.perform(self.session.hear(frame, self.connection.now()))
+
+    def tell(self, mode: ModeKind, stops: int, reason: Reason = Reason.NONE) -> None:
+        self.hear(Mode(1000, 1, 1000, mode, reason, stops))
+
+    def pass_time(self, seconds: float) -> None:
+        self.connection.perform(self.session.tick(self.connection.now() + seconds))
+
+
+@pytest.fixture
+def place() -> Place:
+    place = Place()
+    place.connect()
+    place.tell(ModeKind.READY, 1)
+    return place
+
+
+async def waiting(order: Awaitable[None]) -> asyncio.Task[None]:
+    async def wait() -> None:
+        await order
+
+    task = asyncio.create_task(wait())
+    await settle()
+    return task
+
+
+async def settle() -> None:
+    """Let everybody who waits take note."""
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
+async def test_a_stop_is_told_as_done_when_the_controller_has_confirmed_it(place: Place) -> None:
+    stop = await waiting(place.robot.safe_stop("a hand in the cell"))
+    place.tell(ModeKind.READY, 1)
+    await settle()
+    assert not stop.done(), "the controller lives and was told, and has confirmed nothing"
+    place.tell(ModeKind.SAFE_STOP, 2)
+    await settle()
+    assert stop.done()
+    await stop
+
+
+async def test_a_stop_of_a_robot_that_is_away_is_done_when_it_has_come_back_and_confirmed_it(
+    place: Place,
+) -> None:
+    place.cut()
+    stop = await waiting(place.robot.safe_stop("a hand in the cell"))
+    place.pass_time(60.0)
+    place.connect()
+    await settle()
+    assert not stop.done()
+    place.tell(ModeKind.SAFE_STOP, 2)
+    await settle()
+    assert stop.done()
+
+
+async def test_who_waits_for_a_stop_no_longer_does_not_take_it_back_nor_ends_the_wait_of_others(
+    place: Place,
+) -> None:
+    order = place.robot.safe_stop("a hand in the cell")
+    gone, stays = await waiting(order), await waiting(order)
+    gone.cancel()
+    await settle()
+    assert gone.cancelled()
+    assert place.session.stopped
+    place.tell(ModeKind.SAFE_STOP, 2)
+    await stays
+
+
+async def test_a_resume_is_told_as_done_when_the_controller_is_not_held(place: Place) -> None:
+    place.robot.safe_stop("a hand in the cell")
+    place.tell(ModeKind.SAFE_STOP, 2)
+    resume = await waiting(place.robot.resume())
+    place.tell(ModeKind.SAFE_STOP, 2)
+    await settle()
+    assert not resume.done()
+    place.tell(ModeKind.READY, 2)
+    await resume
+
+
+@pytest.mark.parametrize(
+    ("reason", "advice"),
+    [
+        (Reason.STOPPED, r"another stop came after .*; when it is safe, resume again"),
+        (Reason.STALE_EPOCH, "a newer lease is already obeyed; resume again"),
+        (Reason.NOT_IN_CONTROL, "somebody on another link is in operator control; ask them to give it up"),
+    ],
+)
+async def test_a_resume_that_the_controller_refuses_says_why_and_what_to_do(
+    place: Place, reason: Reason, advice: str
+) -> None:
+    place.tell(ModeKind.SAFE_STOP, 2)
+    resume = await waiting(place.robot.resume())
+    place.tell(ModeKind.SAFE_STOP, 3, reason)
+    with pytest.raises(CommandFailed, match=f"arm-1.resume failed: its controller does not .*: {advice}"):
+        await resume
+
+
+async def test_a_resume_that_was_given_up_says_so(place: Place) -> None:
+    place.tell(ModeKind.SAFE_STOP, 2)
+    resume = await waiting(place.robot.resume())
+    place.pass_time(RELEASE_WITHIN)
+    with pytest.raises(CommandFailed, match=r"silent for 3 s; it is not released; .*, then resume again"):
+        await resume
+    place.cut()
+    resume = await waiting(place.robot.resume())
+    place.pass_time(RELEASE_WITHIN)
+    with pytest.raises(CommandFailed, match="the cable was pulled; it is not released"):
+        await resume
+
+
+async def test_the_newest_order_ends_the_wait_of_those_before_it(place: Place) -> None:
+    stop = await waiting(place.robot.safe_stop("a hand in the cell"))
+    resume = await waiting(place.robot.resume())
+    with pytest.raises(CommandFailed, match=r"arm-1\.safe_stop failed: a resume came after it"):
+        await stop
+    again = await waiting(place.robot.safe_stop("again"))
+    with pytest.raises(CommandFailed, match=r"arm-1\.resume failed: a stop came after it"):
+        await resume
+    place.tell(ModeKind.SAFE_STOP, 2)
+    await again
