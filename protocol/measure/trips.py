@@ -184,7 +184,8 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
             links.append(await connect(address, asking.accept))
             ways[name] = asking.trip
         for trip in ways.values():  # each can be gone, and is warm
-            await asyncio.wait_for(trip(), PATIENCE)
+            async with asyncio.timeout(PATIENCE):
+                await trip()
         told = await _take_turns({**ways, **(more or {})}, rounds, turn)
         for link in links:
             link.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING
 
@@ -58,3 +59,14 @@ async def test_a_look_that_fails_is_told_and_the_next_one_heals(
     told = [happening.text for happening in store.happenings]
     assert "cannot see the tree: the network is away" in told
     await feed.close()
+
+
+async def test_a_feed_that_was_just_hinted_at_ends_as_quickly_as_any(realm: Realm) -> None:
+    """Its look at the tree is cancelled while it wakes for the hint."""
+    feed = Feed(realm.fleet, Store(), time.monotonic)
+    await feed.open()
+    await until(lambda: feed._hint._waiters, "nothing more to look at")  # type: ignore[attr-defined]
+    feed.hint()
+    await asyncio.sleep(0)
+    async with asyncio.timeout(30):
+        await feed.close()

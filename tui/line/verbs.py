@@ -158,7 +158,8 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     units = {robot.name: robot.units for robot in known}
     watching = await fleet.watch_state(name or None, tell)
     try:
-        await asyncio.wait_for(asyncio.Event().wait(), limit)
+        async with asyncio.timeout(limit):
+            await asyncio.Event().wait()
     except TimeoutError:
         pass
     finally:

@@ -92,7 +92,8 @@ class Feed:
             await self._look()
             await asyncio.sleep(PAUSE)
             try:
-                await asyncio.wait_for(self._hint.wait(), PATROL)
+                async with asyncio.timeout(PATROL):
+                    await self._hint.wait()
             except TimeoutError:
                 continue
 

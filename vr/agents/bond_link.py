@@ -84,7 +84,8 @@ class Link:
         lease = self.bond.lease
         while (left := lease.expires - _now()) > TICK:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self.hurry.wait(), min(max(lease.due - _now(), TICK), left))
+                async with asyncio.timeout(min(max(lease.due - _now(), TICK), left)):
+                    await self.hurry.wait()
             if self.hurry.is_set() or lease.due - _now() < TICK:
                 self.hurry.clear()
                 lease.asked(_now())

@@ -104,7 +104,8 @@ class Petitioner:
         heard = asyncio.Event()
         watching = await self._transport.watch(key, lambda _, there: heard.set() if there else None)
         try:
-            await asyncio.wait_for(heard.wait(), REUNION)
+            async with asyncio.timeout(REUNION):
+                await heard.wait()
         except TimeoutError:
             return
         finally:

@@ -59,4 +59,5 @@ class StateNews:
                 await asyncio.sleep(QUICK)
                 if not busy:
                     with contextlib.suppress(TimeoutError):
-                        await asyncio.wait_for(self._changed.wait(), SLOW - QUICK)
+                        async with asyncio.timeout(SLOW - QUICK):
+                            await self._changed.wait()

@@ -109,7 +109,8 @@ class CanListener:
         """
         self._control(Control(Code.CLAIM, self._claim), target=EVERYBODY, fd=self._where.fd)
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._refused.wait(), CLAIM_TIME)
+            async with asyncio.timeout(CLAIM_TIME):
+                await self._refused.wait()
             raise LinkRefused(self.address, f"another controller on this bus has node={self._where.node}")
 
     async def close(self) -> None:

@@ -173,3 +173,16 @@ async def test_a_robot_that_is_listed_can_be_called_at_once(realm: Any) -> None:
     await realm.operator.watch("robot/*/*", seen)
     await realm.start(Arm("arm-1"))
     assert len(answers) == 1
+
+
+@pytest.mark.parametrize("turns", range(4))
+async def test_a_robot_that_has_just_changed_ends_as_quickly_as_any(realm: Any, turns: int) -> None:
+    """Its news are cancelled while they wake for the change."""
+    arm = await realm.start(Arm("arm-1"), registrar=None)
+    await asyncio.sleep(0.5)
+    arm.changed()
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    realm.agents.remove(arm)  # which would wait for it as long
+    async with asyncio.timeout(5):
+        await arm.close()
