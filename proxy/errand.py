@@ -13,11 +13,12 @@ from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, Goal
 from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.session import Event
+from robotree.vr.context import Activity
 
 
 @dataclass(frozen=True, slots=True)
 class NotSent:
-    """The errand never left: the controller cannot be reached. Or nobody is left to tell of its end."""
+    """The errand never left: no controller, or the command was ended. Or nobody is left to tell of its end."""
 
     trouble: str
 
@@ -26,11 +27,17 @@ End = GoalEnded | GoalSilent | NotSent
 
 
 class Errand:
-    """One goal under way."""
+    """One goal under way.
 
-    def __init__(self, key: int, epoch: int) -> None:
+    Args:
+        key: of the goal.
+        activity: the command that asks for it.
+    """
+
+    def __init__(self, key: int, activity: Activity) -> None:
         self.key = key
-        self.epoch = epoch
+        self.activity = activity
+        self.epoch = activity.context.epoch
         self.fraction = 0.0
         """How far it is, 0 to 1."""
         self.end: End | None = None
@@ -57,19 +64,19 @@ class Desk:
 
     # -- from any thread ---------------------------------------------------------------------------
 
-    def send_out(self, key: int, request: Request, *, epoch: int, ttl: float) -> Errand:
+    def send_out(self, key: int, request: Request, *, activity: Activity, ttl: float) -> Errand:
         """Ask the controller for a movement.
 
         Args:
             key: of the goal.
             request: what to do.
-            epoch: of the lease.
+            activity: the command that asks for it.
             ttl: [s] it may take; 0: until reached.
 
         Returns:
-            The errand; it ends at once when the controller is offline.
+            The errand; it ends at once when the controller is offline or the command has been ended.
         """
-        errand = Errand(key, epoch)
+        errand = Errand(key, activity)
         self._connection.soon(lambda: self._start(errand, request, ttl))
         return errand
 
@@ -101,6 +108,9 @@ class Desk:
 
     def _start(self, errand: Errand, request: Request, ttl: float) -> None:
         session, now = self._connection.session, self._connection.now()
+        if errand.activity.cancelled:  # here, where stops and resumes come too, none can slip in between
+            errand.finish(NotSent("its command has been ended"))
+            return
         if not session.online:
             errand.finish(NotSent(session.trouble))
             return

@@ -160,15 +160,16 @@ class RobotProxy(Robot):
             BadArgument: a value is out of its limit; nothing was sent.
             StaleEpoch: the lease under which it is asked is over.
             CommandFailed: the controller is offline, refuses, or did not get there.
-            CommandCancelled: it was ended on request or for something newer.
+            CommandCancelled: it was ended on request or for something newer, perhaps before this motion.
             DeadlineExceeded: its time was over first.
         """
+        self.check()
         context = self.context
         check(motion, self.limits, command=f"{self.name}.{context.command}")
         self._fence.raise_to(self.controller_epoch)
         self._fence.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
-        errand = self._desk.send_out(self._next_key(), motion.request(), epoch=context.epoch, ttl=ttl)
+        errand = self._desk.send_out(self._next_key(), motion.request(), activity=running(), ttl=ttl)
         try:
             self._accompany(errand)
         finally:
@@ -248,6 +249,7 @@ class RobotProxy(Robot):
         """Raise what the end of an errand means for the command."""
         match errand.end:
             case NotSent(trouble=trouble):
+                self.check()
                 raise self._failed(f"{trouble}; {NEXT}")
             case GoalSilent() | None:
                 raise self._failed("its controller has fallen silent; look whether the robot still moves")

@@ -7,6 +7,7 @@ import random
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from robotree.proxy.session import Event, OnlineChanged, Session
 from robotree.vr.testing import until
 
 Controller = Any
+COMMAND: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=5))
 GRIP = Request(Verb.GRIP, (0.02,))
 
 
@@ -46,7 +48,7 @@ class Bench:
         self.desk = Desk(self.connection)
 
     def send_out(self, key: int = 7) -> Errand:
-        return self.desk.send_out(key, GRIP, epoch=5, ttl=0.0)
+        return self.desk.send_out(key, GRIP, activity=COMMAND, ttl=0.0)
 
     def _hear(self, event: Event) -> None:
         self.events.append(event)

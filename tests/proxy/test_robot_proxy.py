@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
@@ -330,6 +331,44 @@ async def test_every_motion_of_a_command_moves_and_each_once_when_the_command_is
         await step(4)
         await step(5)
         await again
+
+
+class Thinker(Rover):
+    """A rover that computes between two steps."""
+
+    def __init__(self, name: str, url: str) -> None:
+        super().__init__(name, url)
+        self.decided = threading.Event()
+
+    @command
+    def ponder(self) -> None:
+        """Take a step, think, take another."""
+        self.carry_out(Move(x=0.2, y=0.0, speed=0.3))
+        self.decided.wait(10.0)
+        self.carry_out(Move(x=0.2, y=0.0, speed=0.3))
+
+
+async def test_a_command_that_a_stop_has_ended_begins_no_further_motion_after_the_resume(
+    make_controller: type[Controller],
+) -> None:
+    robots: list[Thinker] = []
+
+    def make(url: str) -> Thinker:
+        robots.append(Thinker("rover-1", url))
+        return robots[0]
+
+    async with acting(make_controller(), make) as scene:
+        await scene.online()
+        call = scene.begin("ponder", {})
+        await scene.moving()
+        scene.controller.finish(GoalState.SUCCEEDED)
+        await until(lambda: robots[0].settled_at > 0.0, "the first step has ended")
+        await scene.client.safe_stop("a hand in the cell")
+        await scene.client.resume()
+        robots[0].decided.set()
+        with pytest.raises(CommandCancelled, match="a hand in the cell"):
+            await call
+        assert len(scene.goals) == 1
 
 
 async def test_a_rover_is_not_sent_out_of_its_arena(make_controller: type[Controller]) -> None:
