@@ -16,10 +16,12 @@ import traceback
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 import msgspec
 import pymavlink
 
+from robotree.protocol.dialect.errors import UnknownBase
 from robotree.protocol.dialect.examine import problems
 from robotree.protocol.dialect.table import Definition, Field
 from robotree.protocol.errors import DialectError
@@ -57,6 +59,38 @@ def workspace(xml: Path) -> Generator[Path]:
             for each in source.glob("*.xml"):
                 shutil.copy(each, folder)
         yield folder / xml.name
+
+
+@contextlib.contextmanager
+def beside(base: str, xml: Path = DIALECT) -> Generator[Path]:
+    """A dialect that has all that `xml` has and all of one of the base dialects, for a tool that wants both.
+
+    Args:
+        base: such as `ardupilotmega`; empty: nothing more.
+        xml: the dialect.
+
+    Yields:
+        Its XML, in a temporary folder.
+
+    Raises:
+        DialectError: `xml` is wrong, or has an id or a name that the base dialect uses for something else.
+        UnknownBase: pymavlink brings no such dialect.
+    """
+    if not base:
+        yield xml
+        return
+    offered = sorted(path.stem for path in base_directory().glob("*.xml"))
+    if base not in offered:
+        raise UnknownBase(base, tuple(offered))
+    build(xml)  # so that its own mistakes are told by its own name
+    with workspace(xml) as copy:
+        both = copy.with_name(f"{xml.stem}_{base}.xml")
+        includes = "".join(f"<include>{name}</include>" for name in (f"{base}.xml", copy.name))
+        both.write_text(f"<mavlink>{includes}<messages/></mavlink>", encoding="utf-8")
+        try:
+            yield both
+        except DialectError as error:
+            raise DialectError(str(xml), f"it does not go with {base}: {error.detail}") from error
 
 
 def parse(xml: Path = DIALECT) -> list[MAVXML]:
@@ -103,7 +137,11 @@ def build(xml: Path = DIALECT) -> list[Definition]:
     Raises:
         DialectError: the XML is wrong, or a message is too long for the wire.
     """
-    messages = (message for file in parse(xml) for message in file.message)
+    return _table(parse(xml), xml)
+
+
+def _table(parsed: list[MAVXML], xml: Path) -> list[Definition]:
+    messages = (message for file in parsed for message in file.message)
     table = sorted((_definition(message) for message in messages), key=lambda each: each.id)
     for each in table:
         if each.length > LARGEST_PAYLOAD:
@@ -149,16 +187,27 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     """
     from pymavlink.generator import mavgen
 
-    build(xml)
+    parsed = parse(xml)
+    _table(parsed, xml)
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)
+        for each in parsed:
+            _complete(copy.with_name(Path(each.filename).name))
         try:
             done = mavgen.mavgen(options, [str(copy)]) is True
         except (Exception, SystemExit) as error:  # noqa: BLE001  it raises what it likes, SystemExit included
             failure = _told(error, copy.parent)
     if not done:
         raise DialectError(str(xml), failure or _complaint(said.getvalue(), copy.parent))
+
+
+def _complete(copy: Path) -> None:
+    """Give an XML that only includes others the empty list of messages that the generator's schema wants."""
+    tree = ET.parse(copy)  # noqa: S314  a developer's own file; entities cost only him
+    if tree.find("messages") is None:
+        ET.SubElement(tree.getroot(), "messages")
+        tree.write(copy)
 
 
 def _told(error: BaseException, folder: Path) -> str:

@@ -5,6 +5,8 @@
     ProtocolError
       LanguageError
         UnknownLanguage   not offered
+        UnknownBase       no dialect of this name comes with pymavlink
+        NoFile            a language of one file was asked for, and a folder was named
         TargetTaken       something lies where it should be written
 """
 
@@ -28,6 +30,24 @@ class UnknownLanguage(LanguageError):
     def __init__(self, name: str, offered: tuple[str, ...]) -> None:
         self.name, self.offered = name, offered
         super().__init__(f"the dialect is not to be had in {name!r}; there is {', '.join(offered)}")
+
+
+class UnknownBase(LanguageError):
+    """A base dialect that does not come with pymavlink."""
+
+    def __init__(self, name: str, offered: tuple[str, ...]) -> None:
+        self.name, self.offered = name, offered
+        super().__init__(f"no base dialect is called {name!r}; there is {', '.join(offered)}")
+
+
+class NoFile(LanguageError):
+    """A folder was named for a language of one file."""
+
+    def __init__(self, target: Path, name: str, suffix: str) -> None:
+        self.target = target
+        super().__init__(
+            f"{target} is a folder, and {name} is one file; name a file such as {target}/robotree{suffix}"
+        )
 
 
 class TargetTaken(LanguageError):

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from robotree.protocol.dialect import compile as compiler
-from robotree.protocol.dialect.errors import TargetTaken, UnknownLanguage
+from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage
 
 
 class Language(msgspec.Struct, frozen=True):
@@ -45,33 +45,39 @@ def names() -> tuple[str, ...]:
     return (*LANGUAGES, XML)
 
 
-def write(name: str, target: Path, dialect: Path = compiler.DIALECT) -> list[Path]:
+def write(name: str, target: Path, dialect: Path = compiler.DIALECT, *, base: str = "") -> list[Path]:
     """Write the dialect in one language.
 
     Args:
         name: one of `names()`.
         target: the folder to make; for a language of one file that file.
         dialect: the XML.
+        base: a base dialect that is written with it, such as `ardupilotmega`; empty: none.
 
     Returns:
         What was written, sorted.
 
     Raises:
         UnknownLanguage: it is not offered.
+        UnknownBase: pymavlink brings no such base dialect.
+        NoFile: the target of a language of one file is a folder.
         TargetTaken: there is something at the target already.
         DialectError: the XML is wrong.
     """
     if name not in names():
         raise UnknownLanguage(name, names())
+    suffix = "" if name == XML else LANGUAGES[name].suffix
+    if suffix and target.is_dir():
+        raise NoFile(target, name, suffix)
     if target.is_file() or (target.is_dir() and any(target.iterdir())):
         raise TargetTaken(target)
-    if name == XML:
-        return _write_xml(target, dialect)
-    language = LANGUAGES[name]
-    with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as folder:
-        made = Path(folder) / f"out{language.suffix}"
-        compiler.generate(made, xml=dialect, language=language.generator)
-        return _place(made, target)
+    with compiler.beside(base, dialect) as xml:
+        if name == XML:
+            return _write_xml(target, xml)
+        with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as folder:
+            made = Path(folder) / f"out{suffix}"
+            compiler.generate(made, xml=xml, language=LANGUAGES[name].generator)
+            return _place(made, target)
 
 
 def _place(made: Path, target: Path) -> list[Path]:

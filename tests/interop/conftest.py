@@ -132,7 +132,7 @@ def tools() -> Path:
     folder = Path(subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip())
     module = folder / "robotree.py"
     module.unlink(missing_ok=True)  # of an earlier run; the verb writes nothing over
-    words = ["wire", "dialect", "--lang", "python", str(module)]
+    words = ["wire", "dialect", "--lang", "python", "--include", "ardupilotmega", str(module)]
     subprocess.run([sys.executable, "-m", "robotree.tui", *words], check=True)
     return TOOLS
 
@@ -172,9 +172,9 @@ def arm(simulate: Callable[..., str]) -> str:
 def mavproxy(start: Callable[..., Program], tools: Path) -> Callable[..., Program]:
     """Starts MAVProxy at an arm, as its users do."""
 
-    def begin(arm: str, dialect: str = "robotree") -> Program:
+    def begin(arm: str) -> Program:
         modules = "--default-modules=param,link,cmdlong,messagerate"
-        options = (f"--master=tcp:{arm}", "--mav20", "--no-state", f"--dialect={dialect}", modules)
+        options = (f"--master=tcp:{arm}", "--mav20", "--no-state", "--dialect=robotree", modules)
         return start(tools / "python", tools / "mavproxy.py", *options)
 
     return begin

@@ -246,13 +246,14 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire dissector robotree.lua",),
     ),
     Action(
-        usage="wire dialect --lang LANGUAGE OUT [--xml DIALECT]",
+        usage="wire dialect --lang LANGUAGE OUT [--xml DIALECT] [--include BASE]",
         help="Write our dialect, or yours, in c, c++, csharp, java, objc, python, swift, wireshark, or xml.",
         group=WIRE,
         where=Where.SHELL,
         examples=(
             "wire dialect --lang c include/mavlink",
             "wire dialect --lang c mine --xml mine.xml",
+            "wire dialect --lang python robotree.py --include ardupilotmega",
         ),
     ),
     Action(

@@ -15,7 +15,9 @@ from robotree.tui.terminal import put
 def run(line: Line) -> int:
     """Write the dialect, and say what was written."""
     dialect = Path(line.text("--xml")) if line.text("--xml") else DIALECT
-    written = languages.write(line.text("--lang"), Path(line.text("OUT")), dialect)
+    written = languages.write(
+        line.text("--lang"), Path(line.text("OUT")), dialect, base=line.text("--include")
+    )
     if line.flag("--json"):
         put(json.dumps({"files": [str(path) for path in written]}))
     else:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import struct
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,7 +16,7 @@ from robotree.protocol.capture import Decoder
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect import languages
 from robotree.protocol.dialect.dissector import dissector
-from robotree.protocol.dialect.errors import TargetTaken, UnknownLanguage
+from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownBase, UnknownLanguage
 from robotree.protocol.errors import DialectError
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import Gripper, NamedValueFloat
@@ -89,6 +91,47 @@ def test_as_xml_it_is_complete(tmp_path: Path) -> None:
                 assert (tmp_path / "xml" / included).is_file()
 
 
+def read(path: Path) -> Any:
+    """A generated module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_base_dialect_is_written_with_ours_for_a_tool_that_wants_both(tmp_path: Path) -> None:
+    (path,) = languages.write("python", tmp_path / "both_of_them.py", base="ardupilotmega")
+    module = read(path)
+    assert (module.MAVLINK_MSG_ID_RADIO, module.MAVLINK_MSG_ID_ROBOTREE_GOAL) == (166, 57603)
+
+
+def test_a_base_dialect_that_is_not_there_is_answered_with_those_that_are(tmp_path: Path) -> None:
+    with pytest.raises(UnknownBase, match=r"called 'ardu'; there is .*ardupilotmega, "):
+        languages.write("python", tmp_path / "out.py", base="ardu")
+
+
+def test_a_dialect_that_does_not_go_with_a_base_is_named_by_its_own_name(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.xml"
+    probe = '<message id="166" name="PROBE"><description/><field type="uint8_t" name="a"/></message>'
+    mine.write_text(f"<mavlink><messages>{probe}</messages></mavlink>")
+    with pytest.raises(DialectError, match=r"mine\.xml .*: it does not go with ardupilotmega: .* id 166"):
+        languages.write("python", tmp_path / "out.py", mine, base="ardupilotmega")
+
+
+def test_an_xml_that_only_includes_others_is_written(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.xml"
+    mine.write_text("<mavlink><include>robotree.xml</include></mavlink>")
+    (path,) = languages.write("python", tmp_path / "out.py", mine)
+    assert "MAVLINK_MSG_ID_ROBOTREE_GOAL" in path.read_text()
+
+
+def test_a_folder_for_a_language_of_one_file_is_answered_with_the_name_of_a_file(tmp_path: Path) -> None:
+    with pytest.raises(NoFile, match=r"name a file such as .*/robotree\.py"):
+        languages.write("python", tmp_path)
+
+
 def test_nothing_is_written_over(tmp_path: Path) -> None:
     (tmp_path / "mine.h").write_text("precious")
     with pytest.raises(TargetTaken):
@@ -151,14 +194,8 @@ def test_tshark_understands_the_arm(tmp_path: Path, frames: list[Frame]) -> None
 
 
 def test_what_python_reads_in_the_generated_module_is_what_we_wrote(tmp_path: Path) -> None:
-    import importlib.util
-
     (path,) = languages.write("python", tmp_path / "robotree_generated.py")
-    spec = importlib.util.spec_from_file_location("robotree_generated", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = read(path)
     raw = encode(NamedValueFloat(time_boot_ms=5, name="lever", value=0.5), sequence=3, system=1, component=1)
     (message,) = module.MAVLink(None).parse_buffer(raw)
     assert (message.name, message.value, message.get_seq()) == ("lever", 0.5, 3)
