@@ -18,7 +18,7 @@ from robotree.vr.context import Activity
 
 @dataclass(frozen=True, slots=True)
 class NotSent:
-    """The errand never left: no controller, or the command was ended. Or nobody is left to tell of its end."""
+    """The errand never left: no controller, or an ended command. Or nobody is left to tell of its end."""
 
     trouble: str
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
+from robotree.protocol.services.heartbeat import PERIOD
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
 
 SENTENCES: dict[Reason, str] = {
@@ -45,6 +46,21 @@ def reason_in_words(reason: int) -> str:
         return SENTENCES[Reason(reason)]
     except ValueError:
         return f"the controller gave reason {reason}, which this proxy does not know"
+
+
+def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
+    """What it means that nothing is heard of a goal, as a sentence without its full stop.
+
+    Args:
+        acknowledged: whether it ever answered the goal.
+        heard: [s] since the controller was heard, whatever it said.
+        kind: of robot that its controller is taken for.
+    """
+    if heard >= 2 * PERIOD:
+        return "its controller has fallen silent; look whether the robot still moves"
+    if acknowledged:
+        return "its controller is online but tells nothing more of it; look whether the robot still moves"
+    return f"its controller is online but answers no goals; is it a {kind}? Look whether the robot moves"
 
 
 def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int) -> VrError | None:

@@ -25,7 +25,7 @@ from robotree.proxy.errand import Desk, Errand, NotSent
 from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.orders import Order, Orders
-from robotree.proxy.outcome import error_of
+from robotree.proxy.outcome import error_of, silence_in_words
 from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
 from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_live
 from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
@@ -251,8 +251,10 @@ class RobotProxy(Robot):
             case NotSent(trouble=trouble):
                 self.check()
                 raise self._failed(f"{trouble}; {NEXT}")
-            case GoalSilent() | None:
-                raise self._failed("its controller has fallen silent; look whether the robot still moves")
+            case GoalSilent() | None as end:
+                acknowledged = end is not None and end.acknowledged
+                heard, kind = self._connection.now() - self._session.heard_at, self.kinds()[0]
+                raise self._failed(silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind))
             case end:
                 name, epoch = self.context.command, errand.epoch
                 error = error_of(end, robot=self.name, command=name, epoch=epoch, obeyed=self._session.obeyed)

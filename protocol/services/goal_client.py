@@ -4,7 +4,9 @@ A goal is repeated with its key until its first status comes. From then on only 
 that a controller which restarted in the meantime says UNKNOWN instead of beginning again. When no answer
 came for `patience`, the goal is not repeated either: a link that comes back much later must not start a
 movement. A repetition carries what is left of the time to live. A goal whose time is over before it was
-answered is called off; when the controller then says that it never had it, it ends as EXPIRED.
+answered is called off; when the controller then says that it never had it, it ends as EXPIRED. A cancelled
+one of which nothing is heard is asked about until LINGER after its time to live: then it moves no more, and a
+controller that answers no goals is not asked about ever more of them. One without an end is never let go.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ POLL = 1.0
 """[s] of silence after which the status is asked for."""
 PATIENCE = 3.0
 """[s] of silence after which the goal counts as out of sight."""
+LINGER = 10.0
+"""[s] after its time to live for which a cancelled goal of which nothing is heard is asked about."""
 ARGUMENTS = 7
 _HALF = 0x8000
 
@@ -52,7 +56,10 @@ class GoalEnded(msgspec.Struct, frozen=True):
 
 
 class GoalSilent(msgspec.Struct, frozen=True):
-    """Nothing was heard of a goal for `patience`: it may move or not. It is still asked for."""
+    """Nothing was heard of a goal for `patience`: it may move or not. It is still asked for.
+
+    Whoever cancels it hears of its end if one is told, and of nothing when it is let go.
+    """
 
     key: int
     acknowledged: bool
@@ -170,11 +177,14 @@ class GoalClient:
     def tick(self, now: float) -> list[Effect]:
         """Repeat and ask what is due."""
         effects: list[Effect] = []
-        for key, pursuit in self._pursuits.items():
+        for key, pursuit in list(self._pursuits.items()):
             if not pursuit.silent and now - pursuit.heard >= self._patience:
                 pursuit.silent = True
                 effects.append(GoalSilent(key, pursuit.acknowledged))
-            effects += self._remind(pursuit, now)
+            if pursuit.silent and pursuit.cancelled and now >= pursuit.deadline + LINGER:
+                self.forget(key)
+            else:
+                effects += self._remind(pursuit, now)
         return effects
 
     def _remind(self, pursuit: _Pursuit, now: float) -> list[Effect]:

@@ -9,6 +9,7 @@ import pytest
 from robotree.protocol import Frame
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
 from robotree.protocol.services.goal_client import (
+    LINGER,
     PATIENCE,
     POLL,
     RESEND,
@@ -399,6 +400,28 @@ def test_a_cancel_is_repeated_until_the_end_is_heard(client: GoalClient) -> None
     assert _sent([*client.tick(0.2 + RESEND)]) == [cancel]
     client.receive(_status(GoalState.CANCELLED, sequence=2), 0.5)
     assert client.tick(5.0) == []
+
+
+def test_a_cancelled_goal_of_which_nothing_is_heard_is_let_go_after_its_time(client: GoalClient) -> None:
+    client.start(8, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=60.0)
+    client.start(9, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=60.0)
+    client.receive(_status(GoalState.ACTIVE, key=9), 0.1)
+    for key in (7, 8, 9):
+        client.cancel(key, epoch=3, now=1.0)
+    for second in range(1, 100):
+        client.tick(float(second))
+        client.receive(_status(GoalState.ACTIVE, key=9, sequence=second), second + 0.5)
+        assert (8 in client.pursued) == (second < 60.0 + LINGER), "till then it might still move"
+    assert client.pursued == [7, 9], "one may move for ever, the other one moves"
+
+
+def test_a_controller_that_answers_no_goals_is_not_asked_about_ever_more_of_them() -> None:
+    client, said = GoalClient(1, 1), 0
+    for second in range(1000):
+        client.start(second + 1, Verb.HOLD, (), epoch=3, now=float(second), ttl=5.0)
+        said = len(_sent([*client.tick(second + 0.5)]))
+    assert said <= 5.0 + LINGER + 1
+    assert len(client.pursued) <= 5.0 + LINGER + 1
 
 
 def test_what_is_not_ours_or_makes_no_sense_is_passed_over(client: GoalClient) -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
-from robotree.proxy.outcome import SENTENCES, error_of, explain
+from robotree.proxy.outcome import SENTENCES, error_of, explain, silence_in_words
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
 
 
@@ -52,3 +52,18 @@ def test_no_end_from_a_wire_is_without_a_sentence(state: GoalState, reason: int,
     error = ended(state, reason, text)
     assert (error is None) == (state == GoalState.SUCCEEDED)
     assert explain(GoalEnded(1, state, reason, text))
+
+
+@pytest.mark.parametrize(
+    ("acknowledged", "heard", "sentence"),
+    [
+        (False, 0.1, "its controller is online but answers no goals; is it a Arm? Look whether"),
+        (True, 0.1, "its controller is online but tells nothing more of it; look whether"),
+        (False, 2.5, "its controller has fallen silent; look whether"),
+        (True, 60.0, "its controller has fallen silent; look whether"),
+    ],
+)
+def test_a_controller_that_is_heard_is_not_called_silent(
+    *, acknowledged: bool, heard: float, sentence: str
+) -> None:
+    assert silence_in_words(acknowledged=acknowledged, heard=heard, kind="Arm").startswith(sentence)
