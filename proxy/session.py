@@ -205,6 +205,7 @@ class Session:
         if not self._open:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
             return effects + self._held_news()
+        self._heartbeats.keep(self._patience())
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
         effects += _said(self._commands.tick(now))
         if now - max(self._opened_at, self.heard_at) >= DEAD:
@@ -259,6 +260,11 @@ class Session:
             return []
         self.online = online
         return [OnlineChanged(online)]
+
+    def _patience(self) -> float:
+        """[s] of silence that the controller bears: as much as it tells while it moves for us, else any."""
+        mode = self.twin.latest(Mode)
+        return mode.silence_ms / 1000 if mode is not None and self._goals.pursued else math.inf
 
     def _ask_for_rates(self, now: float) -> list[Effect]:
         """Rates belong to one connection of one life of the controller, so they are asked for each time."""

@@ -18,6 +18,8 @@ PERIOD = 1.0
 """[s]"""
 SILENCE = 3.0
 """[s]: three heartbeats."""
+BEATS = 5
+"""Heartbeats in the silence that the far end bears while it must hear us: three in a row may be lost."""
 LARGEST_CROWD = 1024
 """Peers that are remembered; a forged stream must not fill the memory."""
 
@@ -41,6 +43,12 @@ class HeartbeatSender:
         late = now - self.due
         self.due = now + self.period - (late if late < self.period / 2 else 0.0)
         return [heartbeat]
+
+    def keep(self, patience: float) -> None:
+        """From the last heartbeat on, beat often enough for who bears a silence of `patience` [s] at most."""
+        period = min(PERIOD, patience / BEATS)
+        self.due += period - self.period
+        self.period = period
 
     def hurry(self) -> None:
         """The state changed: the next `tick` sends."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
+
 from robotree.protocol import Frame
 from robotree.protocol.messages import Heartbeat, MavState, Timesync
 from robotree.protocol.services.heartbeat import (
@@ -46,6 +50,17 @@ def test_a_change_of_state_does_not_wait_for_the_beat() -> None:
     sender.hurry()
     assert sender.tick(BEAT, 0.1) == [BEAT]
     assert sender.tick(BEAT, 0.2) == []
+
+
+@pytest.mark.parametrize("patience", [0.6, 2.0, 3.0])
+def test_who_must_hear_us_does_so_though_three_heartbeats_in_a_row_are_lost(patience: float) -> None:
+    sender = HeartbeatSender()
+    sender.tick(BEAT, 0.0)
+    sender.keep(patience)
+    beats = [0.0, *(i / 100 for i in range(1, 1001) if sender.tick(BEAT, i / 100))]
+    assert max(later - earlier for earlier, later in zip(beats, beats[4:], strict=False)) < 0.9 * patience
+    sender.keep(math.inf)
+    assert len([i for i in range(1001, 2001) if sender.tick(BEAT, i / 100)]) in {10, 11}
 
 
 def test_a_peer_is_found_by_its_heartbeat_and_kept_by_anything_it_says() -> None:

@@ -42,6 +42,25 @@ def ends(talk: Talk) -> list[GoalState]:
     return [event.state for event in talk.events if isinstance(event, GoalEnded)]
 
 
+def test_while_it_moves_for_us_three_heartbeats_in_a_row_may_be_lost(talk: Talk) -> None:
+    talk.wait(2.0)
+    start(talk)
+    heard: list[float] = []
+
+    def note() -> None:
+        heard.extend(talk.now for message in talk.controller.heard if isinstance(message, Heartbeat))
+        talk.controller.heard.clear()
+
+    talk.wait(10.0, each=note)
+    longest = max(later - earlier for earlier, later in zip(heard, heard[4:], strict=False))
+    assert longest < 1.0, "the silence that the controller bears, as it tells"
+    talk.controller.finish(GoalState.SUCCEEDED)
+    talk.wait(1.0)
+    talk.controller.heard.clear()
+    talk.wait(10.0)
+    assert len([message for message in talk.controller.heard if isinstance(message, Heartbeat)]) in {10, 11}
+
+
 def test_a_robot_is_online_once_its_controller_was_heard(talk: Talk) -> None:
     assert not talk.session.online
     talk.wait(0.1)
