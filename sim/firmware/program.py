@@ -58,8 +58,8 @@ from robotree.sim.firmware.streaming import Streaming
 from robotree.sim.firmware.telemetry import Stream
 
 SILENCE: Final = 2.0
-"""[s] of controller time after which a silent link makes the robot hold: two heartbeats of who beats once a second. A
-proxy beats faster while its goal runs."""
+"""[s] of controller time after which a silent link makes the robot hold: two heartbeats of who beats once a
+second. A proxy beats faster while its goal runs."""
 MODE_PERIOD: Final = 500
 """[ms] between two messages MODE that tell nothing new."""
 STATUS_PERIOD: Final = 1000
