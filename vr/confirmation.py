@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from robotree.vr.errors import NoAnswer, NotConfirmed, Unreachable, VrError
+
+SHARE = 0.8
+"""Of the time that somebody waits for a robot, what that waits for its hardware and its children: a tree of
+any depth knows who did not answer before the one at the top gives up."""
+
+LONGEST = 60.0
+"""[s] Nobody waits longer for a stop."""
 
 Order = Literal["the protective stop", "the release of the stop"]
 
@@ -25,27 +32,47 @@ class Confirmations:
         self._untold: dict[tuple[str, str], None] = {}
         self._advice: dict[str, None] = {_ADVICE[order]: None}
 
-    def take(self, name: str, answer: BaseException | None) -> None:
+    @property
+    def complete(self) -> bool:
+        """Whether nobody is known who has not confirmed."""
+        return not self._untold
+
+    def names(self, name: str) -> bool:
+        """Whether anything is known of a robot."""
+        return name in self._told or any(name == untold for untold, _ in self._untold)
+
+    def take(self, name: str, answer: Iterable[str] | BaseException) -> None:
         """Take the answer of one robot, for itself and for all below it.
 
         Args:
             name: of the robot.
-            answer: None: it has confirmed. An error: it has not, or one below it has not.
+            answer: it has confirmed, and these below it. An error: it has not, or one below it has not.
 
         Raises:
             BaseException: `answer`, when it is nothing that a robot could have answered.
         """
-        if answer is not None and not isinstance(answer, VrError):
-            raise answer
-        if answer is None or isinstance(answer, NotConfirmed):
-            self._told.add(name)
-        if isinstance(answer, NotConfirmed):  # the robot itself has; some below it have not
+        if not isinstance(answer, BaseException):
+            self._told.update((name, *answer))
+        elif isinstance(answer, NotConfirmed):  # it says itself who has and who has not
             self._told.update(answer.data["told"])
             for below, reason in answer.data["untold"]:
                 self._untold[below, reason] = None
             self._advice.update(dict.fromkeys(answer.data["advice"]))
-        elif answer is not None:
-            self._untold[name, _reason(answer)] = None
+            if not self.names(name):
+                self._told.add(name)
+        elif isinstance(answer, VrError):
+            self.deny(name, _reason(answer))
+        else:
+            raise answer
+
+    def deny(self, name: str, reason: str) -> None:
+        """Note one that has not confirmed.
+
+        Args:
+            name: of the robot.
+            reason: as a clause.
+        """
+        self._untold[name, reason] = None
 
     def miss(self, name: str, where: str, remedy: str) -> None:
         """Note one that lives and could not even be asked.
@@ -55,7 +82,7 @@ class Confirmations:
             where: it lives, for people.
             remedy: what a person can do about it.
         """
-        self._untold[name, f"in {where}, which hangs"] = None
+        self.deny(name, f"in {where}, which hangs")
         self._advice[remedy] = None
 
     def settle(self) -> Sequence[str]:
@@ -67,11 +94,20 @@ class Confirmations:
         if self._untold:
             raise NotConfirmed(
                 order=self._order,
-                told=sorted(self._told),
+                told=sorted(self._told - {name for name, _ in self._untold}),
                 untold=[list(pair) for pair in self._untold],
                 advice=list(self._advice),
             )
         return sorted(self._told)
+
+
+def share(within: float) -> float:
+    """Return how long to wait for hardware and children, so that the one above still hears who is late [s].
+
+    Args:
+        within: [s] for which whoever asked waits.
+    """
+    return SHARE * within if 0 < within < LONGEST else SHARE * LONGEST
 
 
 def _reason(error: VrError) -> str:

@@ -92,6 +92,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     """True from a protective stop until it is released, whoever ordered it."""
     stop_reason: str = ""
     """Why it is stopped, for people; empty: it is not."""
+    stops: int = 0
+    """How many protective stops it has been told of: who would end one names the count that they saw."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs: only a restart of its host ends them."""
     attributes: dict[str, str] = {}

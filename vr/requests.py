@@ -104,6 +104,9 @@ class Resume(_Message, frozen=True, kw_only=True):
     """Release a protective stop. Only whoever may command the robot. Answered by `Done`."""
 
     epoch: int | None = None
+    seen: dict[str, int] | None = None
+    """How many stops each robot had been told of when this was asked for, by key; a later stop stays in
+    force, and so does that of a robot that is not in it. None: whichever stops there are."""
     within: float = PATIENCE
     """[s] for which the asker waits; see `SafeStop`."""
 
@@ -269,6 +272,8 @@ class Done(_Message, frozen=True, kw_only=True):
 
     note: str = ""
     """What a person should know of it, as a sentence; empty: nothing."""
+    told: tuple[str, ...] = ()
+    """Names of the robots that have confirmed a stop or its release: the one that was asked and all below."""
 
 
 class Failed(_Message, frozen=True, kw_only=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Awaitable, Mapping
 from typing import ClassVar
 
 from robotree.vr.address import check_name
@@ -47,11 +47,20 @@ class Robot:
         """Return what a panel draws, in SI units (`x`, `fx`, `width` …). Quick: asked ten times a second."""
         return {}
 
-    def safe_stop(self, reason: str) -> None:
-        """Take part in a protective stop. Quick; the agent cancels commands and tells the children."""
+    def safe_stop(self, reason: str) -> Awaitable[None] | None:
+        """Take part in a protective stop. Quick; the agent cancels commands and tells the children.
 
-    def resume(self) -> None:
-        """Take part in the release of a protective stop. Quick."""
+        Whoever has hardware behind it begins at once and returns what to wait for; a virtual robot returns
+        nothing, and its own hooks run in a thread.
+
+        Returns:
+            None: there is nothing to wait for. Else something to await on the loop, that ends when the
+            hardware has confirmed it, never before, and raises a `VrError` when that has refused for good.
+            It is cancelled when whoever asked can wait no longer: that ends the waiting, not the stop.
+        """
+
+    def resume(self) -> Awaitable[None] | None:
+        """Take part in the release of a protective stop. Quick; begins and returns as `safe_stop` does."""
 
     # -- inside a command -------------------------------------------------------------------------
 

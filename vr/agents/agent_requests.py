@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
@@ -11,6 +12,7 @@ from robotree.vr.agents.commands import CommandDesk
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.lease import LeaseKeeper
 from robotree.vr.agents.portrait import Portrait
+from robotree.vr.confirmation import Confirmations, share
 from robotree.vr.description import CommandSpec
 from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachable, WrongKind
 from robotree.vr.exchange.answering import Say, not_for
@@ -133,22 +135,48 @@ class AgentRequests:
         return Done()
 
     async def _safe_stop(self, request: SafeStop) -> Reply:
-        reason = self._desk.ordered = request.reason or "protective stop"
-        self._desk.jobs.cancel_all(reason)
-        self._hooks.safe_stop(reason)
+        reason, seconds = request.reason or "protective stop", share(request.within)
+        self._desk.stop(reason)
+        confirming = self._hooks.safe_stop(reason)
         self._life.changed()
-        if self._bonds is not None:
-            await self._bonds.safe_stop(reason, within=request.within)
-        return Done()
+        confirmations, own = Confirmations("the protective stop"), confirming.confirmed(seconds)
+        if self._bonds is None:
+            self._take_own(confirmations, await own)
+        else:
+            below = self._bonds.safe_stop(reason, confirmations, timeout=seconds)
+            self._take_own(confirmations, (await asyncio.gather(own, below))[0])
+        return Done(told=tuple(confirmations.settle()))
 
     async def _resume(self, request: Resume) -> Reply:
+        """Release those below first: nobody may use a child that is still stopped."""
+        name, seconds, desk = self._robot.name, share(request.within), self._desk
+        confirmations = Confirmations("the release of the stop")
         self._lease.check(request.epoch)
-        if self._bonds is not None:
-            await self._bonds.resume(within=request.within)
-        self._desk.ordered = ""
-        self._hooks.resume()
-        self._life.changed()
-        return Done()
+        stops = desk.stops
+        if desk.ordered and request.seen is not None:
+            stops = request.seen.get(self._life.address.key, 0)
+        if self._bonds is not None and stops == desk.stops:
+            await self._bonds.resume(request.seen, confirmations, timeout=seconds)
+            self._lease.check(request.epoch)  # once more: what was awaited may have taken time
+        confirmed = False
+        if stops == desk.stops and confirmations.complete:
+            confirmed = await self._hooks.resume().confirmed(seconds)
+        if stops != desk.stops:
+            confirmations.deny(name, "it was stopped again after that had been asked for")
+        elif not confirmations.complete:
+            confirmations.deny(name, "it waits for those below it")
+        else:
+            self._take_own(confirmations, confirmed)
+            if confirmed:
+                desk.ordered = ""
+                self._life.changed()
+        return Done(told=tuple(confirmations.settle()))
+
+    def _take_own(self, confirmations: Confirmations, confirmed: bool) -> None:  # noqa: FBT001 # an answer
+        if confirmed:
+            confirmations.take(self._robot.name, ())
+        else:
+            confirmations.deny(self._robot.name, "its controller has not confirmed it")
 
     # -- who commands it --------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from robotree.vr.address import Address
 from robotree.vr.agents.bond_link import Link
 from robotree.vr.agents.petition import Petitioner
 from robotree.vr.bond import Slots
-from robotree.vr.confirmation import Confirmations, Order
+from robotree.vr.confirmation import Confirmations
 from robotree.vr.context import CommandContext
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import DeadlineExceeded, SlotEmpty, VrError
@@ -23,13 +23,6 @@ from robotree.vr.transport import Transport
 
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
-
-SHARE = 0.8
-"""Of the time that somebody waits for a parent, what the parent waits for its children: a tree of any depth
-knows who did not answer before the one at the top gives up."""
-
-LONGEST = 60.0
-"""[s] Nobody waits longer for a stop."""
 
 _log = logging.getLogger(__name__)
 
@@ -187,43 +180,39 @@ class BondKeeper:
         link.hurry.set()  # the renewal's answer tells what is new, for good
         return await link.client.describe()
 
-    async def safe_stop(self, reason: str, *, within: float) -> None:
+    async def safe_stop(self, reason: str, confirmations: Confirmations, *, timeout: float) -> None:
         """Stop all children, at the same time.
 
         Args:
             reason: of the stop.
-            within: [s] for which whoever asked this robot waits.
-
-        Raises:
-            NotConfirmed: one of those below has not confirmed it; all were told.
+            confirmations: takes what they answer.
+            timeout: [s] to wait for them.
         """
-        timeout = _less(within)
-        await self._tell_all(
-            "the protective stop", lambda link: link.client.safe_stop(reason, timeout=timeout)
+        await _tell(
+            self._links.values(), confirmations, lambda link: link.client.safe_stop(reason, timeout=timeout)
         )
 
-    async def resume(self, *, within: float) -> None:
+    async def resume(
+        self, seen: Mapping[str, int] | None, confirmations: Confirmations, *, timeout: float
+    ) -> None:
         """Release the stop of all children, at the same time.
 
         Args:
-            within: [s] for which whoever asked this robot waits.
-
-        Raises:
-            NotConfirmed: one of those below has not confirmed it; all were told.
+            seen: which stops; see `Resume.seen`.
+            confirmations: takes what they answer.
+            timeout: [s] to wait for them.
         """
-        timeout = _less(within)
-        await self._tell_all(
-            "the release of the stop",
-            lambda link: link.client.resume(epoch=link.bond.lease.epoch, timeout=timeout),
+        links: list[Link] = []
+        for link in self._links.values():
+            if seen is None or link.bond.child.key in seen:
+                links.append(link)
+            else:
+                confirmations.deny(link.bond.child.name, "whoever resumes has not seen it")
+        await _tell(
+            links,
+            confirmations,
+            lambda link: link.client.resume(epoch=link.bond.lease.epoch, seen=seen, timeout=timeout),
         )
-
-    async def _tell_all(self, order: Order, tell: Callable[[Link], Awaitable[None]]) -> None:
-        links = list(self._links.values())
-        answers = await asyncio.gather(*(tell(link) for link in links), return_exceptions=True)
-        confirmations = Confirmations(order)
-        for link, answer in zip(links, answers, strict=True):
-            confirmations.take(link.bond.child.name, answer)
-        confirmations.settle()
 
     def _end(self, link: Link) -> None:
         del self._links[link.slot]
@@ -238,9 +227,13 @@ class BondKeeper:
             self._end(link)
 
 
-def _less(within: float) -> float:
-    """Return how long to wait for those below, so that the one above still hears who did not answer [s]."""
-    return SHARE * within if 0 < within < LONGEST else SHARE * LONGEST
+async def _tell(
+    links: Iterable[Link], confirmations: Confirmations, order: Callable[[Link], Awaitable[Sequence[str]]]
+) -> None:
+    told = list(links)
+    answers = await asyncio.gather(*(order(link) for link in told), return_exceptions=True)
+    for link, answer in zip(told, answers, strict=True):
+        confirmations.take(link.bond.child.name, answer)
 
 
 def _now() -> float:

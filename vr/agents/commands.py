@@ -18,7 +18,7 @@ from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.description import Arguments, CommandSpec
-from robotree.vr.errors import DeadlineExceeded, NoSuchCommand, Stopped
+from robotree.vr.errors import CommandCancelled, DeadlineExceeded, NoSuchCommand, Stopped
 from robotree.vr.exchange.answering import Say
 from robotree.vr.requests import Accepted, Call
 from robotree.vr.robot import Robot
@@ -62,12 +62,21 @@ class CommandDesk:
         """The way to its children, if it is a virtual robot."""
         self.ordered = ""
         """Reason of the protective stop that was ordered here, or empty."""
+        self.stops = 0
+        """How many protective stops were ordered here."""
+        self._latest = ""
         self.jobs = Jobs(robot.name, self._launch, on_change, home=home)
 
     @property
     def stopped(self) -> str:
         """Why nothing may begin: a stop ordered here, or one that the robot tells of itself; or empty."""
         return self.ordered or self._robot.halted
+
+    def stop(self, reason: str) -> None:
+        """Begin a protective stop: all commands end, and none begins until `ordered` is empty."""
+        self.stops += 1
+        self.ordered = self._latest = reason
+        self.jobs.cancel_all(reason)
 
     def specs(self) -> tuple[CommandSpec, ...]:
         """Describe all commands as they are now."""
@@ -90,16 +99,16 @@ class CommandDesk:
 
     async def _admit(self, call: Call) -> Job:
         self._lease.check(call.epoch)
+        stops = self.stops
         spec, source = await self._find(call.command)
         arguments = await _read(spec, call.arguments, self._robot.name)
         self._lease.check(call.epoch)  # once more: what was awaited may have taken time
         if job := self.jobs.seen(call.key, call.command, call.arguments):
             return job
-        if self.stopped and spec.effect != "read":
-            tenure = self._lease.tenure
-            commander = self._robot.name if tenure is None else tenure.parent.name
-            raise Stopped(robot=self._robot.name, reason=self.stopped, commander=commander)
         if spec.effect != "read":
+            self._refuse_while_stopped()
+            if self.stops != stops:  # the stop has ended meanwhile; what came before it has ended with it
+                raise CommandCancelled(robot=self._robot.name, command=call.command, reason=self._latest)
             self.jobs.refuse_beside_abandoned()
         if not 0 < call.deadline < math.inf:
             raise DeadlineExceeded(robot=self._robot.name, command=call.command)
@@ -114,6 +123,12 @@ class CommandDesk:
         self.jobs.submit(job, call.arguments)
         self._on_call(call.command)
         return job
+
+    def _refuse_while_stopped(self) -> None:
+        if self.stopped:
+            tenure = self._lease.tenure
+            commander = self._robot.name if tenure is None else tenure.parent.name
+            raise Stopped(robot=self._robot.name, reason=self.stopped, commander=commander)
 
     async def _find(self, name: str) -> tuple[CommandSpec, str]:
         """Return the spec of a command and the file of its author."""

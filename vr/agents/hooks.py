@@ -6,16 +6,58 @@ author of a virtual robot overrides runs in a thread of its own; its readings ar
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
+from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot
 
 _log = logging.getLogger(__name__)
+
+
+class Confirming:
+    """What a hook has begun, until what stands behind the robot has confirmed it."""
+
+    def __init__(self, what: str) -> None:
+        """Prepare for the hook that is called `what`; until it begins there is nothing to wait for."""
+        self.what = what
+        self._confirmation: Awaitable[None] | None = None
+        self._failed = False
+
+    def begin(self, hook: Callable[[], Awaitable[None] | None]) -> None:
+        """Call the hook, whatever it raises."""
+        try:
+            self._confirmation = hook()
+        except Exception:  # noqa: BLE001 # the last fence around an author's code
+            _log.exception("%s failed", self.what)
+            self._failed = True
+
+    async def confirmed(self, within: float) -> bool:
+        """Wait until it is confirmed, for `within` [s] at most; return whether it is.
+
+        Raises:
+            VrError: it has been refused for good.
+        """
+        if self._failed or self._confirmation is None:
+            return not self._failed
+        confirmation = asyncio.ensure_future(self._confirmation)
+        try:
+            await asyncio.wait([confirmation], timeout=within)
+        finally:
+            confirmation.cancel()
+        if not confirmation.done() or confirmation.cancelled():
+            return False
+        error = confirmation.exception()
+        if isinstance(error, VrError):
+            raise error
+        if error is not None:
+            _log.error("%s failed", self.what, exc_info=error)
+        return error is None
 
 
 class Hooks:
@@ -36,25 +78,25 @@ class Hooks:
             self._aside(self._sample_and_release)
         return self._latest
 
-    def safe_stop(self, reason: str) -> None:
-        """Let the robot take part in a protective stop."""
-        self._call("safe_stop", reason)
+    def safe_stop(self, reason: str) -> Confirming:
+        """Let the robot take part in a protective stop, from now on."""
+        return self._call("safe_stop", reason)
 
-    def resume(self) -> None:
-        """Let the robot take part in the release of a stop."""
-        self._call("resume")
+    def resume(self) -> Confirming:
+        """Let the robot take part in the release of a stop, from now on."""
+        return self._call("resume")
 
-    def _call(self, name: str, *arguments: Any) -> None:
+    def _call(self, name: str, *arguments: Any) -> Confirming:
+        confirming = Confirming(f"{self._robot.name}.{name}")
+
         def work() -> None:
-            try:
-                getattr(self._robot, name)(*arguments)
-            except Exception:  # noqa: BLE001 # the last fence around an author's code
-                _log.exception("%s.%s failed", self._robot.name, name)
+            confirming.begin(lambda: getattr(self._robot, name)(*arguments))
 
         if self._foreign(name):
             self._aside(work)
-        else:
-            work()
+            return Confirming(confirming.what)
+        work()
+        return confirming
 
     def _foreign(self, name: str) -> bool:
         """Whether the author of a virtual robot has written this hook."""
@@ -62,7 +104,7 @@ class Hooks:
             Robot, name
         )
 
-    def _aside(self, work: Callable[[], None]) -> None:
+    def _aside(self, work: Callable[[], object]) -> None:
         threading.Thread(target=work, name=f"{self._robot.name} hook", daemon=True).start()
 
     def _sample_and_release(self) -> None:

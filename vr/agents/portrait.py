@@ -51,6 +51,7 @@ class Portrait:
             online=self._robot.online,
             stopped=bool(self._desk.stopped),
             stop_reason=self._desk.stopped,
+            stops=self._desk.stops,
             abandoned=jobs.abandoned,
             readings=self._readings(),
             units={str(name): str(unit) for name, unit in self._robot.reading_units.items()},

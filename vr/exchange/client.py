@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address
@@ -184,30 +184,49 @@ class RobotClient:
         """End the command of a key, or all of them."""
         await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
 
-    async def safe_stop(self, reason: str = "", *, timeout: float | None = None) -> None:
+    async def safe_stop(self, reason: str = "", *, timeout: float | None = None) -> Sequence[str]:
         """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
         Args:
             reason: for those whose commands it ends.
             timeout: [s] to wait until all below have been told; None: the client's patience.
 
+        Returns:
+            The names of those that have confirmed it: the robot and all below it.
+
         Raises:
-            NotConfirmed: it has, but one below it has not confirmed the stop.
-            TransportError: it has not.
+            NotConfirmed: the hardware of one of them has not confirmed it; it names them.
+            TransportError: the robot has not.
         """
         within = self._patience if timeout is None else timeout
-        await self._ask(SafeStop(reason=reason, within=within), Done, urgent=True, timeout=within)
+        stop = SafeStop(reason=reason, within=within)
+        return (await self._ask(stop, Done, urgent=True, timeout=within)).told
 
-    async def resume(self, *, epoch: int | None = None, timeout: float | None = None) -> None:
-        """Release the protective stop of the robot and of all robots below it; see `safe_stop`."""
+    async def resume(
+        self,
+        *,
+        epoch: int | None = None,
+        seen: Mapping[str, int] | None = None,
+        timeout: float | None = None,
+    ) -> Sequence[str]:
+        """Release the protective stop of the robot and of all robots below it; see `safe_stop`.
+
+        Args:
+            epoch: of the caller's lease; None: an operator's.
+            seen: `RobotDescription.stops` of each, by key: a later stop stays in force, and so does that of a
+                robot that is not in it. None: whichever stops there are.
+            timeout: as in `safe_stop`.
+        """
         within = self._patience if timeout is None else timeout
-        await self._ask(Resume(epoch=epoch, within=within), Done, urgent=True, timeout=within)
+        known = None if seen is None else dict(seen)
+        resume = Resume(epoch=epoch, seen=known, within=within)
+        return (await self._ask(resume, Done, urgent=True, timeout=within)).told
 
     # -- what operators ask -----------------------------------------------------------------------
 
-    async def describe(self) -> RobotDescription:
-        """Ask who it is and how it is."""
-        return (await self._ask(Describe(), Described)).robot
+    async def describe(self, *, urgent: bool = False) -> RobotDescription:
+        """Ask who it is and how it is; `urgent`: ahead of everything else, as a stop is."""
+        return (await self._ask(Describe(), Described, urgent=urgent)).robot
 
     async def enslave(self, slot: str, child: Address) -> RobotDescription:
         """Bind a child to one of its slots."""

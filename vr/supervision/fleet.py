@@ -173,21 +173,21 @@ class Fleet:
             NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
                 were told before this is raised; it names both.
         """
-        return await self._orders.give(
-            name, "the protective stop", lambda robot: robot.safe_stop("the operator's protective stop")
-        )
+        return await self._orders.stop(name, "the operator's protective stop")
 
     async def resume(self, name: str | None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
+
+        It ends the stops that are in force now: one that comes later stays, however late this is heard.
 
         Returns:
             The names of the robots that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one has not confirmed it; see `stop`.
+            NotConfirmed: one has not confirmed it, or has been stopped again; see `stop`.
         """
-        return await self._orders.give(name, "the release of the stop", lambda robot: robot.resume())
+        return await self._orders.resume(name)
 
     # -- who commands whom ------------------------------------------------------------------------
 

@@ -1,14 +1,18 @@
-"""Orders that nobody may miss: given to one robot or to all at once, and confirmed by each."""
+"""Orders that nobody may miss: given to one robot or to all at once, and confirmed by each.
+
+A stop is also for those who come to sight while it is given. A release is for those alone whom it found, and
+ends no stop that came after it was asked for: the robots count their stops, and it names the counts seen.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from robotree.vr.address import Address, everyone
-from robotree.vr.confirmation import Confirmations, Order
-from robotree.vr.errors import Hanging, NotInControl, Unreachable
+from robotree.vr.confirmation import Confirmations
+from robotree.vr.description import RobotDescription
+from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.transport import Silent, Transport
@@ -20,8 +24,9 @@ nothing; this is how long it takes to say that somebody has not confirmed it."""
 LOOK = 0.05
 """[s] between two looks at who is there and has not been told."""
 
-Tell = Callable[[RobotClient], Coroutine[Any, Any, None]]
-"""Gives one robot the order."""
+Asked = dict[Address, asyncio.Future[Sequence[str]]]
+"""What comes back of each robot: the names of those that have confirmed, or an error."""
+Looks = Mapping[Address, asyncio.Future[RobotDescription]]
 
 
 class Orders:
@@ -36,13 +41,12 @@ class Orders:
         """
         self._directory, self._transport = directory, transport
 
-    async def give(self, name: str | None, order: Order, tell: Tell) -> Sequence[str]:
-        """Give an order at once to all whom it concerns, also to those who come to sight meanwhile.
+    async def stop(self, name: str | None, reason: str) -> Sequence[str]:
+        """Stop at once all whom it concerns, also those who come to sight meanwhile.
 
         Args:
             name: of the robot; None: all.
-            order: in words.
-            tell: gives it to one robot.
+            reason: for those whose commands it ends.
 
         Returns:
             The names of those that have confirmed it.
@@ -52,49 +56,64 @@ class Orders:
             NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
                 were told before this is raised; it names both.
         """
-        asked: dict[Address, asyncio.Future[None]] = {}
+        asked: Asked = {}
+
+        def tell(address: Address) -> None:
+            asked[address] = asyncio.ensure_future(self._client(address).safe_stop(reason))
+
         if name is None:
             silent = await self._tell_all(asked, tell)
         else:
-            silent = await self._tell_one(name, asked, tell)
-        await asyncio.gather(*asked.values(), return_exceptions=True)
-        answers = {address: asking.exception() for address, asking in asked.items()}
-        silent += await self._fell_silent(name, answers)
-        confirmations = Confirmations(order)
-        missed = {one.key for one in silent}
-        for one in silent:
-            address = Address.parse(one.key)
-            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
-        said = {address.name: answer for address, answer in answers.items()}
-        for address, answer in answers.items():
-            final = _from_above(answer, said)
-            # who obeys only its parent has confirmed when that has; when not, the parent's answer names it
-            if address.key not in missed and (final is None or final is answer):
-                confirmations.take(address.name, final)
-        return confirmations.settle()
+            address, silent = await self._find(name)
+            if address is not None:
+                tell(address)
+        return await self._judge(name, Confirmations("the protective stop"), asked, silent)
+
+    async def resume(self, name: str | None) -> Sequence[str]:
+        """End the stops that are in force now, of all whom it concerns and who are seen; see `stop`."""
+        # of all, whoever is meant: what is below one is known only when it has answered
+        looks = {address: self._look(address) for address in self._directory.present("robot")}
+        confirmations = Confirmations("the release of the stop")
+        try:
+            if name is None:
+                asked = {address: self._begin_to_resume(address, looks) for address in looks}
+                silent = await self._transport.silent(everyone("robot"))
+                for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
+                    confirmations.deny(address.name, "it came to sight only after that had been asked for")
+            else:
+                asked = {}
+                address, silent = await self._find(name)
+                if address is not None:
+                    looks.setdefault(address, self._look(address))
+                    asked[address] = self._begin_to_resume(address, looks)
+            return await self._judge(name, confirmations, asked, silent)
+        finally:
+            for look in looks.values():
+                look.cancel()
+            await asyncio.gather(*looks.values(), return_exceptions=True)
 
     # -- inside -----------------------------------------------------------------------------------
 
-    async def _tell_one(
-        self, name: str, asked: dict[Address, asyncio.Future[None]], tell: Tell
-    ) -> list[Silent]:
+    def _client(self, address: Address) -> RobotClient:
+        return RobotClient(self._transport, address, patience=CONFIRM)
+
+    async def _find(self, name: str) -> tuple[Address | None, list[Silent]]:
+        """Return the robot of a name, or what is known of the process that holds it."""
         try:
-            address = await self._directory.resolve(name)
+            return await self._directory.resolve(name), []
         except Hanging:
             if silent := await self._transport.silent(everyone("robot", name)):
-                return silent
-            address = await self._directory.resolve(name)  # it woke up just now
-        asked[address] = self._begin(address, tell)
-        return []
+                return None, silent
+            return await self._directory.resolve(name), []  # it woke up just now
 
-    async def _tell_all(self, asked: dict[Address, asyncio.Future[None]], tell: Tell) -> list[Silent]:
+    async def _tell_all(self, asked: Asked, tell: Callable[[Address], None]) -> list[Silent]:
         """Tell all who are seen at once, then those who come to sight until all have answered."""
         loop = asyncio.get_running_loop()
         latest = loop.time() + CONFIRM
         seen = set(self._directory.present("robot"))
         while True:
             for address in seen - asked.keys():
-                asked[address] = self._begin(address, tell)
+                tell(address)
             silent = await self._transport.silent(everyone("robot"))
             # in this order: who is silent no longer is seen now
             seen = _addresses(await self._transport.present(everyone("robot")))
@@ -106,11 +125,38 @@ class Orders:
             elif silent:
                 await asyncio.sleep(LOOK)
 
+    def _look(self, address: Address) -> asyncio.Future[RobotDescription]:
+        return asyncio.ensure_future(self._client(address).describe(urgent=True))
+
+    def _begin_to_resume(self, address: Address, looks: Looks) -> asyncio.Future[Sequence[str]]:
+        async def resume() -> Sequence[str]:
+            return await self._client(address).resume(seen=await _seen(address, looks))
+
+        return asyncio.ensure_future(resume())
+
+    async def _judge(
+        self, name: str | None, confirmations: Confirmations, asked: Asked, silent: list[Silent]
+    ) -> Sequence[str]:
+        """Wait for all answers and say who has confirmed; see `stop`."""
+        results = await asyncio.gather(*asked.values(), return_exceptions=True)
+        answers = dict(zip(asked, results, strict=True))
+        silent = silent + await self._fell_silent(name, answers)
+        missed = {one.key for one in silent}
+        for one in silent:
+            address = Address.parse(one.key)
+            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
+        # those last who obey only their parent: it may have told them, and then it names them
+        for address, answer in sorted(answers.items(), key=lambda each: isinstance(each[1], NotInControl)):
+            above = isinstance(answer, NotInControl) and confirmations.names(address.name)
+            if address.key not in missed and not above:
+                confirmations.take(address.name, answer)
+        return confirmations.settle()
+
     async def _fell_silent(
-        self, name: str | None, answers: Mapping[Address, BaseException | None]
+        self, name: str | None, answers: Mapping[Address, Sequence[str] | BaseException]
     ) -> list[Silent]:
         """Return who lives and hangs: of those who gave no answer, somebody else may know more."""
-        if not any(answers.values()):
+        if not any(isinstance(answer, BaseException) for answer in answers.values()):
             return []
         lost = [address.key for address, answer in answers.items() if isinstance(answer, Unreachable)]
         found = await asyncio.gather(
@@ -118,19 +164,27 @@ class Orders:
         )
         return [one for silent in found for one in silent]
 
-    def _begin(self, address: Address, tell: Tell) -> asyncio.Future[None]:
-        return asyncio.ensure_future(tell(RobotClient(self._transport, address, patience=CONFIRM)))
 
+async def _seen(address: Address, looks: Looks) -> dict[str, int]:
+    """Return how often a robot and those below it have been stopped, of all that have told it, by key.
 
-def _from_above(
-    answer: BaseException | None, said: Mapping[str, BaseException | None]
-) -> BaseException | None:
-    """Return what the robot said that an enslaved one refers to; its own answer, if nobody asked that."""
-    found, passed = answer, set[str]()
-    while isinstance(found, NotInControl) and (holder := str(found.data["holder"])) in said.keys() - passed:
-        passed.add(holder)
-        found = said[holder]
-    return found
+    Raises:
+        VrError: the robot has not.
+    """
+    seen: dict[str, int] = {}
+    ahead = [address]
+    for each in ahead:  # it grows while it is walked through
+        if each.key in seen or each not in looks:
+            continue
+        try:
+            description = await looks[each]
+        except VrError:
+            if each == address:
+                raise
+        else:
+            seen[each.key] = description.stops
+            ahead += [slot.child for slot in description.slots if slot.child is not None]
+    return seen
 
 
 def _addresses(keys: Iterable[str]) -> set[Address]:

@@ -405,7 +405,7 @@ async def test_a_stop_that_does_not_reach_a_child_says_so_but_reaches_the_others
     driver, left, right = await crew(realm, "left", "right")
     realm.network.lease = 1000.0
     realm.network.freeze(left.transport)
-    with pytest.raises(VrError, match=r"by rover-right but NOT by rover-left \(it did not"):
+    with pytest.raises(VrError, match=r"by driver, rover-right but NOT by rover-left \(it did not"):
         await realm.client(driver).safe_stop("look out")
     assert right.robot.stops == ["look out"]
     realm.network.thaw(left.transport)
@@ -422,11 +422,12 @@ async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(real
     realm.network.lease = 1000.0
     realm.network.freeze(rover.transport)
     loop = asyncio.get_running_loop()
-    for order in (realm.client(top).safe_stop, realm.client(top).resume):
+    for order, who in (
+        (realm.client(top).safe_stop, "level-0, level-1, level-2, level-3"),
+        (realm.client(top).resume, "nobody"),  # each waits for those below it
+    ):
         began = loop.time()
-        with pytest.raises(
-            NotConfirmed, match=r"by level-1, level-2, level-3 but NOT by rover \(it did not answer\)"
-        ):
+        with pytest.raises(NotConfirmed, match=rf"by {who} but NOT by rover \(it did not answer\)"):
             await order(timeout=1.0)
         assert loop.time() - began < 1.0
     realm.network.thaw(rover.transport)

@@ -18,14 +18,14 @@ def decode(failed: Failed) -> Failed:
 def test_all_who_confirmed_are_named_once_and_in_order() -> None:
     confirmations = Confirmations("the protective stop")
     for name in ("b", "a", "b"):
-        confirmations.take(name, None)
+        confirmations.take(name, ())
     assert confirmations.settle() == ["a", "b"]
     assert Confirmations("the protective stop").settle() == []
 
 
 def test_one_error_names_both_sides_the_reasons_and_what_to_do() -> None:
     confirmations = Confirmations("the protective stop")
-    confirmations.take("a", None)
+    confirmations.take("a", ())
     confirmations.take("b", NoAnswer(key="robot/b/1", seconds=3.0))
     confirmations.take("c", Unreachable(key="robot/c/1"))
     for name in ("d", "e"):
@@ -42,7 +42,7 @@ def test_one_error_names_both_sides_the_reasons_and_what_to_do() -> None:
 def test_what_a_parent_tells_of_its_children_is_told_once_and_with_their_names() -> None:
     below = Confirmations("the release of the stop")
     below.take("arm", Stopped(robot="arm", reason="a hand; a foot", commander="lever"))
-    below.take("rover", None)
+    below.take("rover", ())
     with pytest.raises(NotConfirmed) as inner:
         below.settle()
     above = Confirmations("the release of the stop")

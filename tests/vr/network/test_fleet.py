@@ -225,7 +225,7 @@ async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirm
     await fleet.stop(None)
     with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
         await fleet.resume("r1")
-    assert await fleet.resume("carrier") == ["carrier"]
+    assert await fleet.resume("carrier") == ["carrier", "r1"]
 
 
 async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:

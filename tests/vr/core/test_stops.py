@@ -1,0 +1,279 @@
+"""Stops and their ends among agents: what came later stays, and nobody is told of what has not happened."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Awaitable
+from typing import Any
+
+import pytest
+
+from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.agents import commands
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.arguments import check_arguments
+from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed
+from robotree.vr.supervision.fleet import Fleet
+
+
+class Rover(Robot):
+    """A rover whose controller answers when the test says so."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.heard: list[str] = []
+        self.moves = 0
+        self.silent = False
+        self.waits: list[asyncio.Future[None]] = []
+
+    @command
+    def move(self, x: float) -> None:
+        self.moves += x > 0
+
+    def safe_stop(self, reason: str) -> Awaitable[None] | None:
+        self.heard.append(reason)
+        return self.answer()
+
+    def resume(self) -> Awaitable[None] | None:
+        self.heard.append("resume")
+        return self.answer()
+
+    def answer(self) -> Awaitable[None] | None:
+        if not self.silent:
+            return None
+        self.waits.append(asyncio.get_running_loop().create_future())
+        return self.waits[-1]
+
+
+class Carrier(VirtualRobot):
+    """Carries."""
+
+    rover = Child("Rover")
+
+
+@pytest.fixture
+async def fleet(realm: Any) -> AsyncIterator[Fleet]:
+    fleet = Fleet(realm.network.join("supervisor"))
+    await fleet.start()
+    yield fleet
+    await fleet.close()
+
+
+async def pair(realm: Any) -> tuple[RobotAgent, RobotAgent]:
+    carrier, rover = await realm.start(Carrier("carrier")), await realm.start(Rover("rover"))
+    await realm.client(carrier).enslave("rover", rover.address)
+    return carrier, rover
+
+
+def stopped(*agents: RobotAgent) -> list[bool]:
+    return [agent.description().stopped for agent in agents]
+
+
+# -- what came later stays -------------------------------------------------------------------------
+
+
+async def test_a_stop_that_comes_while_a_release_waits_for_the_children_stays(realm: Any) -> None:
+    carrier, rover = await pair(realm)
+    client = realm.client(carrier)
+    await client.safe_stop("first")
+    realm.network.delay = 0.1
+    resuming = asyncio.create_task(client.resume())
+    await asyncio.sleep(0.15)  # the carrier has been told, and waits for the rover
+    await client.safe_stop("second")
+    with pytest.raises(NotConfirmed, match=r"by rover but NOT by carrier \(it was stopped again after that"):
+        await resuming
+    assert stopped(carrier, rover) == [True, True]
+    await client.resume()
+    assert stopped(carrier, rover) == [False, False]
+
+
+async def test_a_release_ends_no_stop_that_whoever_asked_for_it_had_not_seen(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    await client.safe_stop("first")
+    seen = {rover.address.key: rover.description().stops}
+    await client.safe_stop("second")
+    for older in (seen, {}):
+        with pytest.raises(NotConfirmed, match=r"NOT by rover \(it was stopped again after that had been"):
+            await client.resume(seen=older)
+    assert stopped(rover) == [True]
+    assert rover.robot.heard == ["first", "second"]
+    assert await client.resume(seen={rover.address.key: rover.description().stops}) == ("rover",)
+    assert stopped(rover) == [False]
+    assert await client.resume(seen=seen) == ("rover",), "there is nothing to end any more"
+
+
+async def test_a_release_on_its_way_through_the_parent_ends_no_later_stop_of_the_child(
+    realm: Any, fleet: Fleet
+) -> None:
+    carrier, rover = await pair(realm)
+    await fleet.stop(None)
+    realm.network.delay = 0.3
+    for name in (None, "carrier"):
+        resuming = asyncio.create_task(fleet.resume(name))
+        await asyncio.sleep(0.1)
+        assert await fleet.stop("rover") == ["rover"]
+        with pytest.raises(NotConfirmed, match=r"nobody but NOT by rover \(it was stopped again .*; carrier"):
+            await resuming
+        assert stopped(carrier, rover) == [True, True], "nor does the carrier command what is stopped"
+    assert await fleet.resume(None) == ["carrier", "rover"]
+    assert stopped(carrier, rover) == [False, False]
+
+
+async def test_whoever_comes_after_the_stop_ends_it_at_once(realm: Any, fleet: Fleet) -> None:
+    carrier, rover = await pair(realm)
+    await fleet.stop("rover")
+    newcomer = Fleet(realm.network.join("newcomer"))
+    await newcomer.start()
+    assert await newcomer.resume("carrier") == ["carrier", "rover"]
+    assert stopped(carrier, rover) == [False, False]
+    await newcomer.close()
+
+
+@pytest.mark.parametrize("gap", [1.0 + number * 0.0037 for number in range(14)])
+async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
+    realm: Any, fleet: Fleet, gap: float
+) -> None:
+    realm.network.delay = 0.01
+    await realm.start(Rover("awake"))
+    hanging = await realm.start(Rover("hanging"))
+    await asyncio.sleep(1)
+    realm.network.freeze(hanging.transport)
+    await asyncio.sleep(5)
+    resuming = asyncio.create_task(fleet.resume(None))
+    await asyncio.sleep(gap)
+    stopping = asyncio.create_task(fleet.stop(None))
+    await asyncio.sleep(0.5)
+    realm.network.thaw(hanging.transport)
+    assert "hanging" in await stopping
+    with pytest.raises(NotConfirmed, match="hanging"):
+        await resuming
+    await asyncio.sleep(1)
+    assert stopped(hanging) == [True]
+
+
+async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
+    realm: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    client, go_on = realm.client(rover), threading.Event()
+
+    def slow(*args: Any, **options: Any) -> dict[str, Any]:
+        go_on.wait()
+        return check_arguments(*args, **options)
+
+    monkeypatch.setattr(commands, "check_arguments", slow)
+    call = asyncio.create_task(client.call("move", {"x": "1"}))
+    await asyncio.sleep(0.1)
+    await client.safe_stop("a hand")
+    await client.resume()
+    go_on.set()
+    with pytest.raises(CommandCancelled, match="a hand"):
+        await call
+    assert rover.robot.moves == 0
+    await client.call("move", {"x": "1"})
+    assert rover.robot.moves == 1
+
+
+# -- told is what has happened ---------------------------------------------------------------------
+
+
+async def test_a_release_names_nobody_whom_no_one_has_released(realm: Any, fleet: Fleet) -> None:
+    """The carrier has let the rover go, the rover has not heard of it: nobody tells it."""
+    carrier, rover = await pair(realm)
+    await fleet.stop(None)
+    realm.network.cut(carrier.transport, rover.transport)
+    freeing = asyncio.create_task(fleet.release("carrier", "rover"))
+    await asyncio.sleep(0.1)
+    with pytest.raises(NotConfirmed, match=r"by carrier but NOT by rover .*rover is commanded by carrier"):
+        await fleet.resume(None)
+    assert stopped(carrier, rover) == [False, True]
+    await freeing
+    await realm.until(lambda: rover.description().bond is None)
+    assert await fleet.resume(None) == ["carrier", "rover"]
+
+
+async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(realm: Any, fleet: Fleet) -> None:
+    rover = await realm.start(Rover("rover"))
+    rover.robot.silent = True
+    stopping = asyncio.create_task(fleet.stop(None))
+    await realm.until(lambda: len(rover.robot.waits) == 1, within=0.1)
+    await asyncio.sleep(1)
+    assert not stopping.done()
+    assert stopped(rover) == [True], "whoever looks sees it at once"
+    rover.robot.waits[0].set_result(None)
+    assert await stopping == ["rover"]
+
+
+async def test_a_stop_that_the_hardware_does_not_confirm_is_no_success(realm: Any, fleet: Fleet) -> None:
+    carrier, rover = await pair(realm)
+    rover.robot.silent = True
+    who = r"by carrier but NOT by rover \(its controller has not confirmed it\); press the emergency stop"
+    with pytest.raises(NotConfirmed, match=who):
+        await fleet.stop(None)
+    assert [wait.cancelled() for wait in rover.robot.waits] == [True, True], "nobody waits any more"
+    assert stopped(carrier, rover) == [True, True]
+
+
+async def test_a_release_that_the_hardware_does_not_confirm_leaves_the_robot_stopped(
+    realm: Any, fleet: Fleet
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    await fleet.stop(None)
+    rover.robot.silent = True
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(its controller has not confirmed it\); look at"):
+        await fleet.resume(None)
+    assert stopped(rover) == [True]
+    rover.robot.silent = False
+    assert await fleet.resume(None) == ["rover"]
+    assert stopped(rover) == [False]
+
+
+async def test_what_the_hardware_refuses_for_good_is_the_answer(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    await client.safe_stop("so")
+    rover.robot.silent = True
+    resuming = asyncio.create_task(client.resume())
+    await realm.until(lambda: len(rover.robot.waits) == 1)
+    refusal = CommandFailed(robot="rover", command="resume", detail="held by another")
+    rover.robot.waits[0].set_exception(refusal)
+    with pytest.raises(CommandFailed, match="held by another"):
+        await resuming
+    assert stopped(rover) == [True]
+
+
+@pytest.mark.parametrize("where", ["at once", "later"])
+async def test_a_hook_that_fails_has_confirmed_nothing(
+    realm: Any, where: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Broken(Rover):
+        def safe_stop(self, reason: str) -> Awaitable[None] | None:
+            if where == "at once":
+                raise ZeroDivisionError(reason)
+            return self.fail()
+
+        async def fail(self) -> None:
+            raise ZeroDivisionError
+
+    rover = await realm.start(Broken("rover"))
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(its controller has not confirmed it\)"):
+        await realm.client(rover).safe_stop("so")
+    assert stopped(rover) == [True]
+    assert "rover.safe_stop failed" in caplog.text
+
+
+async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    await client.safe_stop("first")
+    rover.robot.silent = True
+    resuming = asyncio.create_task(client.resume())
+    await realm.until(lambda: len(rover.robot.waits) == 1)
+    rover.robot.silent = False
+    await client.safe_stop("second")
+    rover.robot.waits[0].set_result(None)
+    with pytest.raises(NotConfirmed, match="it was stopped again"):
+        await resuming
+    assert stopped(rover) == [True]
