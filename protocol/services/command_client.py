@@ -2,7 +2,9 @@
 
 An answer names only the command, so one command of a kind is under way to a target at a time; the others wait
 their turn. Where a command was said more than once, more than one answer may be on its way: the next of its
-kind waits one `RESEND` for them to arrive. One that takes longer is still taken for the next one's answer.
+kind waits one `RESEND` for them to arrive. A command that is given up may run all the same: it is cancelled,
+and the next of its kind waits `PATIENCE` for its answers, and on while they tell that it goes on. An answer
+that takes longer is still taken for the next one's.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ RESEND = 0.5
 ATTEMPTS = 4
 """Transmissions, after which a command that nobody answers is given up."""
 PATIENCE = 5.0
-"""[s] of silence after which a command in progress is given up."""
+"""[s] of silence after which a command in progress is given up, and counts as ended when it was given up."""
 
 
 class CommandProgress(msgspec.Struct, frozen=True):
@@ -69,7 +71,7 @@ class CommandClient:
         self.system, self.component, self.via = system, component, via
         self._queues: dict[int, deque[_Asked]] = {}
         self._quiet: dict[int, float] = {}
-        """[s] When the answers to the repetitions of a kind are in."""
+        """[s] When the answers to the last command of a kind are in."""
 
     def send(self, command: int, params: Sequence[float], now: float) -> list[Effect]:
         """Ask for a command, after those of its kind that were asked for before.
@@ -96,11 +98,12 @@ class CommandClient:
 
     def receive(self, ack: CommandAck, now: float) -> list[Effect]:
         """Take an answer from the component that is addressed to us."""
-        if not (queue := self._queues.get(ack.command)):
+        queue = self._queues.get(ack.command)
+        if not queue or not queue[0].attempts:  # a further answer to the one before
+            if ack.result == MavResult.IN_PROGRESS and ack.command in self._quiet:
+                self._keep_quiet(ack.command, now + PATIENCE)
             return []
         asked = queue[0]
-        if not asked.attempts:
-            return []  # a further answer to the one before
         asked.heard = now
         if ack.result == MavResult.IN_PROGRESS:
             known = ack.progress != UNKNOWN_PROGRESS
@@ -110,15 +113,13 @@ class CommandClient:
     def tick(self, now: float) -> list[Effect]:
         """Repeat what is due, and give up what nobody answers."""
         effects: list[Effect] = []
-        for command, queue in list(self._queues.items()):
+        for queue in list(self._queues.values()):
             asked = queue[0]
             if asked.heard is not None and now - asked.heard >= PATIENCE:
-                effects += self._done(queue, CommandDone(command, None), now)
+                effects += self._give_up(queue, now)
             elif (asked.heard is None or asked.cancelled) and now - asked.asked >= RESEND:
                 gone = asked.attempts >= ATTEMPTS and asked.heard is None
-                effects += (
-                    self._done(queue, CommandDone(command, None), now) if gone else self._ask(asked, now)
-                )
+                effects += self._give_up(queue, now) if gone else self._ask(asked, now)
         return effects
 
     def _begin(self, asked: _Asked, now: float) -> list[Effect]:
@@ -139,9 +140,22 @@ class CommandClient:
         asked.attempts += 1
         return [Send(message, self.via)]
 
+    def _give_up(self, queue: deque[_Asked], now: float) -> list[Effect]:
+        command = queue[0].message.command
+        cancel = Send(CommandCancel(self.system, self.component, command), self.via)
+        self._keep_quiet(command, now + PATIENCE)
+        return [cancel, *self._done(queue, CommandDone(command, None), now)]
+
+    def _keep_quiet(self, command: int, until: float) -> None:
+        """Ask for no further command of a kind before a moment [s]."""
+        self._quiet[command] = max(until, self._quiet.get(command, until))
+        queue = self._queues.get(command)
+        if queue and not queue[0].attempts:
+            queue[0].asked = self._quiet[command] - RESEND
+
     def _done(self, queue: deque[_Asked], event: CommandDone, now: float) -> list[Effect]:
         if queue.popleft().attempts > 1:
-            self._quiet[event.command] = now + RESEND
+            self._keep_quiet(event.command, now + RESEND)
         if not queue:
             del self._queues[event.command]
             return [event]

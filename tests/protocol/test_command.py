@@ -296,7 +296,9 @@ def test_silence_in_the_middle_is_not_waited_for_for_ever(client: CommandClient)
     client.send(MOVE, (), 0.0)
     client.receive(CommandAck(MOVE, MavResult.IN_PROGRESS, 10), 1.0)
     assert client.tick(1.0 + PATIENCE * 0.9) == []
-    assert client.tick(1.0 + PATIENCE) == [CommandDone(MOVE, None)]
+    cancel, done = client.tick(1.0 + PATIENCE)
+    assert _sent([cancel]) == [CommandCancel(1, 1, MOVE)], "it may run all the same"
+    assert done == CommandDone(MOVE, None)
 
 
 def test_commands_of_a_kind_wait_for_each_other_and_other_kinds_do_not(client: CommandClient) -> None:
@@ -329,6 +331,31 @@ def test_the_answer_to_a_repetition_does_not_end_the_next_command_of_its_kind(
     assert (message.param1, message.confirmation) == (0.0, 0)
     assert client.receive(ack, 2 * RESEND + 0.2) == [CommandDone(GRIP, MavResult.ACCEPTED)]
     assert len(client.send(GRIP, (1.0,), 2 * RESEND + 0.3)) == 1, "this one was said once, so nothing waits"
+
+
+@pytest.mark.parametrize("told", [(), (MavResult.IN_PROGRESS,) * 20])
+def test_the_end_of_a_command_that_was_given_up_does_not_end_the_next_one_of_its_kind(
+    client: CommandClient, told: tuple[MavResult, ...]
+) -> None:
+    effects: list[object] = [*client.send(MOVE, (1.0,), 0.0)]
+    while CommandDone(MOVE, None) not in effects:
+        effects += client.tick(len(effects) * RESEND)
+    given_up = ATTEMPTS * RESEND
+    assert client.send(MOVE, (2.0,), given_up + 0.1) == []
+    for second, result in enumerate(told):
+        assert (
+            client.tick(given_up + second)
+            == client.receive(CommandAck(MOVE, result), given_up + second)
+            == []
+        )
+    end = given_up + max(len(told), 2)
+    assert client.receive(CommandAck(MOVE, MavResult.ACCEPTED), end) == [], "the first one, after all"
+    assert client.tick(given_up + max(len(told) - 1, 0) + PATIENCE - 0.1) == []
+    (message,) = _sent([*client.tick(end + PATIENCE)])
+    assert isinstance(message, CommandLong)
+    assert message.param1 == 2.0
+    end += PATIENCE + 0.1
+    assert client.receive(CommandAck(MOVE, MavResult.DENIED), end) == [CommandDone(MOVE, MavResult.DENIED)]
 
 
 def test_a_command_that_was_not_sent_yet_is_cancelled_without_a_word(client: CommandClient) -> None:
