@@ -124,7 +124,9 @@ async def standing_for(
         TransportError: the transport does not work.
     """
     registrar = Registrar(transport)
-    agent = RobotAgent(robot, transport, registrar=registrar, space=space)
+    agent = RobotAgent(
+        robot, transport, registrar=registrar, space=space, obeyed=lambda: robot.controller_epoch
+    )
     robot.on_change = agent.notify
     async with _up(agent, registrar, robot.run):
         yield agent

@@ -58,6 +58,7 @@ class Lessor:
         """
         self.robot, self.term = robot, max(term, SHORTEST_TERM)
         self.epoch = int(unix)
+        self._obeyed = 0
         self.tenure: Tenure | None = None
         self.term_granted = self.term
         """[s] of the present or the last lease."""
@@ -97,7 +98,7 @@ class Lessor:
         if self.tenure is not None and (self.tenure.parent, self.tenure.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
-        self.epoch = later_epoch(self.epoch, unix)
+        self.epoch = self._next_epoch(unix)
         self.tenure = Tenure(
             parent=parent,
             slot=slot,
@@ -162,8 +163,20 @@ class Lessor:
         """End the lease, whatever it is; return it. The epoch grows."""
         ended, self.tenure = self.tenure, None
         if ended is not None:
-            self.epoch = later_epoch(self.epoch, unix)
+            self.epoch = self._next_epoch(unix)
         return ended
+
+    def outrank(self, obeyed: int) -> None:
+        """Go above an epoch that what stands behind the robot obeys already: at once, or after the lease.
+
+        The epoch of a lease in force stays: whoever is obeyed instead may have been granted a later one.
+
+        Args:
+            obeyed: of an earlier incarnation, whose clock was ahead; whatever is smaller is refused there.
+        """
+        self._obeyed = max(self._obeyed, obeyed)
+        if self.tenure is None and self.epoch < self._obeyed:  # the same epoch is our own, come back
+            self.epoch = self._obeyed + 1
 
     def check(self, epoch: int | None) -> None:
         """Refuse a caller who may not command the robot.
@@ -180,6 +193,9 @@ class Lessor:
                 raise NotInControl(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
         elif self.tenure is None or epoch != self.tenure.epoch:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
+
+    def _next_epoch(self, unix: float) -> int:
+        return later_epoch(max(self.epoch, self._obeyed), unix)
 
     def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
         if self.robot in {*lineage, parent.name}:

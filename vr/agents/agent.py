@@ -50,6 +50,7 @@ class RobotAgent:
         space: Space | None = None,
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] = time.time,
+        obeyed: Callable[[], int] = lambda: 0,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -61,6 +62,8 @@ class RobotAgent:
             space: where calls are counted over incarnations.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970; epochs come from it.
+            obeyed: returns the highest epoch that what stands behind the robot obeys already; smaller ones
+                are refused there, so its own go above it. 0: nothing stands there, or has told of none.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -73,7 +76,7 @@ class RobotAgent:
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
         lessor = Lessor(robot.name, term=term, unix=unix())
-        self._lease = LeaseKeeper(lessor, transport, unix=unix, on_end=self._freed)
+        self._lease = LeaseKeeper(lessor, transport, unix=unix, obeyed=obeyed, on_end=self._freed)
         self._calls = CallCounter(space, robot.name)
         self._home = f"host {host}" if host else f"the process of {robot.name}"
         self._desk = CommandDesk(

@@ -19,7 +19,13 @@ class LeaseKeeper:
     """Keeps one robot's lessor to the clock and to its parent's presence."""
 
     def __init__(
-        self, lessor: Lessor, transport: Transport, *, unix: Callable[[], float], on_end: OnEnd
+        self,
+        lessor: Lessor,
+        transport: Transport,
+        *,
+        unix: Callable[[], float],
+        obeyed: Callable[[], int],
+        on_end: OnEnd,
     ) -> None:
         """Begin free.
 
@@ -27,10 +33,11 @@ class LeaseKeeper:
             lessor: the rules.
             transport: where the parent's presence is seen.
             unix: returns seconds since 1970.
+            obeyed: returns the highest epoch that what stands behind the robot obeys; see `Lessor.outrank`.
             on_end: told on the event loop when a lease is over.
         """
         self.lessor = lessor
-        self._transport, self._unix, self._on_end = transport, unix, on_end
+        self._transport, self._unix, self._obeyed, self._on_end = transport, unix, obeyed, on_end
         self._timer: asyncio.TimerHandle | None = None
         self._watching: asyncio.Task[None] | None = None
 
@@ -96,6 +103,7 @@ class LeaseKeeper:
         self._quiet()
 
     def _tick(self) -> None:
+        self.lessor.outrank(self._obeyed())
         ended = self.lessor.tick(_now(), self._unix())
         if ended is not None:
             self._ended(ended, f"{ended.parent.name} fell silent")

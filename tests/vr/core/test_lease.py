@@ -118,6 +118,29 @@ def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None
     assert Lessor("mover", unix=BORN + 200).epoch > child.epoch
 
 
+def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
+    child = lessor()
+    ahead = child.epoch + 3600
+    child.outrank(ahead)
+    assert child.epoch > ahead, "an operator commands a free robot under it"
+    known = child.epoch
+    child.outrank(known)
+    assert child.epoch == known, "the controller has obeyed it: it is our own"
+    assert grant(child) > ahead
+
+
+def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> None:
+    child = lessor()
+    epoch = grant(child)
+    child.outrank(epoch + 3600)
+    child.check(epoch)
+    assert child.epoch == epoch, "its commands are refused down there: somebody has a later lease"
+    assert grant(child) > epoch + 3600, "asking again helps"
+    child.outrank(epoch + 7200)
+    child.end(BORN)
+    assert child.epoch > epoch + 7200, "so does the end of it"
+
+
 def test_who_may_command() -> None:
     child = lessor()
     child.check(None)

@@ -1,0 +1,40 @@
+"""A proxy whose clock went back: its controller obeys a later epoch than it begins with."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import time
+from typing import Any
+
+from robotree.protocol.links.url import listen
+from robotree.protocol.messages import Goal, GoalState, Verb
+from robotree.proxy.agent import standing_for
+from robotree.proxy.arm import Arm
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
+from robotree.vr.testing import until
+
+
+async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_controller: type[Any]) -> None:
+    controller = make_controller()
+    ahead = int(time.time()) + 3600
+    controller.goals.fence(ahead)
+    listener = await listen("tcp:127.0.0.1:0", controller.accept)
+    robot = Arm("arm-1", listener.address, chance=random.Random(1))
+    network = MemoryNetwork()
+    living = asyncio.create_task(controller.live())
+    async with contextlib.AsyncExitStack() as stack:
+        stack.push_async_callback(listener.close)
+        stack.callback(living.cancel)
+        agent = await stack.enter_async_context(standing_for(robot, network.join("proxy")))
+        await until(lambda: robot.controller_epoch == ahead, "the controller tells its epoch")
+        call = asyncio.create_task(RobotClient(network.join("operator"), agent.address).call("hold", {}))
+        await until(lambda: bool(controller.begun) or call.done(), "the goal arrives")
+        if controller.begun:
+            controller.finish(GoalState.SUCCEEDED)
+        await call
+        goals = [one for one in controller.heard if isinstance(one, Goal) and one.verb != Verb.STATUS]
+        assert {goal.epoch for goal in goals} == {agent.description().epoch}
+        assert goals[0].epoch > ahead
