@@ -16,6 +16,10 @@ from robotree.vr.description import Listing
 from robotree.vr.lookup.table import LOST
 from robotree.vr.requests import Listed, Unlisted
 
+MOST_ABSENT = 1024
+"""Withdrawals by agents that are not seen alive that are remembered: those who may come to sight (again)
+before every service has heard of it."""
+
 
 class Change(msgspec.Struct, frozen=True):
     """One change of the list, or of the services behind it."""
@@ -35,6 +39,8 @@ class Union:
         self._views: dict[str, dict[Address, Listing]] = {}
         self._memory: dict[Address, Listing] = {}
         self._withdrawn: dict[Address, int] = {}
+        self._absent: dict[Address, None] = {}
+        """Who of these is not seen alive, the latest last."""
 
     @property
     def services(self) -> tuple[str, ...]:
@@ -87,8 +93,7 @@ class Union:
         else:
             self._alive.discard(address)
             self._memory.pop(address, None)
-            if not any(address in view for view in self._views.values()):
-                self._withdrawn.pop(address, None)
+        self._bound_withdrawn(address)
         return self._look((address,))
 
     def _apply(self, service: str, news: Listed | Unlisted) -> Address:
@@ -100,7 +105,17 @@ class Union:
         self._memory.pop(news.address, None)
         if news.revision != LOST:
             self._withdrawn[news.address] = max(news.revision, self._withdrawn.get(news.address, 0))
+            self._bound_withdrawn(news.address)
         return news.address
+
+    def _bound_withdrawn(self, address: Address) -> None:
+        """Forget the oldest withdrawals, if one is too many now: most who are not alive never come back."""
+        self._absent.pop(address, None)
+        if address in self._withdrawn and address not in self._alive:
+            self._absent[address] = None
+        if len(self._absent) > MOST_ABSENT:
+            oldest = next(iter(self._absent))
+            del self._absent[oldest], self._withdrawn[oldest]
 
     def _look(self, addresses: Iterable[Address]) -> list[Change]:
         """Compare what is to be seen of some agents with what was."""

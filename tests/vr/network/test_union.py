@@ -1,0 +1,58 @@
+"""One list out of several services: what is remembered of those who withdrew."""
+
+from __future__ import annotations
+
+from robotree.vr.address import Address
+from robotree.vr.description import Listing
+from robotree.vr.lookup.union import MOST_ABSENT, Change, Union
+from robotree.vr.requests import Listed, Unlisted
+
+QUICK, SLOW = "lookup/quick/1", "lookup/slow/1"
+
+
+def agent(number: int) -> Address:
+    return Address("robot", f"arm-{number}", "1")
+
+
+def listed(address: Address, revision: int) -> Listed:
+    return Listed(listing=Listing(address=address, kinds=("Arm", "Robot"), revision=revision))
+
+
+def union() -> Union:
+    both = Union()
+    both.add_service(QUICK)
+    both.add_service(SLOW)
+    return both
+
+
+def test_who_came_and_went_leaves_no_trace_for_ever() -> None:
+    """Each withdrawal is heard when its agent has already gone."""
+    both = union()
+    for number in range(MOST_ABSENT + 50):
+        both.see(agent(number), alive=True)
+        both.hear(SLOW, listed(agent(number), 1))
+        both.see(agent(number), alive=False)
+        both.hear(SLOW, Unlisted(address=agent(number), revision=2))
+    assert len(both._withdrawn) == len(both._absent) == MOST_ABSENT
+
+
+def test_who_lives_is_not_forgotten_for_those_who_have_gone() -> None:
+    both = union()
+    living = agent(0)
+    both.see(living, alive=True)
+    both.hear(QUICK, Unlisted(address=living, revision=2))
+    for number in range(1, MOST_ABSENT + 50):
+        both.hear(QUICK, Unlisted(address=agent(number), revision=2))
+    assert both.hear(SLOW, listed(living, 1)) == [], "it has been withdrawn meanwhile"
+
+
+def test_who_hung_for_a_while_is_not_listed_again_by_an_old_word() -> None:
+    both = union()
+    address = agent(0)
+    both.see(address, alive=True)
+    both.hear(QUICK, Unlisted(address=address, revision=2))
+    both.see(address, alive=False)
+    both.see(address, alive=True)
+    assert both.hear(SLOW, listed(address, 1)) == []
+    again = listed(address, 3)
+    assert both.hear(QUICK, again) == [Change("arrived", again.listing)]
