@@ -281,7 +281,10 @@ class Session:
             Word(before.time_boot_ms, told_at), Word(mode.time_boot_ms, now)
         )
         lost = before is not None and before.mode == ModeKind.SAFE_STOP
-        return [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
+        effects: list[Effect] = [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
+        if anew and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
+            effects += self._ask_for_rates(now)
+        return effects
 
     def _held_news(self) -> list[Effect]:
         if self.held == self._held_told:

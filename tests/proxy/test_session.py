@@ -449,6 +449,23 @@ def test_telemetry_that_is_wanted_less_often_is_asked_for_at_that_rate_on_every_
     assert [each.param1 for each in asked(talk)[3:]] == [tool]
 
 
+def test_a_controller_that_restarts_before_it_is_missed_is_asked_for_its_rates_again(
+    make_talk: type[Talk],
+) -> None:
+    talk = make_talk(session=Session(rates={Tool: 10.0}))
+    talk.wait(0.2)
+    talk.controller.say(CommandAck(MavCmd.SET_MESSAGE_INTERVAL, MavResult.ACCEPTED, 0, 0, 255, 190))
+    talk.wait(5.0)
+    assert len(asked(talk)) == 1
+    talk.controller.restart()
+    talk.wait(0.6)
+    talk.controller.say(CommandAck(MavCmd.SET_MESSAGE_INTERVAL, MavResult.ACCEPTED, 0, 0, 255, 190))
+    talk.wait(5.0)
+    assert talk.turns == [True]
+    assert len({message.confirmation for message in asked(talk)}) == 1, "none is a repetition"
+    assert len(asked(talk)) == 2
+
+
 def test_a_proxy_takes_all_telemetry_as_it_comes(talk: Talk) -> None:
     talk.wait(2.0)
     assert asked(talk) == []
