@@ -10,6 +10,7 @@ import msgspec
 from robotree.protocol.capture import mcap
 from robotree.protocol.capture.candump import CandumpReader, CandumpStatistics
 from robotree.protocol.capture.captured import Captured, plausible_time
+from robotree.protocol.capture.framing import Splitter, known, msgid
 from robotree.protocol.capture.mcap import McapReader
 from robotree.protocol.capture.plain import plain_fields
 from robotree.protocol.capture.tlog import STAMP_BYTES, TlogReader, plausible
@@ -130,6 +131,8 @@ class DecoderStatistics(msgspec.Struct, frozen=True, omit_defaults=True):
     """Frames by the name of their message."""
     speakers: dict[str, int]
     """Frames by system and component."""
+    strange: dict[int, int] = {}
+    """Frames of messages that the dialect does not have, by id, in parts where little else is."""
     bad_times: int = 0
     """Frames whose time was damaged; they are handed out without one."""
     broken: int = 0
@@ -153,6 +156,7 @@ class Decoder:
         self._parsers: dict[str, Parser] = {}
         self._messages: Counter[str] = Counter()
         self._speakers: Counter[str] = Counter()
+        self._strange: Counter[int] = Counter()
         self._bytes = self._signed = 0
         self._first: int | None = None
         self._last: int | None = None
@@ -180,6 +184,7 @@ class Decoder:
             last=None if self._last is None else self._last / 1e6,
             messages=dict(self._messages.most_common()),
             speakers=dict(self._speakers.most_common()),
+            strange=dict(self._strange.most_common()),
             bad_times=self._bad_times,
             broken=reader.broken if isinstance(reader, McapReader) else 0,
             can=reader.statistics if isinstance(reader, CandumpReader) else None,
@@ -208,9 +213,11 @@ class Decoder:
         frames, time = parser.feed(captured.data), captured.time
         if time is not None:  # what was captured at one moment is whole
             frames += parser.flush()
-            if not plausible_time(time):
-                self._bad_times += len(frames)
-                time = None
+        if not frames:
+            self._strange.update(_strangers(captured.data, LARGEST_CROWD - len(self._strange)))
+        if time is not None and not plausible_time(time):
+            self._bad_times += len(frames)
+            time = None
         return [self._count(frame, time, route) for frame in frames]
 
     def _count(self, frame: Frame, time: int | None, route: str) -> Decoded:
@@ -223,3 +230,10 @@ class Decoder:
             self._first = time if self._first is None else self._first
             self._last = time
         return Decoded(frame, time, route)
+
+
+def _strangers(data: bytes, most: int) -> list[int]:
+    """The ids of unknown messages, at most so many, whose frames are most of the data; in noise none are."""
+    pieces = Splitter().feed(data)
+    frames = [piece.data for piece in pieces if piece.framed and not known(piece.data)]
+    return [msgid(one) for one in frames][:most] if 2 * sum(map(len, frames)) > len(data) else []

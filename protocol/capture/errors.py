@@ -9,7 +9,15 @@ Bytes in a recording never raise: they are counted. What raises is a file that c
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from robotree.protocol.errors import ProtocolError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+MOST_SHOWN = 8
+"""Ids that an error names."""
 
 
 class BadRecording(ProtocolError):
@@ -21,7 +29,12 @@ class BadRecording(ProtocolError):
 
 
 class NoFrame(BadRecording):
-    """A recording holds no frame that we know."""
+    """A recording holds no frame that we know. `strange` are the ids of those that we do not."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, "there is no frame in it that we know; is it a recording, and not compressed?")
+    def __init__(self, name: str, strange: Collection[int] = ()) -> None:
+        self.strange = strange
+        doubt = "is it a recording, and not compressed?"
+        if strange:
+            shown = ", ".join(map(str, sorted(strange)[:MOST_SHOWN])) + ", …" * (len(strange) > MOST_SHOWN)
+            doubt = f"what it has is of unknown ids ({shown}); name the dialect that has them with --xml"
+        super().__init__(name, f"there is no frame in it that we know; {doubt}")

@@ -11,7 +11,7 @@ from typing import Any, cast
 import msgspec
 
 from robotree.protocol.capture.decode import Decoded, DecoderStatistics
-from robotree.protocol.capture.errors import NoFrame
+from robotree.protocol.capture.errors import MOST_SHOWN, NoFrame
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.dialect.extension import extend
 from robotree.tui import exit_codes
@@ -21,7 +21,7 @@ from robotree.tui.terminal import put
 
 
 def run(line: Line) -> int:
-    """Print every frame, and statistics at the end."""
+    """Print every frame, then how many of each message, and last what was wrong."""
     as_json = line.flag("--json")
     if line.text("--xml"):
         extend(Path(line.text("--xml")))
@@ -33,7 +33,7 @@ def run(line: Line) -> int:
     statistics = file.statistics
     put(_statistics_json(statistics) if as_json else summary(statistics))
     if not statistics.frames:
-        raise NoFrame(file.name)
+        raise NoFrame(file.name, statistics.strange)
     return exit_codes.DONE
 
 
@@ -73,14 +73,16 @@ def value_text(value: Any) -> str:
 def summary(statistics: DecoderStatistics) -> str:
     """Statistics for people."""
     s = statistics
-    rows = [(str(count), name) for name, count in s.messages.items()]
-    seconds = "" if s.first is None or s.last is None else f" in {s.last - s.first:.3f} s"
+    span = 0.0 if s.first is None or s.last is None else s.last - s.first
+    rows = [(str(count), _rate(count, span), name) for name, count in s.messages.items()]
+    seconds = "" if s.first is None else f" in {span:.3f} s"
     head = (
         f"{s.frames} frames{seconds} from {s.bytes} bytes ({s.format}), "
         f"{s.signed} signed; lost {s.lost}, late {s.late}"
     )
+    strange = f" ({', '.join(map(str, [*s.strange][:MOST_SHOWN]))})" if s.strange else ""
     wrong = (
-        f"bad checksum {s.bad_crc}, unknown id {s.unknown}, incompatible {s.incompatible}, "
+        f"bad checksum {s.bad_crc}, unknown id {s.unknown}{strange}, incompatible {s.incompatible}, "
         f"refused {s.refused}, MAVLink 1 {s.version_1}, skipped {s.skipped} bytes"
     )
     damage = [(s.bad_times, "frames with a damaged time"), (s.broken, "frames in parts that cannot be read")]
@@ -92,4 +94,9 @@ def summary(statistics: DecoderStatistics) -> str:
             f"\nCAN: {c.lines} lines, {c.malformed} malformed, {c.foreign} foreign, "
             f"{c.payloads} payloads, {c.broken} broken"
         )
-    return "\n".join([head, f"{wrong}{can}", *([columns(rows)] if rows else [])])
+    return "\n".join([*([columns(rows)] if rows else []), head, f"{wrong}{can}"])
+
+
+def _rate(count: int, span: float) -> str:
+    """How often something came within `span` [s]; nothing where no time passed."""
+    return f"{count / span:.1f}/s" if span > 0 else ""

@@ -63,6 +63,17 @@ def test_messages_of_ones_own_dialect_are_decoded_beside_ours(mine: Path, stream
     assert json.loads(plain.stdout.splitlines()[-1])["statistics"]["unknown"] == 1
 
 
+def test_a_recording_of_unknown_messages_alone_is_answered_with_their_ids(stream: bytes) -> None:
+    probe = stream[stream.index(b"\xfd", 1) :]
+    said = say("wire", "decode", "-", input=probe * 3)
+    assert said.returncode == exit_codes.REFUSED
+    assert said.stderr.decode() == (
+        "robotree: standard input: there is no frame in it that we know; "
+        "what it has is of unknown ids (57901); name the dialect that has them with --xml\n"
+    )
+    assert "unknown id 3 (57901), " in said.stdout.decode()
+
+
 @pytest.mark.parametrize("head", [OURS, COMMON, ALONE])
 def test_ones_own_dialect_is_generated_whatever_it_includes(tmp_path: Path, head: str) -> None:
     mine = dialect(tmp_path, PROBE.format(57901, "PROBE", FIELDS), head)

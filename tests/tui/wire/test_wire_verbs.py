@@ -45,7 +45,9 @@ def test_decode_prints_an_object_per_frame_and_statistics_last(say: Any, tmp_pat
 def test_decode_tells_people_when_who_and_what(say: Any, tmp_path: Path) -> None:
     said = say("wire", "decode", recording(tmp_path / "a.tlog", 2))
     assert said.lines[1] == "22:13:20.010000 1/1 #1 NAMED_VALUE_FLOAT time_boot_ms=1 name='x' value=0.5"
-    assert said.lines[2].startswith("2 frames in 0.010 s from 58 bytes (tlog), 0 signed; lost 0")
+    assert said.lines[2].split() == ["2", "200.0/s", "NAMED_VALUE_FLOAT"]
+    assert said.lines[3].startswith("2 frames in 0.010 s from 58 bytes (tlog), 0 signed; lost 0")
+    assert said.lines[-1].startswith("bad checksum 0")
 
 
 def test_decode_reads_standard_input(say: Any, monkeypatch: pytest.MonkeyPatch) -> None:
