@@ -2,6 +2,7 @@
  * where yours moves wheels: look for MOTOR. rules.h knows what to obey; this file is robot and socket.
  * One thread, no allocation. Metres along the axes of W (x forward, y left), milliseconds since the start. */
 #define _POSIX_C_SOURCE 200809L
+#define ROBOT_TYPE MAV_TYPE_GROUND_ROVER /* what its HEARTBEAT says that it is */
 #include "rules.h"
 
 #include <arpa/inet.h>

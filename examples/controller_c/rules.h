@@ -12,7 +12,7 @@
 enum { SYSTEM = 1, COMPONENT = MAV_COMP_ID_AUTOPILOT1 }; /* where a proxy looks for a controller */
 enum { GOALS = 256, SILENCE = 2000, PROGRESS_PERIOD = 100, MODE_PERIOD = 500, HEARTBEAT_PERIOD = 1000 };
 
-/* -- the robot: written by you */
+/* -- the robot: written by you, and ROBOT_TYPE, one of MAV_TYPE, defined before this file is included */
 
 static void say(const mavlink_message_t *message); /* to everybody who listens */
 static int robot_objects(int verb, const float *args, const char **text); /* why it cannot; 0: it can */
@@ -57,7 +57,7 @@ static void say_heartbeat(void) {
     int flags = MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (stopped ? 0 : MAV_MODE_FLAG_SAFETY_ARMED);
     int state = stopped ? MAV_STATE_CRITICAL : running ? MAV_STATE_ACTIVE : MAV_STATE_STANDBY;
     mavlink_message_t message;
-    mavlink_msg_heartbeat_pack(SYSTEM, COMPONENT, &message, MAV_TYPE_GROUND_ROVER, MAV_AUTOPILOT_GENERIC,
+    mavlink_msg_heartbeat_pack(SYSTEM, COMPONENT, &message, ROBOT_TYPE, MAV_AUTOPILOT_GENERIC,
                                (uint8_t)flags, (uint32_t)mode(), (uint8_t)state);
     say(&message);
     heartbeat_due = now + HEARTBEAT_PERIOD;

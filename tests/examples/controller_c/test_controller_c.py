@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import random
+import re
 import socket
 import subprocess
 import time
@@ -37,6 +38,7 @@ from robotree.sim.rover import world
 
 Operator = Any
 LIFE = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
 FAR, SLOW = 1.4, 0.02
 """[m], [m/s] A move that no test waits for."""
 
@@ -47,6 +49,15 @@ def test_it_says_at_once_who_it_is_and_how(operator: Operator) -> None:
     assert heartbeat.type == MavType.GROUND_ROVER
     assert isinstance(mode, Mode)
     assert (mode.mode, mode.epoch, mode.silence_ms) == (ModeKind.READY, 0, 2000)
+
+
+def test_its_kind_of_vehicle_stands_in_the_robots_file_and_not_in_the_rules() -> None:
+    rules, robot = (
+        re.sub(r"/\*.*?\*/", "", (SOURCE / name).read_text(), flags=re.DOTALL)
+        for name in ("rules.h", "controller.c")
+    )
+    assert "MAV_TYPE_" not in rules
+    assert "#define ROBOT_TYPE MAV_TYPE_GROUND_ROVER" in robot
 
 
 def test_a_move_is_active_then_reached_at_the_speed_asked_for(operator: Operator) -> None:
