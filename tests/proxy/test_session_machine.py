@@ -14,11 +14,12 @@ from robotree.protocol.messages import GoalState, ModeKind, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.motion import Request
-from robotree.proxy.will import RELEASE_WITHIN
+from robotree.proxy.will import RELEASE_WITHIN, ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered
 
 DURATIONS = st.sampled_from([0.1, 1.0, 2.5, 4.0, 8.0])
 """[s]"""
 GRIP = Request(Verb.GRIP, (0.02,))
+RELEASE_ENDS = (ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered)
 
 
 def _talk() -> Any:
@@ -42,6 +43,8 @@ class Conversation(RuleBasedStateMachine):
         self.settled_at = 0.0
         """[s] since when link and controller work and nothing new is wished for."""
         self.stop_wanted = False
+        self.released_since: int | None = None
+        """How many events there were when the release was asked for that no stop has followed; None: none."""
         self.epoch = 1
         self.keys: list[int] = []
 
@@ -114,17 +117,24 @@ class Conversation(RuleBasedStateMachine):
         self.wait(RELEASE_WITHIN + 1.0)
         assert bool(self.talk.session.held) == (self.talk.controller.mode == ModeKind.SAFE_STOP)
         assert self.talk.session.held or not self.stop_wanted
+        if self.released_since is not None:
+            told = [
+                each for each in self.talk.events[self.released_since :] if isinstance(each, RELEASE_ENDS)
+            ]
+            assert len(told) == 1, "what became of a release is told, and once"
 
     @rule()
     def stop(self) -> None:
         self.talk.perform(self.talk.session.stop(self.talk.now))
         self.stop_wanted, self.settled_at = True, self.talk.now
+        self.released_since = None
         self.talk.wait(0.2)
 
     @rule()
     def release(self) -> None:
+        before = len(self.talk.events)
         self.talk.perform(self.talk.session.release(self.epoch, self.talk.now))
-        self.stop_wanted = False
+        self.stop_wanted, self.released_since = False, before
 
     @invariant()
     def a_goal_moves_at_most_once(self) -> None:
