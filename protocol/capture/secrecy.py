@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree.protocol.capture.commanding import commands
 from robotree.protocol.capture.framing import Splitter, msgid
 from robotree.protocol.dialect.table import SECRETS, by_name
 
@@ -29,25 +30,39 @@ def carries_secret(frame: bytes) -> bool:
 
 
 class Sieve:
-    """Lets captured frames pass, but none that carries a secret."""
+    """Lets captured frames pass, but none that carries a secret.
 
-    def __init__(self) -> None:
+    Args:
+        passive: nor one that commands somebody.
+    """
+
+    def __init__(self, *, passive: bool = False) -> None:
+        self._passive = passive
         self.withheld = 0
-        """Frames that did not pass."""
+        """Frames with a secret that did not pass."""
+        self.commands = 0
+        """Frames that command and did not pass."""
 
     def sift(self, records: Iterable[Captured]) -> Generator[Captured]:
-        """The records, each without its frames that carry a secret; one with nothing left is left out.
+        """The records, each without its frames that do not pass; one with nothing left is left out.
 
         Yields:
             What may be sent or kept.
         """
         for record in records:
-            if not any(number in record.data for number in _ON_THE_WIRE):
+            if not self._passive and not any(number in record.data for number in _ON_THE_WIRE):
                 yield record
                 continue
             splitter = Splitter()
             pieces = splitter.feed(record.data) + splitter.flush()
-            passing = [piece.data for piece in pieces if not (piece.framed and carries_secret(piece.data))]
-            self.withheld += len(pieces) - len(passing)
+            passing = [piece.data for piece in pieces if not (piece.framed and self._holds_back(piece.data))]
             if passing:
                 yield msgspec.structs.replace(record, data=b"".join(passing))
+
+    def _holds_back(self, frame: bytes) -> bool:
+        if carries_secret(frame):
+            self.withheld += 1
+            return True
+        commanding = self._passive and commands(frame)
+        self.commands += commanding
+        return commanding

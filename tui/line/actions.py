@@ -214,8 +214,9 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
     ),
     Action(
-        usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--key FILE]",
-        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max).",
+        usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--commands] [--key FILE]",
+        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max); to"
+        " --connect, what commands only with --commands.",
         group=WIRE,
         where=Where.SHELL,
         examples=(

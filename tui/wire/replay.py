@@ -1,4 +1,9 @@
-"""`robotree wire replay FILE --connect|--listen URL`: send a recording again, in its own time or faster."""
+"""`robotree wire replay FILE --connect|--listen URL`: send a recording again, in its own time or faster.
+
+Who is dialled may be a robot's controller, which would obey what was recorded as if it were said anew: goals,
+modes, parameters, with their old epochs. So what commands is left out there. Who comes by itself to listen is
+a view, a proxy or a ground station, and hears everything.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,7 @@ from robotree.protocol.capture.replay import schedule
 from robotree.protocol.capture.secrecy import Sieve
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import encode
-from robotree.protocol.links.link import Link, Listener
+from robotree.protocol.links.link import Link, Listener, Pausable
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.parser import Parser
@@ -29,6 +34,8 @@ BREATH = 0.005
 """[s] between two looks whether a far end has read."""
 LAST_WORDS = 2.0
 """[s] in which what waits may still leave after the last frame."""
+DATAGRAMS = 2000.0
+"""[1/s] Frames at most where a far end cannot make us wait: what is beyond its buffer, some 200, is lost."""
 
 
 class Listeners:
@@ -61,6 +68,11 @@ class Listeners:
     def congested(self) -> bool:
         """Whether somebody has not read what was sent."""
         return any(link.congested for link in self.links)
+
+    @property
+    def defenceless(self) -> bool:
+        """Whether somebody cannot make us wait, and loses what comes too fast."""
+        return any(not isinstance(link, Pausable) for link in self.links)
 
 
 def _signed(data: bytes, signer: Signer) -> bytes:
@@ -97,9 +109,11 @@ def run(line: Line) -> int:
     recording = Recording(line.text("FILE"))
     if recording.form == "raw":
         raise BadRecording(recording.name, "has no times; replay a .tlog, an .mcap or a candump log")
-    sieve = Sieve()
+    sieve = Sieve(passive=bool(line.text("--connect")) and not line.flag("--commands"))
     moments = schedule(sieve.sift(recording.captured()), speed(line.text("--speed")))
     first = next(moments, None)
+    if first is None and sieve.commands:
+        raise BadRecording(recording.name, "has nothing but what commands; --commands sends that")
     if first is None:
         raise NoFrame(recording.name)
     return asyncio.run(_replay(line, chain([first], moments), sieve))
@@ -140,8 +154,9 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], sieve: Sie
         if listener is not None:
             await listener.close()
     withheld = f"; {sieve.withheld} with keys were left out" if sieve.withheld else ""
-    told = {"frames": sent, "withheld": sieve.withheld}
-    put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}")
+    commands = f"; {sieve.commands} that command were left out (--commands)" if sieve.commands else ""
+    told = {"frames": sent, "withheld": sieve.withheld, "commands": sieve.commands}
+    put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}{commands}")
     return here.exit_code()
 
 
@@ -149,8 +164,13 @@ async def _send(moments: Iterable[tuple[float, bytes]], crowd: Listeners, here: 
     """Send everything when it is due, but not faster than it is read; return how many frames it was."""
     loop = asyncio.get_running_loop()
     began, sent = loop.time(), 0
+    free = began  # when the next frame would be on its way if all came evenly, at DATAGRAMS
     for due, data in moments:
         await here.wait(max(began + due - loop.time(), 0))
+        if crowd.defenceless:
+            free = max(free, loop.time()) + 1 / DATAGRAMS
+            if (early := free - loop.time()) > BREATH:
+                await here.wait(early)
         while crowd.congested and not here.over:
             await here.wait(BREATH)
         if here.over:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import io
 import json
@@ -17,8 +18,10 @@ import pytest
 
 from robotree.protocol import encode
 from robotree.protocol.capture import Recording, tlog
-from robotree.protocol.messages import NamedValueFloat
+from robotree.protocol.messages import Heartbeat, NamedValueFloat, SetMode
 from robotree.tui import exit_codes
+from robotree.tui.wire.lasting import Lasting
+from robotree.tui.wire.replay import DATAGRAMS, Listeners, _send
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOON = 1_700_000_000_000_000
@@ -135,6 +138,54 @@ def test_the_arm_is_recorded_and_its_recording_replayed(say: Any, arm: str, tmp_
         for name, told in (("first", before), ("again", after))
     }
     assert took["again"] == pytest.approx(took["first"] / 4, rel=0.5)
+
+
+def test_a_controller_that_is_dialled_hears_nothing_that_commands_unless_that_is_asked_for(
+    say: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.tlog"
+    spoken = (Heartbeat(6, 8, 0, 0, 4), SetMode(9, 1, 1, 1), NamedValueFloat(1, "x", 0.5))
+    frames = [encode(each, sequence=n, system=255, component=1) for n, each in enumerate(spoken)]
+    path.write_bytes(b"".join(tlog.encode(NOON + n, raw) for n, raw in enumerate(frames)))
+
+    def replayed(*words: str) -> tuple[dict[str, Any], bytes]:
+        with socket.create_server(("127.0.0.1", 0)) as controller:
+            address = f"tcp:127.0.0.1:{controller.getsockname()[1]}"
+            said = say("wire", "replay", path, "--connect", address, *words, "--json")
+            with controller.accept()[0] as link, link.makefile("rb") as heard:
+                return said.objects[-1], heard.read()
+
+    passive, whole = replayed(), replayed("--commands")
+    assert passive == ({"frames": 2, "withheld": 0, "commands": 1}, frames[0] + frames[2])
+    assert whole == ({"frames": 3, "withheld": 0, "commands": 0}, b"".join(frames))
+
+
+def test_a_recording_of_commands_alone_says_how_to_send_it(say: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.tlog"
+    path.write_bytes(tlog.encode(NOON, encode(SetMode(9, 1, 1, 1), sequence=0, system=255, component=1)))
+    said = say("wire", "replay", path, "--connect", "tcp:127.0.0.1:1")
+    assert said.code == exit_codes.REFUSED
+    assert "has nothing but what commands; --commands sends that" in said.err
+
+
+async def test_who_cannot_make_a_replay_wait_is_not_sent_faster_than_it_can_read() -> None:
+    class Datagrams:
+        """Some far end behind UDP."""
+
+        congested = False
+
+        def __init__(self) -> None:
+            self.times: list[float] = []
+
+        def send(self, _: bytes) -> None:
+            self.times.append(asyncio.get_running_loop().time())
+
+    here, link = Lasting(), Datagrams()
+    crowd = Listeners(here)
+    crowd.links[link] = None  # type: ignore[index]  # all that is needed of a link
+    sent = await _send(((0.0, b"x") for _ in range(200)), crowd, here)
+    assert sent == len(link.times) == 200
+    assert all(late - soon > 60 / DATAGRAMS for soon, late in zip(link.times, link.times[80:], strict=False))
 
 
 def test_monitor_shows_rates_delay_and_last_values(say: Any, arm: str) -> None:
