@@ -9,6 +9,7 @@ What raises is our own mistake, or a link or a file that cannot be had. The tree
       LocalProtocolError    we were about to speak wrongly
         InvalidMessage      a message with a value that its field cannot hold
         UnknownMessage      a message that the dialect does not have
+        UnfitClass          a class with other fields than its message
       KeyRefused            a signing key that came over the wire, and is not taken
       KeyFileError          a file with signing keys that cannot be used
         UnmatchedLink       it has keys, but none for a link that is wanted
@@ -56,10 +57,20 @@ class InvalidMessage(LocalProtocolError):
 class UnknownMessage(LocalProtocolError):
     """The dialect has no such message."""
 
-    def __init__(self, what: int | str) -> None:
+    def __init__(
+        self, what: int | str, remedy: str = "add it to robotree.xml and regenerate the table"
+    ) -> None:
         self.what = what
+        super().__init__(f"the dialect has no message {what!r}; {remedy}")
+
+
+class UnfitClass(LocalProtocolError):
+    """A class has other fields than the message that it shall be."""
+
+    def __init__(self, cls: str, message: str, fields: tuple[str, ...]) -> None:
+        self.message, self.fields = message, fields
         super().__init__(
-            f"the dialect has no message {what!r}; add it to robotree.xml and regenerate the table"
+            f"{cls} is not as {message} is; give it these fields, in this order: {', '.join(fields)}"
         )
 
 

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
 from robotree.protocol.codec import MAGIC, SIGNED
-from robotree.protocol.dialect.table import definitions
 from robotree.protocol.frame import (
     CRC_START,
     CRC_START_V1,
@@ -25,10 +24,7 @@ from robotree.protocol.frame import (
     SIGNATURE_BYTES,
     Frame,
 )
-from robotree.protocol.messages.base import codec_of
-
-if TYPE_CHECKING:
-    from robotree.protocol.codec import Codec
+from robotree.protocol.messages.base import CODECS
 
 _OVERHEAD = 12
 """[bytes] of an unsigned frame around its payload."""
@@ -77,20 +73,6 @@ class ParserStatistics(msgspec.Struct, frozen=True):
     """[bytes] that belong to no intact frame."""
     bytes: int
     """[bytes] fed."""
-
-
-class _Codecs(dict[bytes, "Codec | None"]):
-    """Codecs by the three bytes of the id on the wire, compiled when first met."""
-
-    def __missing__(self, key: bytes) -> Codec | None:
-        msgid = int.from_bytes(key, "little")
-        if msgid not in definitions():
-            return None  # not remembered: a stream may hold 16 million of them
-        found = self[key] = codec_of(msgid)
-        return found
-
-
-_CODECS = _Codecs()
 
 
 class Parser:
@@ -155,7 +137,7 @@ class Parser:
         last_speaker, expected = self._speaker, self._next
         while i + _OVERHEAD <= end:
             magic, length, flags, sequence, speaker, key = _HEADER(buffer, i)
-            codec = _CODECS[key]
+            codec = CODECS[key]
             if magic != MAGIC or codec is None:
                 break
             crc = i + HEADER_BYTES + length
@@ -201,7 +183,7 @@ class Parser:
             return start
         if left < _OVERHEAD:
             return i
-        if _CODECS[buffer[i + 7 : i + 10]] is None:
+        if CODECS[buffer[i + 7 : i + 10]] is None:
             return self._step(i, unknown=True)
         signature = SIGNATURE_BYTES if buffer[i + 2] & SIGNED else 0
         return i if left < _OVERHEAD + buffer[i + 1] + signature else self._step(i)
@@ -209,7 +191,7 @@ class Parser:
     def _version_1_frame(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
         if len(buffer) - i < _OVERHEAD_V1:
             return i
-        codec = _CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
+        codec = CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
         if codec is None or buffer[i + 1] > codec.length:
             return self._step(i, unknown=True)
         crc = i + HEADER_BYTES_V1 + buffer[i + 1]

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from robotree.protocol.messages.base import within_bounds
+
 LONGEST_END = 5.0
 """[s] for code that was told to end."""
 
@@ -67,6 +69,13 @@ def no_code_runs_on() -> Iterator[None]:
     for thread in begun:
         thread.join(LONGEST_END)
     assert not [thread.name for thread in begun if thread.is_alive()], "still run"
+
+
+@pytest.fixture(autouse=True)
+def own_messages_end_with_their_test() -> Iterator[None]:
+    """Have no test know the messages and classes that another one added."""
+    with within_bounds():
+        yield
 
 
 @pytest.fixture

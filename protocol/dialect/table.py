@@ -27,6 +27,8 @@ CODES = {
     "uint64_t": "Q",
 }
 
+FIRST_OWN_ID = 10_000_000
+"""Ids from here on are for robots of somebody's own: robotree never gives them, nor has MAVLink so far."""
 
 SECRETS = {"SETUP_SIGNING": frozenset({"secret_key"})}
 """Fields whose values are never shown, logged, recorded or passed on, by the name of their message."""

@@ -8,6 +8,7 @@ from robotree.protocol.messages.base import (
     definition_of,
     fields_of,
     make,
+    wire,
 )
 from robotree.protocol.messages.command import (
     CommandAck,
@@ -142,4 +143,5 @@ __all__ = [
     "definition_of",
     "fields_of",
     "make",
+    "wire",
 ]

@@ -1,22 +1,28 @@
 """What all messages have in common, and the one registry of them.
 
 A message that robotree speaks is a class below `Message`, decorated with its name on the wire; its fields are
-the XML's, in the XML's order, which a test compares. Every other message of the dialect is an `Untyped`.
+the XML's, in the XML's order. Every other message of the dialect is an `Untyped`.
+
+The registry is the process's: the dialect, what `wire` and `extend` add to it, and the codecs made of both.
+Who adds to it for a while only, does so `within_bounds`.
 """
 
 from __future__ import annotations
 
-from functools import cache, partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+import contextlib
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import msgspec
 
 from robotree.protocol.codec import Codec
 from robotree.protocol.dialect.table import by_name, definitions
-from robotree.protocol.errors import InvalidMessage, UnknownMessage
+from robotree.protocol.errors import InvalidMessage, UnfitClass, UnknownMessage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from robotree.protocol.codec import Value
     from robotree.protocol.dialect.table import Definition
@@ -66,15 +72,43 @@ class Untyped(msgspec.Struct, frozen=True, gc=False):
 AnyMessage = Message | Untyped
 M = TypeVar("M", bound=Message)
 
+LARGEST_ID = 2**24 - 1
+"""The wire has three bytes for an id."""
 TYPED: dict[int, type[Message]] = {}
 """Every message that has a class, by id. Filled by `wire`."""
 
 
-def wire(name: str) -> Callable[[type[M]], type[M]]:
-    """Class decorator: this class is the message `name` of the dialect."""
+def wire(name: str, *, xml: str = "") -> Callable[[type[M]], type[M]]:
+    """Class decorator: this class is the message `name` of the dialect.
+
+    A message has one class in a process. Where it has one already, as from another robot of the same file,
+    that one is returned instead of the decorated.
+
+    Args:
+        name: of the message.
+        xml: the file that has it, if it is none of robotree's: seen from the folder of the class's own file.
+
+    Raises:
+        DialectError: `xml` is wrong, or a message in it is one that is known, and another one.
+        UnknownMessage: there is no such message.
+        UnfitClass: the class has other fields than the message.
+    """
 
     def register(cls: type[M]) -> type[M]:
-        definition = by_name()[name]
+        if xml:
+            from robotree.protocol.dialect.extension import extend  # the generator takes its time to import
+
+            extend(_folder_of(cls) / xml)
+        if (definition := by_name().get(name)) is None:
+            remedy = (
+                f"add it to {xml}" if xml else f'name the XML that has it: @wire("{name}", xml="FILE.xml")'
+            )
+            raise UnknownMessage(name, remedy)
+        fields = tuple(field.name for field in definition.fields)
+        if cls.__struct_fields__ != fields:
+            raise UnfitClass(cls.__name__, name, fields)
+        if (known := TYPED.get(definition.id)) is not None:
+            return cast("type[M]", known)
         TYPED[definition.id] = cls
         cls.codec = codec_of(definition.id)
         cls.codec.makes(cls, finite=cls.finite)  # who had the codec already gets the class, too
@@ -83,18 +117,60 @@ def wire(name: str) -> Callable[[type[M]], type[M]]:
     return register
 
 
-@cache
+def _folder_of(cls: type) -> Path:
+    """Where the file of a class lies; the working directory when it has none, as at a prompt."""
+    return Path(getattr(sys.modules.get(cls.__module__), "__file__", None) or "").parent
+
+
+class _Codecs(dict[bytes, "Codec | None"]):
+    """Codecs by the three bytes of the id on the wire, compiled when first met."""
+
+    def __missing__(self, key: bytes) -> Codec | None:
+        msgid = int.from_bytes(key, "little")
+        if (definition := definitions().get(msgid)) is None:
+            return None  # not remembered: a stream may hold 16 million of them
+        typed = TYPED.get(msgid)
+        build, finite = (partial(_untyped, msgid), False) if typed is None else (typed, typed.finite)
+        found = self[key] = Codec(definition, build, finite=finite)
+        return found
+
+
+CODECS = _Codecs()
+"""The precompiled form of every message that was met; None for an id that the dialect does not have."""
+
+
 def codec_of(msgid: int) -> Codec:
     """The precompiled form of a message.
 
     Raises:
         UnknownMessage: the dialect has no message of this id.
     """
-    if (definition := definitions().get(msgid)) is None:
+    codec = CODECS[msgid.to_bytes(3, "little")] if 0 <= msgid <= LARGEST_ID else None
+    if codec is None:
         raise UnknownMessage(msgid)
-    if (typed := TYPED.get(msgid)) is None:
-        return Codec(definition, partial(_untyped, msgid))
-    return Codec(definition, typed, finite=typed.finite)
+    return codec
+
+
+@contextlib.contextmanager
+def within_bounds() -> Generator[None]:
+    """Have the messages and classes that are added inside forgotten at the end, as a test wants it.
+
+    Yields:
+        Nothing; what was known before is known inside.
+    """
+    tables = cast("tuple[dict[Any, Any], ...]", (definitions(), by_name(), TYPED))
+    before = [dict(table) for table in tables]
+    try:
+        yield
+    finally:
+        added = {msgid for msgid in definitions() if msgid not in before[0]} | (
+            TYPED.keys() - before[2].keys()
+        )
+        for table, kept in zip(tables, before, strict=True):
+            table.clear()
+            table.update(kept)
+        for msgid in added:
+            CODECS.pop(msgid.to_bytes(3, "little"), None)
 
 
 def _untyped(msgid: int, *values: Value) -> Untyped:

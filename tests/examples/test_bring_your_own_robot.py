@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robotree.protocol import Parser, encode
 from robotree.protocol.dialect import by_name
+from robotree.protocol.dialect.table import FIRST_OWN_ID
 from robotree.protocol.messages import GoalState, ModeKind, Reason
+from robotree.vr.bundle.loader import forget, load_module
 
 ROOT = Path(__file__).parents[2]
 GUIDE = ROOT / "docs" / "bring-your-own-robot.md"
@@ -24,6 +27,20 @@ def test_every_state_reason_and_mode_of_the_guide_is_in_the_dialect() -> None:
     rules = GUIDE.read_text().partition("### The rules that matter")[2].partition("### Another language")[0]
     others = {"NaN", "STATUS", "SET_MODE", "HEARTBEAT", "ROBOTREE_MODE", "LINK"}
     assert set(re.findall(r"\b[A-Z][A-Z_]{4,}\b", rules)) - others <= known
+
+
+def test_the_message_of_ones_own_in_the_guide_is_read(tmp_path: Path) -> None:
+    text = GUIDE.read_text().partition("### A message of your own")[2]
+    for kind, suffix in (("xml", "xml"), ("python", "py")):
+        (block,) = re.findall(rf"```{kind}\n(.*?)```", text, re.DOTALL)
+        (tmp_path / f"crane.{suffix}").write_text(block)
+    source = (tmp_path / "crane.py").read_text()
+    module = load_module(source, str(tmp_path / "crane.py"), "0" * 64)
+    said = encode(module.CraneState(height=0.5, magnet=1), sequence=0, system=1, component=1)
+    (frame,) = Parser().feed(said)
+    assert (frame.name, frame.message) == ("CRANE_STATE", module.CraneState(0.5, 1))
+    assert frame.msgid == FIRST_OWN_ID
+    forget(module.__name__, str(module.__file__))
 
 
 def test_every_file_that_the_guide_points_to_is_there() -> None:

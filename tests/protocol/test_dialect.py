@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import struct
 from enum import EnumType
 from pathlib import Path
@@ -14,9 +15,10 @@ from robotree.protocol import messages
 from robotree.protocol.dialect import by_name, definitions
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect.__main__ import main
-from robotree.protocol.dialect.table import TABLE
+from robotree.protocol.dialect.table import FIRST_OWN_ID, TABLE
 from robotree.protocol.errors import DialectError
 from robotree.protocol.messages import TYPED
+from robotree.protocol.messages.base import LARGEST_ID
 
 ONE_CAN_FD_FRAME = 50
 HOT = ("ROBOTREE_JOINTS", "ROBOTREE_TOOL", "ROBOTREE_GRIPPER", "ROBOTREE_GOAL", "ROBOTREE_MODE")
@@ -40,6 +42,12 @@ def test_formats_lengths_and_offsets_agree() -> None:
 def test_our_ids_lie_in_our_range_and_our_names_begin_with_ours() -> None:
     for each in definitions().values():
         assert (57600 <= each.id < 57700) == each.name.startswith("ROBOTREE_")
+
+
+def test_ids_for_robots_of_ones_own_are_given_to_no_message_of_ours_and_of_no_dialect_of_mavlink() -> None:
+    files = [compiler.DIALECT, *compiler.base_directory().glob("*.xml")]
+    given = {int(number) for file in files for number in re.findall(r'<message id="(\d+)"', file.read_text())}
+    assert max(given | definitions().keys()) < FIRST_OWN_ID < LARGEST_ID
 
 
 @pytest.mark.parametrize("name", HOT)

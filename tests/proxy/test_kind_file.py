@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from robotree.protocol.errors import UnknownMessage
 from robotree.protocol.frame import encode
-from robotree.protocol.messages import Heartbeat, make
+from robotree.protocol.messages import AnyMessage, Heartbeat, make
+from robotree.protocol.messages.base import within_bounds
 from robotree.protocol.parser import Parser
 from robotree.proxy import kinds
 from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
+from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.session import Session
 from robotree.vr.errors import BadName, BrokenSource, NoSuchFile, VrError
 
@@ -109,12 +112,101 @@ def test_a_name_that_cannot_be_one_is_the_callers_mistake_and_not_the_files(writ
         kinds.make("door.py", "a/b", URL)
 
 
+CRANE = '''"""A crane."""
+from robotree.protocol.messages import Message, wire
+from robotree.proxy import RobotProxy
+
+
+@wire("CRANE_STATE", xml="crane.xml")
+class CraneState(Message, frozen=True, gc=False):
+    """How the crane is."""
+
+    height: float
+    magnet: int
+
+
+class Crane(RobotProxy):
+    """A crane."""
+
+    readers = {CraneState: lambda told: {"height": told.height}}
+    reading_units = {"height": "m"}
+'''
+CRANE_XML = """<mavlink><include>robotree.xml</include><messages>
+    <message id="10000000" name="CRANE_STATE"><description>How it is.</description>
+        <field type="float" name="height" units="m">Of the hook.</field>
+        <field type="uint8_t" name="magnet">Whether it is on.</field></message>
+</messages></mavlink>"""
+
+
+def readings(robot: RobotProxy, message: AnyMessage) -> dict[str, float]:
+    """What the kind of a robot reads in what a controller says."""
+    session, parser = Session(readers=robot.readers), Parser()
+    for each in (Heartbeat(0, 0, 0, 0, 4), message):
+        for frame in parser.feed(encode(each, sequence=0, system=1, component=1)):
+            session.hear(frame, 1.0)
+    return session.twin.readings(1.0)
+
+
+def test_a_kind_reads_messages_of_its_own_xml_which_lies_beside_its_file(write: Path) -> None:
+    (write / "cranes").mkdir()
+    (write / "cranes" / "crane.py").write_text(CRANE)
+    (write / "cranes" / "crane.xml").write_text(CRANE_XML)
+    robots = [kinds.make("cranes/crane.py", name, URL) for name in ("crane-1", "crane-2")]
+    told = make("CRANE_STATE", height=1.5)
+    assert [readings(robot, told) for robot in robots] == [{"height": 1.5, "age": 0.0}] * 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "xml", "sentence"),
+    [
+        (
+            CRANE.replace(', xml="crane.xml"', ""),
+            CRANE_XML,
+            "no message 'CRANE_STATE'; name the XML that has it: @wire\\(\"CRANE_STATE\", xml=",
+        ),
+        (CRANE, CRANE_XML.replace("CRANE_", "CROWN_"), "no message 'CRANE_STATE'; add it to crane.xml"),
+        (CRANE, None, "crane.xml does not compile; correct the XML: there is no such file"),
+        (CRANE, CRANE_XML.replace("float", "real"), "CRANE_STATE.height has the type 'real'"),
+        (
+            CRANE,
+            CRANE_XML.replace("robotree.xml", "common.xml").replace("10000000", "57600"),
+            "id 57600 is not the ROBOTREE_JOINTS .*; choose another name, and an id from 10000000 on",
+        ),
+        (
+            CRANE.replace("magnet:", "magnetic:"),
+            CRANE_XML,
+            "CraneState is not as CRANE_STATE is; give it these fields, in this order: height, magnet",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_message_of_ones_own_is_one_sentence(
+    write: Path, kind: str, xml: str | None, sentence: str
+) -> None:
+    (write / "crane.py").write_text(kind)
+    if xml is not None:
+        (write / "crane.xml").write_text(xml)
+    with pytest.raises(BrokenSource, match=rf"crane\.py cannot be loaded: line 6: .*{sentence}"):
+        kinds.make("crane.py", "crane-1", URL)
+
+
+def test_messages_and_classes_that_are_added_within_bounds_are_forgotten(write: Path) -> None:
+    (write / "crane.py").write_text(CRANE)
+    (write / "crane.xml").write_text(CRANE_XML)
+    with within_bounds():
+        kinds.make("crane.py", "crane-1", URL)
+        said = encode(make("CRANE_STATE"), sequence=0, system=1, component=1)
+        assert len(Parser().feed(said)) == 1
+    assert Parser().feed(said) == []
+    with pytest.raises(UnknownMessage):
+        make("CRANE_STATE")
+
+
 def test_a_kind_reads_messages_that_robotree_has_no_class_for(write: Path) -> None:
     early = encode(make("ALTITUDE"), sequence=0, system=1, component=1)
     assert [type(frame.message) for frame in Parser().feed(early)]  # heard before it has a class
     (write / "balloon.py").write_text(
         '''"""A balloon."""
-from robotree.protocol.messages.base import Message, wire
+from robotree.protocol.messages import Message, wire
 from robotree.proxy import RobotProxy
 
 
@@ -137,9 +229,6 @@ class Balloon(RobotProxy):
     readers = {Altitude: lambda told: {"height": told.altitude_terrain}}
 '''
     )
-    kind = type(kinds.make("balloon.py", "balloon-1", URL))
-    session, parser = Session(readers=kind.readers), Parser()
-    for message in (Heartbeat(0, 0, 0, 0, 4), make("ALTITUDE", altitude_terrain=12.5)):
-        for frame in parser.feed(encode(message, sequence=0, system=1, component=1)):
-            session.hear(frame, 1.0)
-    assert session.twin.readings(1.0) == {"height": 12.5, "age": 0.0}
+    robots = [kinds.make("balloon.py", name, URL) for name in ("balloon-1", "balloon-2")]
+    told = make("ALTITUDE", altitude_terrain=12.5)
+    assert [readings(robot, told) for robot in robots] == [{"height": 12.5, "age": 0.0}] * 2

@@ -25,7 +25,7 @@ REALM = "guide"
 
 def page() -> str:
     """The kind of robot that the guide shows, whole."""
-    (text,) = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    text, *_ = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     return text
 
 
