@@ -207,11 +207,14 @@ ACTIONS: tuple[Action, ...] = (
         examples=("wire decode flight.tlog", "wire decode - --json"),
     ),
     Action(
-        usage="wire record --connect URL FILE [--for TIME] [--key FILE]",
+        usage="wire record --connect URL FILE [--for TIME] [--key FILE] [--xml DIALECT]",
         help="Keep what a link says in a FILE.tlog, or FILE.mcap for Foxglove.",
         group=WIRE,
         where=Where.SHELL,
-        examples=("wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",),
+        examples=(
+            "wire record --connect tcp:127.0.0.1:5760 arm.tlog --for 10s",
+            "wire record --connect tcp:127.0.0.1:5771 crane.mcap --xml crane.xml",
+        ),
     ),
     Action(
         usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--commands] [--key FILE]",

@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 from robotree.protocol.capture.errors import BadRecording
 from robotree.protocol.capture.recorder import Recorder, writer_of
+from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.disbelief import disbelief
@@ -77,6 +78,8 @@ def run(line: Line) -> int:
     """Record until the end, and say how much it was."""
     name = line.text("FILE")
     writer_of(name)
+    if line.text("--xml"):
+        extend(Path(line.text("--xml")))
     if Path(name).exists():
         raise _exists(name)
     return asyncio.run(_record(line))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import socket
 import struct
 import subprocess
 import sys
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from fastcrc.crc16 import mcrf4xx
+from mcap.reader import make_reader
 
 from robotree.protocol import encode
 from robotree.protocol.dialect.compile import build
@@ -74,6 +77,30 @@ def test_a_recording_of_unknown_messages_alone_is_answered_with_their_ids(stream
     assert "unknown id 3 (57901), " in said.stdout.decode()
 
 
+def test_messages_of_ones_own_dialect_are_recorded_as_topics(
+    tmp_path: Path, mine: Path, stream: bytes
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as robot:
+        url, file = f"tcp:127.0.0.1:{robot.getsockname()[1]}", tmp_path / "mine.mcap"
+        words = ["wire", "record", "--connect", url, str(file), "--xml", str(mine)]
+        with subprocess.Popen(
+            [*ROBOTREE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as recording:
+            link, _ = robot.accept()
+            with link:
+                link.sendall(stream)
+                link.shutdown(socket.SHUT_WR)  # closed now, it would take back what was not read
+                while link.recv(4096):
+                    pass
+            recording.communicate(timeout=60)
+    heard = {
+        channel.topic: message.data
+        for _, channel, message in make_reader(io.BytesIO(file.read_bytes())).iter_messages()
+    }
+    assert json.loads(heard["/1/1/PROBE"]) == {"depth": 1500, "tag": "deep"}
+    assert heard.keys() == {"/mavlink", "/1/1/PROBE", "/1/1/NAMED_VALUE_FLOAT"}
+
+
 @pytest.mark.parametrize("head", [OURS, COMMON, ALONE])
 def test_ones_own_dialect_is_generated_whatever_it_includes(tmp_path: Path, head: str) -> None:
     mine = dialect(tmp_path, PROBE.format(57901, "PROBE", FIELDS), head)
@@ -118,7 +145,7 @@ def test_a_message_that_is_ours_and_another_one_at_once_is_refused(tmp_path: Pat
     """It stands alone, so its own file is right."""
     mine = dialect(tmp_path, PROBE.format(0, "PROBE", FIELDS), ALONE)
     said = say("wire", "decode", "-", "--xml", mine, input=b"")
-    assert "PROBE with id 0 is not the HEARTBEAT with id 0 of robotree" in said.stderr.decode()
+    assert "PROBE with id 0 is not the HEARTBEAT with id 0 that robotree knows" in said.stderr.decode()
     assert said.returncode == exit_codes.REFUSED
 
 
