@@ -187,6 +187,24 @@ class DescribeView(_Message, frozen=True, kw_only=True):
     """Which cameras, which readings? Answered by `ViewDescribed`."""
 
 
+# -- how they travel -------------------------------------------------------------------------------
+
+Begins = Call | Resume | Enslave | Free | Delete | Create
+"""What must not begin after its asker gave up. All else only tells, ends or prolongs something."""
+
+
+class Timely(_Message, frozen=True, kw_only=True):
+    """A request that is void when it is old. Answered as the request is."""
+
+    request: Begins
+    asked: float
+    """[s] on the asking machine's clock since its boot."""
+    holds: float
+    """[s] from then on in which it may be carried out."""
+    boot: str
+    """Which boot of which machine: elsewhere the clock says nothing."""
+
+
 # -- replies ---------------------------------------------------------------------------------------
 
 
@@ -336,17 +354,17 @@ Event = Listed | Unlisted | State
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()
-_requests: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
+_requests: msgspec.msgpack.Decoder[Request | Timely] = msgspec.msgpack.Decoder(Request | Timely)
 _replies: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply)
 _events: msgspec.msgpack.Decoder[Event] = msgspec.msgpack.Decoder(Event)
 
 
-def encode(message: Request | Reply | Event) -> bytes:
+def encode(message: Request | Timely | Reply | Event) -> bytes:
     """Pack any message."""
     return _encoder.encode(message)
 
 
-def decode_request(body: bytes, *, key: str = "a caller") -> Request:
+def decode_request(body: bytes, *, key: str = "a caller") -> Request | Timely:
     """Read a request.
 
     Raises:

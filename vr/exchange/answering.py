@@ -6,6 +6,7 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import Garbled, VrError
+from robotree.vr.exchange.timely import opened
 from robotree.vr.requests import Failed, Reply, Request, decode_request, encode
 from robotree.vr.transport import RequestHandler, Respond
 
@@ -29,7 +30,7 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             respond(encode(reply))
 
         try:
-            await converse(decode_request(body), say)
+            await converse(opened(decode_request(body), who), say)
         except VrError as error:
             say(Failed.of(error))
         except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer

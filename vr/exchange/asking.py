@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TypeVar
 
 from robotree.vr.errors import Garbled, Unreachable
-from robotree.vr.requests import Failed, Reply, Request, decode_reply, encode
+from robotree.vr.exchange.timely import Question
+from robotree.vr.requests import Failed, Reply, Request, decode_reply
 from robotree.vr.transport import Transport
 
 _R = TypeVar("_R", bound=Reply)
@@ -34,11 +35,14 @@ async def ask(
         TransportError: there is no answer, or one that cannot be read.
         VrError: the refusal of the agent asked.
     """
-    async for body in transport.request(key, encode(request), timeout=timeout, urgent=urgent):
-        reply = decode_reply(body, key=key)
-        if isinstance(reply, Failed):
-            raise reply.revive()
-        if not isinstance(reply, answer):
-            raise Garbled(key=key, detail=f"{type(reply).__name__} is no answer to {type(request).__name__}")
-        return reply
-    raise Unreachable(key=key)
+    question = Question(request, within=timeout)
+    async with question.outlived(transport, key):
+        async for body in transport.request(key, question.body, timeout=timeout, urgent=urgent):
+            reply = decode_reply(body, key=key)
+            if isinstance(reply, Failed):
+                raise reply.revive()
+            if not isinstance(reply, answer):
+                what = f"{type(reply).__name__} is no answer to {type(request).__name__}"
+                raise Garbled(key=key, detail=what)
+            return reply
+        raise Unreachable(key=key)

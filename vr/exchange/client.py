@@ -12,6 +12,7 @@ from robotree.vr.address import Address
 from robotree.vr.description import Arguments, RobotDescription
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.timely import Question
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import (
     PATIENCE,
@@ -37,7 +38,6 @@ from robotree.vr.requests import (
     Returned,
     SafeStop,
     decode_reply,
-    encode,
 )
 from robotree.vr.transport import Transport
 
@@ -135,21 +135,23 @@ class RobotClient:
         await self._carry_out(call, None)
 
     async def _carry_out(self, call: Call, on_progress: OnProgress | None) -> Any:
+        question = Question(call, within=self._patience)
         try:
-            return await self._follow(call, on_progress)
+            async with question.outlived(self._transport, self.address.key):
+                return await self._follow(call, question.body, on_progress)
         except (asyncio.CancelledError, NoAnswer):
             # It may still be on its way there: it must not begin after we gave up.
             self._bid_farewell(call)
             raise
 
-    async def _follow(self, call: Call, on_progress: OnProgress | None) -> Any:
+    async def _follow(self, call: Call, body: bytes, on_progress: OnProgress | None) -> Any:
         key = self.address.key
         seconds = max(0.0, call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
-        replies = self._transport.request(key, encode(call), timeout=seconds)
+        replies = self._transport.request(key, body, timeout=seconds)
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
-                async for body in replies:
-                    match decode_reply(body, key=key):
+                async for reply in replies:
+                    match decode_reply(reply, key=key):
                         case Accepted():
                             until_accepted.reschedule(None)
                             if call.oneway:

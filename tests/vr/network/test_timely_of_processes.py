@@ -1,0 +1,56 @@
+"""A real process that hangs and wakes: what was given up meanwhile does not begin."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from robotree.vr.address import Address
+from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.requests import Failed, decode_reply
+
+
+class Recorder:
+    """Keeps what is asked, to bring it a second time as the socket of a process that hung does."""
+
+    def __init__(self, transport: ZenohTransport) -> None:
+        self.transport = transport
+        self.sent: list[bytes] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.transport, name)
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        self.sent.append(body)
+        return self.transport.request(key, body, timeout=timeout, urgent=urgent)
+
+
+async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
+    start: Callable[[str, str], Awaitable[Any]], join_zenoh: Callable[[], Awaitable[ZenohTransport]]
+) -> None:
+    rover = await start("robot", "rover")
+    await rover.ready()
+    transport = await join_zenoh()
+    (key,) = await transport.present("robot/rover/*")
+    address = Address.parse(key)
+    assert address is not None
+    recorder: Any = Recorder(transport)
+    client = RobotClient(recorder, address)
+    rover.signal(signal.SIGSTOP)
+    with pytest.raises((Unreachable, NoAnswer)):
+        await client.call("move", {"x": 1.0})
+    rover.signal(signal.SIGCONT)
+    async with asyncio.timeout(60):
+        while not await transport.present(key):  # noqa: ASYNC110 # the presence itself is asked for
+            await asyncio.sleep(0.01)
+    replies = transport.request(key, recorder.sent[0], timeout=30)
+    (answer,) = [decode_reply(body, key=key) async for body in replies]
+    assert isinstance(answer, Failed)
+    assert isinstance(answer.revive(), NoAnswer), "it is not even in the queue, and never was"
+    assert await client.call("move", {"x": 2.0}) == 2.0
