@@ -62,8 +62,7 @@ class RobotAgent:
             space: where calls are counted over incarnations.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970; epochs come from it.
-            obeyed: returns the highest epoch that what stands behind the robot obeys already; smaller ones
-                are refused there, so its own go above it. 0: nothing stands there, or has told of none.
+            obeyed: returns the highest epoch obeyed by what stands behind the robot: its own go above it.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -84,13 +83,9 @@ class RobotAgent:
         )
         self._bonds: BondKeeper | None = None
         if isinstance(robot, VirtualRobot):
+            slots = robot.child_slots
             self._bonds = self._desk.bonds = BondKeeper(
-                self.address,
-                robot.child_slots,
-                transport,
-                lineage=self.lineage,
-                on_change=self.changed,
-                term=term,
+                self.address, slots, transport, lineage=self.lineage, on_change=self.changed, term=term
             )
         self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
         self._listed = Listed(registrar, self.address)
