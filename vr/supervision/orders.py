@@ -24,6 +24,8 @@ nothing; this is how long it takes to say that somebody has not confirmed it."""
 LOOK = 0.05
 """[s] between two looks at who is there and has not been told."""
 
+LATE = "it came to sight only after that had been asked for"
+
 Asked = dict[Address, asyncio.Future[Sequence[str]]]
 """What comes back of each robot: the names of those that have confirmed, or an error."""
 Looks = Mapping[Address, asyncio.Future[RobotDescription]]
@@ -79,13 +81,14 @@ class Orders:
                 asked = {address: self._begin_to_resume(address, looks) for address in looks}
                 silent = await self._transport.silent(everyone("robot"))
                 for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
-                    confirmations.deny(address.name, "it came to sight only after that had been asked for")
+                    confirmations.deny(address.name, LATE)
             else:
                 asked = {}
                 address, silent = await self._find(name)
-                if address is not None:
-                    looks.setdefault(address, self._look(address))
+                if address in looks:
                     asked[address] = self._begin_to_resume(address, looks)
+                elif address is not None:
+                    confirmations.deny(address.name, LATE)
             return await self._judge(name, confirmations, asked, silent)
         finally:
             for look in looks.values():

@@ -13,7 +13,7 @@ from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents import commands
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.arguments import check_arguments
-from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed
+from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.supervision.fleet import Fleet
 
 
@@ -50,6 +50,12 @@ class Carrier(VirtualRobot):
     """Carries."""
 
     rover = Child("Rover")
+
+
+class Above(VirtualRobot):
+    """Has one child of any kind."""
+
+    below = Child("Robot")
 
 
 @pytest.fixture
@@ -131,7 +137,7 @@ async def test_whoever_comes_after_the_stop_ends_it_at_once(realm: Any, fleet: F
     await newcomer.close()
 
 
-@pytest.mark.parametrize("gap", [1.0 + number * 0.0037 for number in range(14)])
+@pytest.mark.parametrize("gap", [1.0 + number * 0.0037 for number in range(4, 10)])
 async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
     realm: Any, fleet: Fleet, gap: float
 ) -> None:
@@ -151,6 +157,37 @@ async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
         await resuming
     await asyncio.sleep(1)
     assert stopped(hanging) == [True]
+
+
+async def test_who_wakes_up_while_it_is_being_looked_for_is_not_released(realm: Any, fleet: Fleet) -> None:
+    """What it has been told of meanwhile nobody has seen."""
+    rover = await realm.start(Rover("rover"))
+    await fleet.stop("rover")
+    realm.network.freeze(rover.transport)
+    await asyncio.sleep(5)
+    resuming = asyncio.create_task(fleet.resume("rover"))
+    await asyncio.sleep(0.01)
+    realm.network.thaw(rover.transport)
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(it came to sight only after that had been"):
+        await resuming
+    assert stopped(rover) == [True]
+    await realm.until(lambda: bool(fleet.directory.present("robot")))
+    assert await fleet.resume("rover") == ["rover"]
+
+
+async def test_who_lost_the_right_while_it_waited_for_the_children_releases_nothing(realm: Any) -> None:
+    carrier, rover = await pair(realm)
+    above = await realm.start(Above("above"))
+    client = realm.client(carrier)
+    await client.safe_stop("so")
+    realm.network.delay = 0.3
+    resuming = asyncio.create_task(client.resume())
+    await asyncio.sleep(0.4)  # the carrier has been told, and waits for the rover
+    realm.network.delay = 0.001
+    await realm.client(above).enslave("below", carrier.address)
+    with pytest.raises(NotInControl):
+        await resuming
+    assert stopped(carrier, rover) == [True, False]
 
 
 async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
