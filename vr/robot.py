@@ -54,7 +54,7 @@ class Robot:
         nothing, and its own hooks run in a thread.
 
         Returns:
-            None: there is nothing to wait for. Else something to await on the loop, that ends when the
+            None: there is nothing to wait for. Else something new to await on the loop, that ends when the
             hardware has confirmed it, never before, and raises a `VrError` when that has refused for good.
             It is cancelled when whoever asked can wait no longer: that ends the waiting, not the stop.
         """
