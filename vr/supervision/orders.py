@@ -66,9 +66,9 @@ class Orders:
         if name is None:
             silent = await self._tell_all(asked, tell)
         else:
-            address, silent = await self._find(name)
-            if address is not None:
-                tell(address)
+            found, silent = await self._find(name)
+            if found is not None:
+                tell(found)
         return await self._judge(name, Confirmations("the protective stop"), asked, silent)
 
     async def resume(self, name: str | None) -> Sequence[str]:
@@ -84,11 +84,11 @@ class Orders:
                     confirmations.deny(address.name, LATE)
             else:
                 asked = {}
-                address, silent = await self._find(name)
-                if address in looks:
-                    asked[address] = self._begin_to_resume(address, looks)
-                elif address is not None:
-                    confirmations.deny(address.name, LATE)
+                found, silent = await self._find(name)
+                if found in looks:
+                    asked[found] = self._begin_to_resume(found, looks)
+                elif found is not None:
+                    confirmations.deny(found.name, LATE)
             return await self._judge(name, confirmations, asked, silent)
         finally:
             for look in looks.values():
