@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import pymavlink
 
-from robotree.protocol.dialect.errors import UnknownBase
+from robotree.protocol.dialect.errors import NotWritten, UnknownBase, writing
 from robotree.protocol.dialect.examine import problems
 from robotree.protocol.dialect.table import Definition, Field
 from robotree.protocol.errors import DialectError
@@ -50,6 +50,7 @@ def workspace(xml: Path) -> Generator[Path]:
 
     Raises:
         DialectError: there is no `xml`.
+        NotWritten: the temporary folder has no room.
     """
     if not xml.is_file():
         raise DialectError(str(xml), "there is no such file")
@@ -57,7 +58,8 @@ def workspace(xml: Path) -> Generator[Path]:
         folder = Path(name)
         for source in (base_directory(), DIALECT.parent, xml.parent):  # the nearest file of a name is taken
             for each in source.glob("*.xml"):
-                shutil.copy(each, folder)
+                with writing(folder):
+                    shutil.copy(each, folder)
         yield folder / xml.name
 
 
@@ -86,7 +88,8 @@ def beside(base: str, xml: Path = DIALECT) -> Generator[Path]:
     with workspace(xml) as copy:
         both = copy.with_name(f"{xml.stem}_{base}.xml")
         includes = "".join(f"<include>{name}</include>" for name in (f"{base}.xml", copy.name))
-        both.write_text(f"<mavlink>{includes}<messages/></mavlink>", encoding="utf-8")
+        with writing(both):
+            both.write_text(f"<mavlink>{includes}<messages/></mavlink>", encoding="utf-8")
         try:
             yield both
         except DialectError as error:
@@ -184,6 +187,7 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
 
     Raises:
         DialectError: the generator failed, whichever way it chose to say so.
+        NotWritten: it was the system that failed.
     """
     from pymavlink.generator import mavgen
 
@@ -195,7 +199,10 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
         for each in parsed:
             _complete(copy.with_name(Path(each.filename).name))
         try:
-            done = mavgen.mavgen(options, [str(copy)]) is True
+            with writing(output):
+                done = mavgen.mavgen(options, [str(copy)]) is True
+        except NotWritten:
+            raise
         except (Exception, SystemExit) as error:  # noqa: BLE001  it raises what it likes, SystemExit included
             failure = _told(error, copy.parent)
     if not done:

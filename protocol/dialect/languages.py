@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from robotree.protocol.dialect import compile as compiler
-from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage
+from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage, writing
 
 
 class Language(msgspec.Struct, frozen=True):
@@ -62,6 +62,7 @@ def write(name: str, target: Path, dialect: Path = compiler.DIALECT, *, base: st
         UnknownBase: pymavlink brings no such base dialect.
         NoFile: the target of a language of one file is a folder.
         TargetTaken: there is something at the target already.
+        NotWritten: it cannot be written, as on a full disk.
         DialectError: the XML is wrong.
     """
     if name not in names():
@@ -81,17 +82,21 @@ def write(name: str, target: Path, dialect: Path = compiler.DIALECT, *, base: st
 
 
 def _place(made: Path, target: Path) -> list[Path]:
-    target.parent.mkdir(parents=True, exist_ok=True)
     if made.is_file():
-        shutil.copyfile(made, target)
-        return [target]
-    shutil.copytree(made, target, dirs_exist_ok=True)
-    return sorted(path for path in target.rglob("*") if path.is_file())
+        return [_copy(made, target)]
+    return [
+        _copy(path, target / path.relative_to(made)) for path in sorted(made.rglob("*")) if path.is_file()
+    ]
+
+
+def _copy(made: Path, target: Path) -> Path:
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        return Path(shutil.copyfile(made, target))
 
 
 def _write_xml(target: Path, dialect: Path) -> list[Path]:
     """Copy the dialect and what it includes, and no more."""
     names = [Path(parsed.filename).name for parsed in compiler.parse(dialect)]
-    target.mkdir(parents=True, exist_ok=True)
     with compiler.workspace(dialect) as copy:
-        return sorted(Path(shutil.copyfile(copy.parent / name, target / name)) for name in names)
+        return sorted(_copy(copy.parent / name, target / name) for name in names)

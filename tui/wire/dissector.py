@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from robotree.protocol.dialect.compile import DIALECT
 from robotree.protocol.dialect.dissector import dissector
-from robotree.protocol.dialect.errors import TargetTaken
+from robotree.protocol.dialect.errors import TargetTaken, writing
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import note
+from robotree.tui.terminal import note, put
 
 
 def run(line: Line) -> int:
@@ -21,13 +20,14 @@ def run(line: Line) -> int:
         raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
     text = dissector([int(port)] if port else [], Path(line.text("--xml")) if line.text("--xml") else DIALECT)
     if not line.text("FILE"):
-        sys.stdout.write(text)
+        put(text.removesuffix("\n"))
         return exit_codes.DONE
     path = Path(line.text("FILE"))
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+        file = path.open("x", encoding="utf-8")
     except FileExistsError:
         raise TargetTaken(path) from None
+    with writing(path), file:
+        file.write(text)
     note(f"{path}: use it as `wireshark -X lua_script:{path}`")
     return exit_codes.DONE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from typing import Protocol
 
 import msgspec
@@ -107,11 +107,13 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
     times: dict[int, float] = {}
     asked = 0
     keyless = 0
+    speakers: set[tuple[int, int]] = set()
     async with lasting(line) as here, securing(line) as security:
 
         def hear(frame: Frame) -> None:
             nonlocal keyless
             keyless += frame.signed and seals["verifier"] is None
+            speakers.add((frame.system, frame.component))
             answer = asker.heard(frame, None, clock())
             if answer is None or answer[0] in times:  # several may answer; the first one counts
                 return
@@ -144,18 +146,26 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
         link.close()
     heard = mouth[0].statistics
     doubt = disbelief(refused=0 if heard.received else heard.refused, keyless=keyless)
-    return _result(line, summary(asked, list(times.values())), here.exit_code(), doubt)
+    missing = f"nobody at {line.text('--connect')} answers: {doubt}" if doubt else _missing(line, speakers)
+    return _result(line, summary(asked, list(times.values())), here.exit_code(), missing)
 
 
-def _result(line: Line, trips: Trips, code: int, doubt: str) -> int:
+def _missing(line: Line, speakers: Collection[tuple[int, int]]) -> str:
+    """Why nothing was answered: nobody is there, or whoever is there does not know the service."""
+    by = line.text("--by", "ping")
+    hint = f"; try --by {next(name for name in SERVICES if name != by)}"
+    if not speakers:
+        return f"nobody at {line.text('--connect')} answers{hint if by == 'ping' else ''}"
+    who = ", ".join(f"{system}/{component}" for system, component in sorted(speakers))
+    says = "speaks, but answers" if len(speakers) == 1 else "speak, but answer"
+    return f"{who} {says} no {by.upper()}{hint}"
+
+
+def _result(line: Line, trips: Trips, code: int, missing: str) -> int:
     put(msgspec.json.encode({"statistics": trips}).decode() if line.flag("--json") else text(trips))
     if trips.answered or code:
         return code
-    if doubt:
-        complain(f"nobody at {line.text('--connect')} answers: {doubt}")
-        return exit_codes.NOBODY
-    hint = "; try --by timesync" if line.text("--by", "ping") == "ping" else ""
-    complain(f"nobody at {line.text('--connect')} answers{hint}")
+    complain(missing)
     return exit_codes.NOBODY
 
 

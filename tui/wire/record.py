@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from robotree.protocol.capture.errors import BadRecording
+from robotree.protocol.capture.files import Recording
 from robotree.protocol.capture.recorder import Recorder, writer_of
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
@@ -98,6 +99,16 @@ def _created(name: str) -> BinaryIO:
         raise BadRecording(name, f"cannot be written: {error.strerror}") from error
 
 
+def _kept(file: BinaryIO) -> str:
+    """How much of a recording that ended for want of space can be read."""
+    with suppress(OSError):  # what waits in the program's own buffer finds no room
+        file.close()
+    if not Path(file.name).is_file():
+        return "what was written before is out"
+    count = sum(len(batch) for batch in Recording(str(file.name)).frames())
+    return f"the first {count} frames are kept" if count else "nothing is kept"
+
+
 def _drop(name: str) -> None:
     """Remove an empty recording: it is of no use, and would be in the way of the next."""
     with suppress(OSError):  # it is a pipe, or somebody else was quicker
@@ -130,7 +141,7 @@ async def _record(line: Line) -> int:
             recorder.close()
             file.close()
         except OSError as error:
-            raise BadRecording(name, f"cannot be written: {error.strerror}") from error
+            raise BadRecording(name, f"cannot be written: {error.strerror}; {_kept(file)}") from error
         finally:
             with suppress(OSError):  # what could not be written was told already
                 file.close()

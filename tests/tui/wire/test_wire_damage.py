@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import subprocess
 import sys
@@ -90,9 +91,42 @@ def test_a_full_disk_is_blamed_on_the_file_and_not_on_the_link(
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.returncode == exit_codes.REFUSED
-    assert done.stderr.splitlines()[1:] == [f"robotree: {path}: cannot be written: File too large"]
+    kept = sum(map(len, Recording(str(path)).frames()))
+    told = f"cannot be written: File too large; the first {kept} frames are kept"
+    assert done.stderr.splitlines()[1:] == [f"robotree: {path}: {told}"]
     assert 0 < path.stat().st_size <= limit
-    assert sum(map(len, Recording(str(path)).frames())) > 10
+    assert kept > 10
+
+
+@pytest.mark.parametrize(
+    ("language", "target", "limit", "place"),
+    [
+        ("c", "out", 20_000, r".*/robotree-dialect-\w+"),  # there is no room even for what it is made of
+        ("python", "/dev/full", resource.RLIM_INFINITY, "/dev/full"),
+    ],
+)
+def test_a_full_disk_is_not_blamed_on_what_a_dialect_is_made_of(
+    tmp_path: Path, language: str, target: str, limit: int, place: str
+) -> None:
+    done = subprocess.run(
+        [*ROBOTREE, "wire", "dialect", "--lang", language, target],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert re.fullmatch(rf"robotree: {place} cannot be written: [\w ]+\n", done.stderr)
+    assert done.returncode == exit_codes.REFUSED
+
+
+def test_a_dissector_that_cannot_be_written_names_where_it_should_go() -> None:
+    words = [*ROBOTREE, "wire", "dissector"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    assert done.stderr == "robotree: standard output: no space left on device\n"
+    assert done.returncode == exit_codes.REFUSED
 
 
 @pytest.mark.parametrize(

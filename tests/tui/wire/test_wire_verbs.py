@@ -223,6 +223,7 @@ def test_ping_measures_and_says_when_nobody_answers(say: Any, arm: str, tmp_path
         process.terminate()
     assert said.code == exit_codes.NOBODY
     assert said.lines[-1].startswith("2 asked, 0 answered, 100% lost")
+    assert said.err == "robotree: 1/1 speaks, but answers no PING; try --by timesync\n"
 
 
 def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
