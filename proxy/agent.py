@@ -27,6 +27,9 @@ from robotree.vr.transport import Transport
 Ready = Callable[[str], None]
 """Told the address of an agent that is up."""
 
+LAST_EPOCH = 2**32 - 2**20
+"""Above it the wire has room for a million leases: what is told beyond is no clock's fault."""
+
 
 def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
@@ -125,7 +128,7 @@ async def standing_for(
     """
     registrar = Registrar(transport)
     agent = RobotAgent(
-        robot, transport, registrar=registrar, space=space, obeyed=lambda: robot.controller_epoch
+        robot, transport, registrar=registrar, space=space, obeyed=lambda: _to_outrank(robot.controller_epoch)
     )
     robot.on_change = agent.notify
     async with _up(agent, registrar, robot.run):
@@ -199,6 +202,11 @@ async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
     finally:
         beside.cancel()
         await asyncio.gather(beside, return_exceptions=True)
+
+
+def _to_outrank(epoch: int) -> int:
+    """Return the epoch above which the robot's own shall be; 0: there is no room, and it is refused."""
+    return epoch if epoch < LAST_EPOCH else 0
 
 
 def _checked(url: str) -> str:

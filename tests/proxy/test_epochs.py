@@ -6,21 +6,25 @@ import asyncio
 import contextlib
 import random
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
+
+import pytest
 
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Verb
 from robotree.proxy.agent import standing_for
 from robotree.proxy.arm import Arm
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.errors import StaleEpoch
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 
 
-async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_controller: type[Any]) -> None:
-    controller = make_controller()
-    ahead = int(time.time()) + 3600
-    controller.goals.fence(ahead)
+@asynccontextmanager
+async def proxy_of(controller: Any) -> AsyncIterator[tuple[Arm, RobotAgent, RobotClient]]:
     listener = await listen("tcp:127.0.0.1:0", controller.accept)
     robot = Arm("arm-1", listener.address, chance=random.Random(1))
     network = MemoryNetwork()
@@ -29,8 +33,16 @@ async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_cont
         stack.push_async_callback(listener.close)
         stack.callback(living.cancel)
         agent = await stack.enter_async_context(standing_for(robot, network.join("proxy")))
+        yield robot, agent, RobotClient(network.join("operator"), agent.address)
+
+
+async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_controller: type[Any]) -> None:
+    controller = make_controller()
+    ahead = int(time.time()) + 3600
+    controller.goals.fence(ahead)
+    async with proxy_of(controller) as (robot, agent, client):
         await until(lambda: robot.controller_epoch == ahead, "the controller tells its epoch")
-        call = asyncio.create_task(RobotClient(network.join("operator"), agent.address).call("hold", {}))
+        call = asyncio.create_task(client.call("hold", {}))
         await until(lambda: bool(controller.begun) or call.done(), "the goal arrives")
         if controller.begun:
             controller.finish(GoalState.SUCCEEDED)
@@ -38,3 +50,13 @@ async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_cont
         goals = [one for one in controller.heard if isinstance(one, Goal) and one.verb != Verb.STATUS]
         assert {goal.epoch for goal in goals} == {agent.description().epoch}
         assert goals[0].epoch > ahead
+
+
+async def test_an_epoch_with_no_room_above_it_is_left_alone(make_controller: type[Any]) -> None:
+    controller = make_controller()
+    controller.goals.fence(2**32 - 1)
+    async with proxy_of(controller) as (robot, agent, client):
+        await until(lambda: robot.controller_epoch == 2**32 - 1, "the controller tells its epoch")
+        with pytest.raises(StaleEpoch):
+            await client.call("hold", {})
+        assert agent.description().epoch < 2**31
