@@ -70,6 +70,18 @@ async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach
     assert list(await fleet.stop(None)) == ["awake", "frozen"]
 
 
+async def test_whoever_comes_after_a_stop_ends_it_at_once(start: Start, look: Look) -> None:
+    await robots(start, "one", "other")
+    first = await look()
+    assert list(await first.stop(None)) == ["one", "other"]
+    second = await look()
+    assert list(await second.resume("one")) == ["one"]
+    with pytest.raises(Stopped):
+        await first.call("other", "move", {"x": 1.0})
+    assert list(await first.resume(None)) == ["one", "other"]
+    assert await second.call("other", "move", {"x": 1.0}) == 1.0
+
+
 async def test_who_was_there_before_a_process_froze_knows_it_too(start: Start, look: Look) -> None:
     _, frozen = await robots(start, "awake", "frozen")
     fleet = await look()
