@@ -269,7 +269,8 @@ async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> No
     shown = await do(realm, "show arm-1")
     assert "j1     0.25 rad" in shown.text
     assert "age    0.125 s" in shown.text
-    assert "width  0.08\n" in f"{shown.text}\n", "a reading without a unit stands alone"
+    assert "width  0.08 m" in shown.text
+    assert "tx     -0.01\n" in shown.text, "a reading without a unit stands alone"
     assert shown.data["readings"]["j1"] == 0.25
     assert shown.data["units"]["j1"] == "rad"
     listener = Listener()

@@ -56,7 +56,7 @@ def test_who_has_the_key_records_a_robot_that_waits_to_be_spoken_to(
     words = ("wire", "record", "--connect", guarded.address, "--for", "1500ms", "--json")
     said = say(*words, tmp_path / "right.tlog", "--key", guarded.key)
     assert said.code == exit_codes.DONE, said.err
-    assert said.objects[0]["frames"] > 50
+    assert said.objects[0]["frames"] > 0
 
 
 def test_a_recording_of_nothing_is_no_success(say: Any, tmp_path: Path) -> None:
