@@ -28,6 +28,10 @@ from robotree.tui.wire.lasting import Lasting, lasting
 from robotree.tui.wire.security import securing
 
 
+LARGEST_COUNTED = 32 * 1024 * 1024
+"""[bytes] of a recording that is read again to count what is kept, in some seconds; more would take minutes."""
+
+
 class Tape:
     """A handler that records what comes, believed or not, and says once a second that we are there."""
 
@@ -103,9 +107,12 @@ def _kept(file: BinaryIO) -> str:
     """How much of a recording that ended for want of space can be read."""
     with suppress(OSError):  # what waits in the program's own buffer finds no room
         file.close()
-    if not Path(file.name).is_file():
+    path = Path(file.name)
+    if not path.is_file():
         return "what was written before is out"
-    count = sum(len(batch) for batch in Recording(str(file.name)).frames())
+    if path.stat().st_size > LARGEST_COUNTED:
+        return "what was written before is kept"
+    count = sum(len(batch) for batch in Recording(str(path)).frames())
     return f"the first {count} frames are kept" if count else "nothing is kept"
 
 
