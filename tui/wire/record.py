@@ -27,9 +27,8 @@ from robotree.tui.wire.identity import COMPONENT, SYSTEM, heartbeat
 from robotree.tui.wire.lasting import Lasting, lasting
 from robotree.tui.wire.security import securing
 
-
 LARGEST_COUNTED = 32 * 1024 * 1024
-"""[bytes] of a recording that is read again to count what is kept, in some seconds; more would take minutes."""
+"""[bytes] of a recording that is read again to count what is kept, in seconds; more would take minutes."""
 
 
 class Tape:
