@@ -19,7 +19,7 @@ SENTENCES: dict[Reason, str] = {
     Reason.UNKNOWN_VERB: "this controller cannot do that",
     Reason.STALE_EPOCH: "a newer lease is already obeyed",
     Reason.KEY_REUSED: "a different command was sent under the same key",
-    Reason.STOPPED: "a safe stop is in force; look at the robot, then release the stop",
+    Reason.STOPPED: "a safe stop is in force; look at the robot, then resume it",
     Reason.BLOCKED: "something in the way holds the robot",
     Reason.SUPERSEDED: "a newer goal took its place",
     Reason.LINK_SILENT: "the controller heard nothing from the proxy for too long and holds",

@@ -14,11 +14,11 @@ any depth knows who did not answer before the one at the top gives up."""
 LONGEST = 60.0
 """[s] Nobody waits longer for a stop."""
 
-Order = Literal["the protective stop", "the release of the stop"]
+Order = Literal["the protective stop", "the resume"]
 
 _ADVICE: dict[Order, str] = {
     "the protective stop": "press the emergency stop of whatever they drive",
-    "the release of the stop": "look at them, then release it again",
+    "the resume": "look at them, then resume again",
 }
 
 

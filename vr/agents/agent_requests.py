@@ -150,7 +150,7 @@ class AgentRequests:
     async def _resume(self, request: Resume) -> Reply:
         """Release those below first: nobody may use a child that is still stopped."""
         name, seconds, desk = self._robot.name, share(request.within), self._desk
-        confirmations = Confirmations("the release of the stop")
+        confirmations = Confirmations("the resume")
         self._lease.check(request.epoch)
         stops = desk.stops
         if desk.ordered and request.seen is not None:

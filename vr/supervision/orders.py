@@ -75,7 +75,7 @@ class Orders:
         """End the stops that are in force now, of all whom it concerns and who are seen; see `stop`."""
         # of all, whoever is meant: what is below one is known only when it has answered
         looks = {address: self._look(address) for address in self._directory.present("robot")}
-        confirmations = Confirmations("the release of the stop")
+        confirmations = Confirmations("the resume")
         try:
             if name is None:
                 asked = {address: self._begin_to_resume(address, looks) for address in looks}

@@ -40,19 +40,19 @@ def test_one_error_names_both_sides_the_reasons_and_what_to_do() -> None:
 
 
 def test_what_a_parent_tells_of_its_children_is_told_once_and_with_their_names() -> None:
-    below = Confirmations("the release of the stop")
+    below = Confirmations("the resume")
     below.take("arm", Stopped(robot="arm", reason="a hand; a foot", commander="lever"))
     below.take("rover", ())
     with pytest.raises(NotConfirmed) as inner:
         below.settle()
-    above = Confirmations("the release of the stop")
+    above = Confirmations("the resume")
     above.take("lever", inner.value)
     above.take("other", inner.value)
     with pytest.raises(NotConfirmed) as outer:
         above.settle()
     assert outer.value.data["told"] == ["lever", "other", "rover"]
     assert str(outer.value).count("arm (arm is stopped (a hand; a foot)") == 1
-    assert "look at them, then release it again" in str(outer.value)
+    assert "look at them, then resume again" in str(outer.value)
 
 
 def test_words_of_people_never_make_two_robots_of_one_and_advice_comes_all_the_way_up() -> None:

@@ -268,7 +268,7 @@ async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World
         await newcomer.stop(None)
     with pytest.raises(NotConfirmed, match=f"confirmed by nobody but {silent}"):
         await newcomer.stop("r1")
-    with pytest.raises(NotConfirmed, match="look at them, then release it again, then: thaw r1"):
+    with pytest.raises(NotConfirmed, match="look at them, then resume again, then: thaw r1"):
         await newcomer.resume(None)
     world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
     assert list(await newcomer.stop(None)) == ["r1", "r2"]
