@@ -8,16 +8,7 @@ import pytest
 
 from robotree.protocol import Frame
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
-from robotree.protocol.services.goal_client import (
-    LINGER,
-    PATIENCE,
-    POLL,
-    RESEND,
-    GoalClient,
-    GoalEnded,
-    GoalProgress,
-    GoalSilent,
-)
+from robotree.protocol.services.goal_client import RESEND, GoalClient, GoalEnded
 from robotree.protocol.services.goal_server import (
     CAPACITY,
     FORGOTTEN,
@@ -248,11 +239,7 @@ def test_a_table_full_of_unfinished_goals_refuses_the_next(server: GoalServer) -
     assert any(isinstance(each, Begin) for each in server.receive(_goal(CAPACITY + 1), PROXY, 1.0))
 
 
-# The sender's side.
-
-
-def _status(state: GoalState, *, key: int = 7, sequence: int = 1, reason: Reason = Reason.NONE) -> GoalStatus:
-    return GoalStatus(key, 1, 0.5, sequence, reason, 255, 190, state, "")
+# Both sides.
 
 
 @pytest.fixture
@@ -264,25 +251,6 @@ def client() -> GoalClient:
 
 def _sent(effects: list[object]) -> list[object]:
     return [each.message for each in effects if isinstance(each, Send)]
-
-
-def test_a_goal_is_padded_with_as_it_is_now() -> None:
-    (send,) = GoalClient(1, 2).start(7, Verb.GO_TO, (0.5,), epoch=3, now=0.0, ttl=2.0)
-    assert isinstance(send, Send)
-    goal = send.message
-    assert isinstance(goal, Goal)
-    assert (goal.key, goal.epoch, goal.ttl_ms) == (7, 3, 2000)
-    assert (goal.target_system, goal.target_component) == (1, 2)
-    assert goal.args[0] == 0.5
-    assert all(map(math.isnan, goal.args[1:]))
-
-
-def test_an_unanswered_goal_is_repeated_with_its_key(client: GoalClient) -> None:
-    assert client.tick(RESEND * 0.9) == []
-    (again,) = _sent([*client.tick(RESEND)])
-    assert isinstance(again, Goal)
-    assert (again.key, again.verb) == (7, Verb.GO_TO)
-    assert client.tick(RESEND) == []
 
 
 @pytest.fixture
@@ -333,54 +301,8 @@ def test_a_goal_that_was_reached_in_time_is_so_though_the_answers_were_lost(
     assert end == GoalEnded(7, GoalState.SUCCEEDED, Reason.NONE, "")
 
 
-def test_the_shortest_time_to_live_is_not_for_ever() -> None:
-    (send,) = GoalClient(1, 2).start(7, Verb.GO_TO, (0.5,), epoch=3, now=0.0, ttl=0.0001)
-    assert isinstance(send, Send)
-    assert isinstance(send.message, Goal)
-    assert send.message.ttl_ms == 1
-
-
-def test_an_acknowledged_goal_is_only_asked_for(client: GoalClient) -> None:
-    assert client.receive(_status(GoalState.ACCEPTED), 0.1) == [GoalProgress(7, GoalState.ACCEPTED, 0.5)]
-    assert client.tick(0.1 + POLL * 0.9) == []
-    (question,) = _sent([*client.tick(0.1 + POLL)])
-    assert isinstance(question, Goal)
-    assert question.verb == Verb.STATUS
-
-
-def test_old_news_is_no_news_but_the_end_is(client: GoalClient) -> None:
-    assert client.receive(_status(GoalState.ACTIVE, sequence=65535), 0.1)
-    assert client.receive(_status(GoalState.ACTIVE, sequence=65535), 0.2) == []
-    assert client.receive(_status(GoalState.ACTIVE, sequence=65530), 0.3) == []
-    newer = client.receive(_status(GoalState.ACTIVE, sequence=2), 0.4)
-    assert newer == [GoalProgress(7, GoalState.ACTIVE, 0.5)]
-    end = client.receive(_status(GoalState.FAILED, sequence=1, reason=Reason.BLOCKED), 0.5)
-    assert end == [GoalEnded(7, GoalState.FAILED, Reason.BLOCKED, "")]
-    assert client.pursued == []
-    assert client.receive(_status(GoalState.FAILED, sequence=3), 0.6) == []
-
-
-def test_silence_is_told_once_and_ends_with_the_next_word(client: GoalClient) -> None:
-    client.receive(_status(GoalState.ACTIVE), 0.1)
-    heard = [each for i in range(80) for each in client.tick(i / 10) if isinstance(each, GoalSilent)]
-    assert heard == [GoalSilent(7, acknowledged=True)]
-    assert client.receive(_status(GoalState.ACTIVE, sequence=2), 8.0)
-    assert not any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE * 0.9))
-    assert any(isinstance(each, GoalSilent) for each in client.tick(8.0 + PATIENCE))
-
-
-def test_a_link_that_comes_back_late_does_not_start_a_movement(client: GoalClient) -> None:
-    effects = [each for i in range(200) for each in client.tick(i / 10)]
-    assert GoalSilent(7, acknowledged=False) in effects
-    late = [each for i in range(31, 200) for each in _sent([*client.tick(20 + i / 10)])]
-    assert {each.verb for each in late if isinstance(each, Goal)} == {Verb.STATUS}
-    assert client.receive(_status(GoalState.UNKNOWN, sequence=0), 60.0) == [
-        GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")
-    ]
-
-
 def test_a_controller_that_restarted_is_not_asked_to_begin_again(client: GoalClient) -> None:
-    client.receive(_status(GoalState.ACTIVE), 0.1)
+    client.receive(GoalStatus(7, 1, 0.5, 1, Reason.NONE, 255, 190, GoalState.ACTIVE, ""), 0.1)
     restarted = GoalServer([Verb.GO_TO], lambda _: None)
     effects = [
         effect
@@ -391,46 +313,6 @@ def test_a_controller_that_restarted_is_not_asked_to_begin_again(client: GoalCli
     (status,) = _statuses([*effects])
     assert client.receive(status, 2.1) == [GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")]
     assert restarted.unfinished == []
-
-
-def test_a_cancel_is_repeated_until_the_end_is_heard(client: GoalClient) -> None:
-    client.receive(_status(GoalState.ACTIVE), 0.1)
-    (cancel,) = _sent([*client.cancel(7, epoch=4, now=0.2)])
-    assert cancel == GoalCancel(7, 4, 1, 1)
-    assert _sent([*client.tick(0.2 + RESEND)]) == [cancel]
-    client.receive(_status(GoalState.CANCELLED, sequence=2), 0.5)
-    assert client.tick(5.0) == []
-
-
-def test_a_cancelled_goal_of_which_nothing_is_heard_is_let_go_after_its_time(client: GoalClient) -> None:
-    client.start(8, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=60.0)
-    client.start(9, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=60.0)
-    client.receive(_status(GoalState.ACTIVE, key=9), 0.1)
-    for key in (7, 8, 9):
-        client.cancel(key, epoch=3, now=1.0)
-    for second in range(1, 100):
-        client.tick(float(second))
-        client.receive(_status(GoalState.ACTIVE, key=9, sequence=second), second + 0.5)
-        assert (8 in client.pursued) == (second < 60.0 + LINGER), "till then it might still move"
-    assert client.pursued == [7, 9], "one may move for ever, the other one moves"
-
-
-def test_a_controller_that_answers_no_goals_is_not_asked_about_ever_more_of_them() -> None:
-    client, said = GoalClient(1, 1), 0
-    for second in range(1000):
-        client.start(second + 1, Verb.HOLD, (), epoch=3, now=float(second), ttl=5.0)
-        said = len(_sent([*client.tick(second + 0.5)]))
-    assert said <= 5.0 + LINGER + 1
-    assert len(client.pursued) <= 5.0 + LINGER + 1
-
-
-def test_what_is_not_ours_or_makes_no_sense_is_passed_over(client: GoalClient) -> None:
-    assert client.receive(_status(GoalState.ACTIVE, key=8), 0.1) == []
-    assert client.receive(GoalStatus(7, 1, 0.5, 1, 0, 255, 190, 99, ""), 0.1) == []
-    assert client.receive(_status(GoalState.UNKNOWN), 0.1) == []
-    assert client.pursued == [7]
-    client.forget(7)
-    assert client.tick(100.0) == []
 
 
 def test_who_may_not_command_is_refused_raises_no_epoch_and_may_ask_again() -> None:

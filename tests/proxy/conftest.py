@@ -27,14 +27,17 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
+from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer, Refusal
 from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
 from robotree.protocol.services.picture import split
-from robotree.proxy.session import SUPERVISOR_SYSTEM, OnlineChanged, Redial, Session
+from robotree.proxy.motion import Request
+from robotree.proxy.session import SUPERVISOR_SYSTEM, HeldChanged, OnlineChanged, Redial, Session
 from robotree.proxy.session import Effect as SessionEffect
 
 LONG_AGO = float("-inf")
+GRIP = Request(Verb.GRIP, (0.02,))
 
 
 class Controller:
@@ -192,6 +195,18 @@ class Talk:
     @property
     def turns(self) -> list[bool]:
         return [event.online for event in self.events if isinstance(event, OnlineChanged)]
+
+    @property
+    def holds(self) -> list[bool]:
+        return [bool(event.reason) for event in self.events if isinstance(event, HeldChanged)]
+
+    @property
+    def ends(self) -> list[GoalState]:
+        return [event.state for event in self.events if isinstance(event, GoalEnded)]
+
+    def start(self, key: int = 7, epoch: int = 5, ttl: float = 0.0) -> None:
+        """Have it close the gripper."""
+        self.perform(self.session.start(key, GRIP, epoch=epoch, ttl=ttl, now=self.now))
 
     def connect(self) -> None:
         self._loopback = Loopback(self._accept, self.controller.accept, self._accidents, self.now)

@@ -1,4 +1,4 @@
-"""Stories of releases: of a stop that has yet to be confirmed, over a bad link, and over none."""
+"""Stories of releases: refused, overtaken by a stop, of one that is not confirmed, and over bad links."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from robotree.protocol.links.loopback import Accidents
-from robotree.protocol.messages import ModeKind
+from robotree.protocol.messages import ModeKind, Reason, SetMode
+from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.will import RELEASE_WITHIN, ReleaseConfirmed, ReleaseUnanswered
 
 Talk = Any
@@ -62,3 +63,52 @@ def test_a_release_while_the_link_is_down_is_for_a_short_time_and_its_loss_is_to
         assert (ReleaseConfirmed() in talk.events) is released
         assert (talk.controller.mode == ModeKind.READY) is released
         assert talk.session.stopped is not released
+
+
+def test_a_release_with_a_stale_epoch_is_given_up(talk: Talk) -> None:
+    talk.wait(0.1)
+    talk.start(epoch=9)
+    talk.wait(0.1)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(0.5)
+    talk.perform(talk.session.release(8, talk.now))
+    talk.wait(10.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    asked = len([m for m in talk.controller.heard if isinstance(m, SetMode) and m.mode == ModeKind.READY])
+    assert 10 <= asked <= 13
+
+
+@pytest.mark.parametrize("objection", [Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL])
+def test_a_release_that_was_refused_is_not_said_again(talk: Talk, objection: Reason) -> None:
+    talk.wait(0.5)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(1.0)
+    talk.controller.objection = objection
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert talk.session.held == f"its controller is in safe stop: {reason_in_words(objection)}"
+    talk.controller.objection = Reason.NONE  # whatever was in the way is gone; the operator has yet to ask
+    talk.wait(RELEASE_WITHIN + 1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
+
+
+def test_a_release_whose_answer_was_lost_ends_no_stop_that_began_meanwhile(talk: Talk) -> None:
+    talk.wait(0.5)
+    talk.perform(talk.session.stop(talk.now))
+    talk.wait(1.0)
+    talk.controller.mute = True
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert talk.controller.mode == ModeKind.READY
+    talk.controller.stop()
+    talk.wait(1.0)
+    assert talk.controller.mode == ModeKind.SAFE_STOP
+    talk.controller.mute = False
+    talk.wait(1.0)
+    assert "its controller is in safe stop" in talk.session.held
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(0.1)
+    assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")

@@ -1,4 +1,4 @@
-"""A bus of its own for every test, and other processes on it."""
+"""A bus of its own for every test, addresses on it, and other processes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from subprocess import PIPE, Popen
 
 import can
 import pytest
+
+from robotree.protocol.links.can import CanAddress
 
 _COUNT = count()
 Spawn = Callable[..., "Popen[str]"]
@@ -50,3 +52,15 @@ def buses(channel: str) -> Iterator[Callable[..., can.BusABC]]:
     yield open_bus
     for bus in opened:
         bus.shutdown()
+
+
+@pytest.fixture(params=["robotree, fd", "robotree, classic", "virtual, fd", "virtual, classic"])
+def address(request: pytest.FixtureRequest, channel: str) -> CanAddress:
+    """An interface that is used from the event loop, and one that needs threads."""
+    interface, _, kind = request.param.partition(", ")
+    return CanAddress(interface=interface, channel=channel, fd=kind == "fd")
+
+
+@pytest.fixture
+def here(channel: str) -> CanAddress:
+    return CanAddress(interface="robotree", channel=channel)

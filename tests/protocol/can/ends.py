@@ -1,0 +1,39 @@
+"""Both ends of links over CAN, which close with the block that they are in."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect, listen
+from robotree.protocol.links.link import Accept, Link
+from robotree.protocol.testing import Recorder
+
+
+class Gathering:
+    """Remembers the recorders of all links of one side."""
+
+    def __init__(self) -> None:
+        self.recorders: list[Recorder] = []
+
+    def __call__(self, link: Link) -> Recorder:
+        self.recorders.append(Recorder(link))
+        return self.recorders[-1]
+
+
+@asynccontextmanager
+async def listening(address: CanAddress, accept: Accept) -> AsyncIterator[CanListener]:
+    listener = await listen(address, accept)
+    try:
+        yield listener
+    finally:
+        await listener.close()
+
+
+@asynccontextmanager
+async def connected(address: CanAddress, accept: Accept) -> AsyncIterator[CanLink]:
+    link = await connect(address, accept)
+    try:
+        yield link
+    finally:
+        link.close()
