@@ -1,18 +1,19 @@
-"""Examinations that any new link or codec must pass. Call them from its tests."""
+"""Examinations that any new link or codec must pass, called from its tests, and what tests need besides."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import random
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
+from collections.abc import Awaitable, Callable, Generator
+from typing import TYPE_CHECKING, Any, cast
 
-from robotree.protocol.dialect.table import Definition, Field, definitions
+from robotree.protocol.dialect.table import Definition, Field, by_name, definitions
 from robotree.protocol.errors import LinkClosed, LinkError, LinkRefused
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Pausable
-from robotree.protocol.messages.base import codec_of, fields_of
+from robotree.protocol.messages.base import CODECS, TYPED, codec_of, fields_of
 from robotree.protocol.parser import Parser
 
 if TYPE_CHECKING:
@@ -43,6 +44,26 @@ async def until(condition: Callable[[], object], patience: float = 60.0) -> None
     async with asyncio.timeout(patience):
         while not condition():  # noqa: ASYNC110  sockets and ports have no event for this
             await asyncio.sleep(0.001)
+
+
+@contextlib.contextmanager
+def forgetting_messages() -> Generator[None]:
+    """Have the messages and classes that the block adds to the process forgotten at its end.
+
+    Yields:
+        Nothing; what was known before is known inside.
+    """
+    tables = cast("tuple[dict[Any, Any], ...]", (definitions(), by_name(), TYPED))
+    before = [dict(table) for table in tables]
+    try:
+        yield
+    finally:
+        added = (definitions().keys() - before[0].keys()) | (TYPED.keys() - before[2].keys())
+        for table, kept in zip(tables, before, strict=True):
+            table.clear()
+            table.update(kept)
+        for msgid in added:
+            CODECS.pop(msgid.to_bytes(3, "little"), None)
 
 
 class Recorder:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.protocol.messages.base import within_bounds
+from robotree.protocol.testing import forgetting_messages
 
 LONGEST_END = 5.0
 """[s] for code that was told to end."""
@@ -74,7 +74,7 @@ def no_code_runs_on() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def own_messages_end_with_their_test() -> Iterator[None]:
     """Have no test know the messages and classes that another one added."""
-    with within_bounds():
+    with forgetting_messages():
         yield
 
 

@@ -11,14 +11,13 @@ import re
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-from robotree.protocol.dialect.table import CODES
+from robotree.protocol.dialect.table import CODES, LARGEST_ID
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
     from xml.etree.ElementTree import Element
 
-LARGEST_ID = 2**24 - 1
 LARGEST_COMMAND = 2**16 - 1
 """COMMAND_LONG has 16 bits for it."""
 MOST_FIELDS = 64

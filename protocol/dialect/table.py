@@ -27,6 +27,8 @@ CODES = {
     "uint64_t": "Q",
 }
 
+LARGEST_ID = 2**24 - 1
+"""Of a message: the wire has three bytes for it."""
 FIRST_OWN_ID = 10_000_000
 """Ids from here on are for robots of somebody's own: robotree never gives them, nor has MAVLink so far."""
 

@@ -4,12 +4,10 @@ A message that robotree speaks is a class below `Message`, decorated with its na
 the XML's, in the XML's order. Every other message of the dialect is an `Untyped`.
 
 The registry is the process's: the dialect, what `wire` and `extend` add to it, and the codecs made of both.
-Who adds to it for a while only, does so `within_bounds`.
 """
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from functools import partial
 from pathlib import Path
@@ -18,11 +16,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 import msgspec
 
 from robotree.protocol.codec import Codec
-from robotree.protocol.dialect.table import by_name, definitions
+from robotree.protocol.dialect.table import LARGEST_ID, by_name, definitions
 from robotree.protocol.errors import InvalidMessage, UnfitClass, UnknownMessage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable
 
     from robotree.protocol.codec import Value
     from robotree.protocol.dialect.table import Definition
@@ -72,8 +70,6 @@ class Untyped(msgspec.Struct, frozen=True, gc=False):
 AnyMessage = Message | Untyped
 M = TypeVar("M", bound=Message)
 
-LARGEST_ID = 2**24 - 1
-"""The wire has three bytes for an id."""
 TYPED: dict[int, type[Message]] = {}
 """Every message that has a class, by id. Filled by `wire`."""
 
@@ -149,28 +145,6 @@ def codec_of(msgid: int) -> Codec:
     if codec is None:
         raise UnknownMessage(msgid)
     return codec
-
-
-@contextlib.contextmanager
-def within_bounds() -> Generator[None]:
-    """Have the messages and classes that are added inside forgotten at the end, as a test wants it.
-
-    Yields:
-        Nothing; what was known before is known inside.
-    """
-    tables = cast("tuple[dict[Any, Any], ...]", (definitions(), by_name(), TYPED))
-    before = [dict(table) for table in tables]
-    try:
-        yield
-    finally:
-        added = {msgid for msgid in definitions() if msgid not in before[0]} | (
-            TYPED.keys() - before[2].keys()
-        )
-        for table, kept in zip(tables, before, strict=True):
-            table.clear()
-            table.update(kept)
-        for msgid in added:
-            CODECS.pop(msgid.to_bytes(3, "little"), None)
 
 
 def _untyped(msgid: int, *values: Value) -> Untyped:

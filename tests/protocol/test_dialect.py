@@ -15,10 +15,9 @@ from robotree.protocol import messages
 from robotree.protocol.dialect import by_name, definitions
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect.__main__ import main
-from robotree.protocol.dialect.table import FIRST_OWN_ID, TABLE
+from robotree.protocol.dialect.table import FIRST_OWN_ID, LARGEST_ID, TABLE
 from robotree.protocol.errors import DialectError
 from robotree.protocol.messages import TYPED
-from robotree.protocol.messages.base import LARGEST_ID
 
 ONE_CAN_FD_FRAME = 50
 HOT = ("ROBOTREE_JOINTS", "ROBOTREE_TOOL", "ROBOTREE_GRIPPER", "ROBOTREE_GOAL", "ROBOTREE_MODE")

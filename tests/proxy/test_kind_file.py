@@ -9,8 +9,8 @@ import pytest
 from robotree.protocol.errors import UnknownMessage
 from robotree.protocol.frame import encode
 from robotree.protocol.messages import AnyMessage, Heartbeat, make
-from robotree.protocol.messages.base import within_bounds
 from robotree.protocol.parser import Parser
+from robotree.protocol.testing import forgetting_messages
 from robotree.proxy import kinds
 from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
 from robotree.proxy.robot_proxy import RobotProxy
@@ -189,10 +189,10 @@ def test_what_is_wrong_with_a_message_of_ones_own_is_one_sentence(
         kinds.make("crane.py", "crane-1", URL)
 
 
-def test_messages_and_classes_that_are_added_within_bounds_are_forgotten(write: Path) -> None:
+def test_messages_and_classes_that_a_test_adds_are_forgotten(write: Path) -> None:
     (write / "crane.py").write_text(CRANE)
     (write / "crane.xml").write_text(CRANE_XML)
-    with within_bounds():
+    with forgetting_messages():
         kinds.make("crane.py", "crane-1", URL)
         said = encode(make("CRANE_STATE"), sequence=0, system=1, component=1)
         assert len(Parser().feed(said)) == 1
