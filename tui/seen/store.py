@@ -89,22 +89,22 @@ class Store:
     """Grows with each change that can be seen."""
     shape: int = 0
     """Grows when somebody should look again who commands whom."""
+    missed: dict[Address, Listing | RobotDescription] = field(
+        default_factory=dict[Address, "Listing | RobotDescription"]
+    )
+    """Agents that are seen no more: they hang or have gone, as somebody should find out."""
     _heard: dict[str, Heard] = field(default_factory=dict[str, Heard])
     _were_listed: bool = True
     """A lookup service said so of the robots and views that are known; else they were only seen."""
     _came: dict[str, float] = field(default_factory=dict[str, float])
     _asked: dict[str, int] = field(default_factory=dict[str, int])
     """How many commands of ours a robot has not answered yet."""
-    missed: dict[Address, Listing | RobotDescription] = field(
-        default_factory=dict[Address, "Listing | RobotDescription"]
-    )
-    """Agents that are seen no more: they hang or have gone, as somebody should find out."""
+    _elsewhere: set[str] = field(default_factory=set[str])
+    """Robots that carry out what others asked for."""
     _told_of: deque[tuple[Address, str]] = field(
         default_factory=lambda: deque[tuple[Address, str]](maxlen=MEMORY)
     )
     """What has been told of those that are missed."""
-    _elsewhere: set[str] = field(default_factory=set[str])
-    """Robots that carry out what others asked for."""
 
     # -- what is told ------------------------------------------------------------------------------
 

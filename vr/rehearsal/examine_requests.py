@@ -8,6 +8,9 @@ from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.rehearsal.promises import PATIENCE, Join, close_all, promise, replies_of, served
 from robotree.vr.transport import Respond
 
+SILENCE = 1.0
+"""[s] given to one who does not answer; what it said first comes within it, on a busy machine too."""
+
 
 async def replies_keep_their_order(join: Join) -> None:
     """Any number of replies, whole, in order, and then an end; for far and near callers."""
@@ -80,10 +83,6 @@ async def a_handler_that_raises_ends_the_reply(join: Join) -> None:
         got = await replies_of(who.request("robot/a/1", b"said", timeout=PATIENCE))
         promise(got == ([b"said"], None), "what was replied before a handler raised is delivered")
     await close_all(server, caller)
-
-
-SILENCE = 1.0
-"""[s] The time given to one who does not answer; what he said first comes in it, on a busy machine too."""
 
 
 async def silence_is_no_answer_in_time(join: Join) -> None:

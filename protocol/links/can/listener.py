@@ -187,9 +187,8 @@ class CanListener:
     def _open(self, host: int, session: int, *, fd: bool) -> None:
         older = self._links.get(host)
         if older is not None and older.presence.session != session:
-            if (
-                older.silence(asyncio.get_running_loop().time()) < 2 * ALIVE_PERIOD
-            ):  # it lives, so the newcomer has its number by mistake
+            silence = older.silence(asyncio.get_running_loop().time())
+            if silence < 2 * ALIVE_PERIOD:  # it lives, so the newcomer has its number by mistake
                 self._control(Control(Code.REFUSE, session), target=host, fd=fd)
                 return
             older.end(LinkClosed(older.address, by_us=False))
