@@ -16,7 +16,7 @@ from itertools import chain
 from robotree.protocol.capture.errors import BadRecording, NoFrame
 from robotree.protocol.capture.files import Recording
 from robotree.protocol.capture.replay import schedule
-from robotree.protocol.capture.secrecy import Sieve
+from robotree.protocol.capture.sieve import Sieve
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link, Listener, Pausable

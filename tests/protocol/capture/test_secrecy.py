@@ -9,33 +9,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from robotree.protocol import Parser, encode
+from robotree.protocol import encode
 from robotree.protocol.capture import tlog
 from robotree.protocol.capture.captured import Captured
-from robotree.protocol.capture.commanding import commands
 from robotree.protocol.capture.decode import Decoder, detect
 from robotree.protocol.capture.gauges import LinkGauge
 from robotree.protocol.capture.plain import HIDDEN
 from robotree.protocol.capture.recorder import WRITERS, Recorder
-from robotree.protocol.capture.secrecy import Sieve
-from robotree.protocol.dialect.table import by_name
+from robotree.protocol.capture.sieve import Sieve
 from robotree.protocol.errors import InvalidMessage
 from robotree.protocol.links.loopback import Accidents
-from robotree.protocol.messages import (
-    CommandAck,
-    CommandLong,
-    Goal,
-    GoalCancel,
-    GoalStatus,
-    Heartbeat,
-    Message,
-    ParamRequestList,
-    ParamSet,
-    Ping,
-    SetMode,
-    SetupSigning,
-    Untyped,
-)
+from robotree.protocol.messages import Heartbeat, Message, SetupSigning, Untyped
 from robotree.protocol.relay import Joint, Traffic
 from robotree.protocol.signing import Key, Signer, SigningTime
 
@@ -100,36 +84,6 @@ def test_a_foreign_recording_is_replayed_without_its_keys() -> None:
     assert [(one.time, len(one.data) // len(said(BEAT))) for one in passed] == [(2, 1), (3, 2)]
     assert not any(kept(one.data) for one in passed)
     assert sieve.withheld == 2
-
-
-def test_a_passive_sieve_lets_pass_what_tells_and_asks_but_nothing_that_commands() -> None:
-    tells = [
-        BEAT,
-        GoalStatus(7, 9, 0.5, 1, 0, 255, 190, 2),
-        Ping(1, 1),
-        CommandAck(57601, 0),
-        ParamRequestList(1, 1),
-    ]
-    orders = [
-        Goal(7, 9, 0, (0.0,) * 7, 1, 1, 1),
-        GoalCancel(7, 9, 1, 1),
-        SetMode(9, 1, 1, 1),
-        CommandLong(1, 1, 57601, 0, *(0.0,) * 7),
-        ParamSet(1, 1, "TOOL_SPEED", 0.1, 9),
-    ]
-    mixed = [each for both in zip(tells, orders, strict=True) for each in both]
-    sieve = Sieve(passive=True)
-    (passed,) = sieve.sift([Captured(said(*mixed), 1)])
-    assert [one.message for one in Parser().feed(passed.data)] == tells
-    assert (sieve.commands, sieve.withheld) == (len(orders), 0)
-    assert [one.data for one in Sieve().sift([Captured(said(*mixed), 1)])] == [said(*mixed)]
-
-
-@pytest.mark.parametrize("name", ["MANUAL_CONTROL", "MISSION_ITEM_INT", "SET_POSITION_TARGET_LOCAL_NED"])
-def test_what_commands_in_other_peoples_words_is_held_back_in_either_version_of_the_wire(name: str) -> None:
-    number = by_name()[name].id
-    assert commands(b"\xfd\0\0\0\0\1\1" + number.to_bytes(3, "little") + b"..")
-    assert commands(bytes((0xFE, 0, 0, 1, 1, number)) + b"..")
 
 
 def test_a_sieve_lets_every_other_byte_pass() -> None:
