@@ -28,6 +28,8 @@ from robotree.vr.testing import until
 
 Controller = Any
 JPEG = bytes(range(256)) * 8
+LONG = 60.0
+"""[s] that no answer takes, however slow the machine is: nothing is asked for twice."""
 
 
 def requests(controller: Controller) -> list[PictureRequest]:
@@ -39,10 +41,6 @@ async def controller(make_controller: type[Controller]) -> Controller:
     controller = make_controller()
     controller.jpeg = JPEG
     return controller
-
-
-LONG = 60.0
-"""[s] that no answer takes, however slow the machine is: nothing is asked for twice."""
 
 
 @pytest.fixture

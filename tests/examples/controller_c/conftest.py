@@ -39,6 +39,8 @@ OWN = os.environ.get("ROBOTREE_CONTROLLER")
 """A program that takes the same words, to be examined in place of the example."""
 COMPILER = shutil.which(os.environ.get("CC", "cc"))
 SANITIZERS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all"
+PATIENCE = 30.0
+"""[s] after which what has not come will not come."""
 T = TypeVar("T", bound=Message)
 
 
@@ -92,10 +94,6 @@ def power(program: Path) -> Callable[..., AbstractContextManager[int]]:
 def port(program: Path) -> Iterator[int]:
     with powered(program) as port:
         yield port
-
-
-PATIENCE = 30.0
-"""[s] after which what has not come will not come."""
 
 
 class Operator:
