@@ -43,6 +43,8 @@ class Stage:
         return await asyncio.get_running_loop().create_task(doing, context=self._context)
 
     async def press(self, *keys: str) -> None:
+        """Press keys, as a person who has seen what is in front."""
+        await self.until(lambda: self.app.now() >= self.app._seen)
         await self.play(self._pilot.press(*keys))
 
     async def until(self, holds: Callable[[], bool], within: float = 60.0) -> None:

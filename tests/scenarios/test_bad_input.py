@@ -53,6 +53,7 @@ from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.ping import Pinger
 from robotree.sim.serving.pacer import LARGEST_DEBT
 from robotree.tui.processes.crew import Crew, Member
+from tests.withheld import Withheld
 
 pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module")]
 
@@ -126,12 +127,6 @@ class Client:
             pytest.fail(f"{otherwise} within {PATIENCE:g} s")
 
 
-def _withheld(pid: int) -> float:
-    """[s] that the threads of a process have waited for a processor so far."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
-    return sum(int(task.read_text().split()[1]) for task in tasks) / 1e9
-
-
 class Witness(Client):
     """Somebody who behaves, and sees how the arm bears the others."""
 
@@ -167,14 +162,14 @@ class Witness(Client):
         await self.until(lambda: self.of(SysStatus), "it told nothing about itself")
         self._clock.clear()
         self._trips.clear()
-        begun, before = time.monotonic(), _withheld(arm.pid) + _withheld(os.getpid())
+        begun, waiting = time.monotonic(), Withheld(arm.pid, os.getpid())
         asking = asyncio.create_task(self._ask(), name="witness")
         try:
             yield
             await asyncio.sleep(max(0.0, begun + SHORTEST_WATCH - time.monotonic()))
         finally:
             asking.cancel()
-        withheld = _withheld(arm.pid) + _withheld(os.getpid()) - before
+        withheld = waiting.seconds
         assert self.end is None, f"the witness lost its connection: {self.end}"
         (first, since), (last, until) = self._clock[0], self._clock[-1]
         assert last - begun > 0.8 * (time.monotonic() - begun), "telemetry came to the end"

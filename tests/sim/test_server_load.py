@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import time
 from collections.abc import AsyncIterator
 from itertools import count
-from pathlib import Path
 
 import pytest
 
@@ -40,6 +40,7 @@ from robotree.protocol.testing import until
 from robotree.sim.serving import server as server_module
 from robotree.sim.serving.pacer import LARGEST_DEBT
 from robotree.sim.serving.server import LARGEST_CROWD, LARGEST_ROW, Server, serving
+from tests.withheld import Withheld
 
 ANY = "tcp:127.0.0.1:0"
 UDP = "udp:127.0.0.1:0"
@@ -94,17 +95,11 @@ class Client:
 @contextlib.asynccontextmanager
 async def keeping_pace(server: Server) -> AsyncIterator[None]:
     """The world's time goes on like the wall clock's inside the block, but for what is still made good."""
-    before, withheld, began = server.pace, waited(), time.monotonic()
+    before, withheld, began = server.pace, Withheld(os.getpid()), time.monotonic()
     yield
     lived, elapsed = (server.pace.time_ms - before.time_ms) / 1000, time.monotonic() - began
     assert lived < elapsed + LARGEST_DEBT + 0.1
-    assert lived > 0.97 * elapsed - (waited() - withheld) - LARGEST_DEBT
-
-
-def waited() -> float:
-    """[s] that the threads of this process have been ready to run and had no processor."""
-    delays = [int((task / "schedstat").read_text().split()[1]) for task in Path("/proc/self/task").iterdir()]
-    return sum(delays) / 1e9
+    assert lived > 0.97 * elapsed - withheld.seconds - LARGEST_DEBT
 
 
 async def flood(address: str, messages: list[AnyMessage]) -> None:
