@@ -218,8 +218,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--commands] [--key FILE]",
-        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max); to"
-        " --connect, what commands only with --commands.",
+        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max); with"
+        " --connect without what commands, unless --commands is given.",
         group=WIRE,
         where=Where.SHELL,
         examples=(

@@ -141,38 +141,41 @@ class AgentRequests:
         self._life.changed()
         confirmations, own = Confirmations("the protective stop"), confirming.confirmed(seconds)
         if self._bonds is None:
-            self._take_own(confirmations, await own)
+            self._take_own(confirmations, confirmed=await own)
         else:
             below = self._bonds.safe_stop(reason, confirmations, timeout=seconds)
-            self._take_own(confirmations, (await asyncio.gather(own, below))[0])
+            confirmed, _ = await asyncio.gather(own, below)
+            self._take_own(confirmations, confirmed=confirmed)
         return Done(told=tuple(confirmations.settle()))
 
     async def _resume(self, request: Resume) -> Reply:
         """Release those below first: nobody may use a child that is still stopped."""
         name, seconds, desk = self._robot.name, share(request.within), self._desk
-        confirmations = Confirmations("the resume")
         self._lease.check(request.epoch)
-        stops = desk.stops
-        if desk.ordered and request.seen is not None:
-            stops = request.seen.get(self._life.address.key, 0)
+        confirmations, stops = Confirmations("the resume"), self._stops_seen(request)
         if self._bonds is not None and stops == desk.stops:
             await self._bonds.resume(request.seen, confirmations, timeout=seconds)
             self._lease.check(request.epoch)  # once more: what was awaited may have taken time
-        confirmed = False
-        if stops == desk.stops and confirmations.complete:
-            confirmed = await self._hooks.resume().confirmed(seconds)
+        allowed = stops == desk.stops and confirmations.complete
+        confirmed = allowed and await self._hooks.resume().confirmed(seconds)
         if stops != desk.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
             confirmations.deny(name, "it waits for those below it")
         else:
-            self._take_own(confirmations, confirmed)
+            self._take_own(confirmations, confirmed=confirmed)
             if confirmed:
                 desk.ordered = ""
                 self._life.changed()
         return Done(told=tuple(confirmations.settle()))
 
-    def _take_own(self, confirmations: Confirmations, confirmed: bool) -> None:  # noqa: FBT001 # an answer
+    def _stops_seen(self, request: Resume) -> int:
+        """How many stops whoever resumes knows of; all, where it does not say so or none is in force."""
+        if request.seen is None or not self._desk.ordered:
+            return self._desk.stops
+        return request.seen.get(self._life.address.key, 0)
+
+    def _take_own(self, confirmations: Confirmations, *, confirmed: bool) -> None:
         if confirmed:
             confirmations.take(self._robot.name, ())
         else:

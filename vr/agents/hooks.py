@@ -87,15 +87,15 @@ class Hooks:
         return self._call("resume")
 
     def _call(self, name: str, *arguments: Any) -> Confirming:
+        def hook() -> Awaitable[None] | None:
+            begun: Awaitable[None] | None = getattr(self._robot, name)(*arguments)
+            return begun
+
         confirming = Confirming(f"{self._robot.name}.{name}")
-
-        def work() -> None:
-            confirming.begin(lambda: getattr(self._robot, name)(*arguments))
-
-        if self._foreign(name):
-            self._aside(work)
-            return Confirming(confirming.what)
-        work()
+        if self._foreign(name):  # nobody waits for what an author does
+            self._aside(lambda: Confirming(confirming.what).begin(hook))
+        else:
+            confirming.begin(hook)
         return confirming
 
     def _foreign(self, name: str) -> bool:
