@@ -13,6 +13,7 @@ import pytest
 from robotree.vr.network.zenoh import ZenohTransport, join
 from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.transport import Transport
+from tests.vr.network.world import World
 
 
 @pytest.fixture
@@ -90,3 +91,11 @@ async def start(place: Path) -> AsyncIterator[Start]:
             with contextlib.suppress(ProcessLookupError):
                 member.process.kill()
             await member.process.communicate()
+
+
+@pytest.fixture
+async def world(tmp_path: Path) -> AsyncIterator[World]:
+    world = World(tmp_path)
+    await world.open()
+    yield world
+    await world.close()

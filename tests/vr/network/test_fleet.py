@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from pathlib import Path
-from typing import Any, ClassVar
+from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr import Robot, command
 from robotree.vr.address import Address
-from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.description import RobotDescription, SlotSpec
@@ -27,114 +23,19 @@ from robotree.vr.errors import (
     NoSuchRobot,
     NoSuchSlot,
     NoSuchView,
-    NotConfirmed,
     NotInControl,
     NotVirtual,
     SlotEmpty,
     StillBonded,
-    Stopped,
     Unreachable,
     VrError,
     WrongKind,
 )
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import State
-from robotree.vr.supervision.fleet import Fleet, from_the_top
+from robotree.vr.supervision.fleet import from_the_top
 from robotree.vr.testing import until
-
-SOURCE = """
-from robotree.vr import Child, VirtualRobot, command
-
-class Carrier(VirtualRobot):
-    \"\"\"Carries things.\"\"\"
-    rover = Child("Rover")
-
-    @command
-    def carry(self, far: float) -> float:
-        self.progress(0.5, "half way")
-        return self.rover.move(x=far)
-
-class Train(VirtualRobot):
-    first = Child("Carrier")
-    second = Child("Carrier")
-"""
-
-
-class Rover(Robot):
-    """A rover without wheels."""
-
-    stopped = ""
-
-    @command
-    def move(self, x: float) -> float:
-        return x
-
-    def safe_stop(self, reason: str) -> None:
-        self.stopped = reason
-
-    def readings(self) -> dict[str, float]:
-        return {"x": 1.0}
-
-
-class Window:
-    cameras = ("cell",)
-    reading_units: ClassVar[Mapping[str, str]] = {}
-
-    def readings(self) -> dict[str, float]:
-        return {}
-
-    async def look(self, camera: str, width: int, height: int, quality: int) -> bytes:
-        return f"{camera} {width}x{height} {quality}".encode()
-
-
-class World:
-    """A network with one lookup, one host, two rovers, and a fleet that sees them."""
-
-    def __init__(self, path: Path) -> None:
-        self.network = MemoryNetwork()
-        self.source = path / "carrier.py"
-        self.source.write_text(SOURCE)
-        self.lookup = LookupService(self.network.join("lookup"), "lookup-1")
-        transport = self.network.join("host")
-        self.host = Host(transport, "host-1", registrar=Registrar(transport))
-        self.fleet = Fleet(self.network.join("operator"))
-        self.agents: dict[str, RobotAgent] = {}
-
-    async def open(self) -> None:
-        await asyncio.gather(self.lookup.start(), self.host.start(), self.fleet.start())
-        await asyncio.gather(*(self.add(name) for name in ("r1", "r2")))
-        await until(lambda: self.names == ["r1", "r2"], "the rovers are listed")
-
-    async def add(self, name: str) -> None:
-        transport = self.network.join(name)
-        self.agents[name] = RobotAgent(Rover(name), transport, registrar=Registrar(transport))
-        await self.agents[name].start()
-
-    async def create(self, name: str, wanted: str = "Carrier", host: str = "") -> RobotDescription:
-        return await self.fleet.create(str(self.source), name, host, wanted)
-
-    @property
-    def names(self) -> list[str]:
-        return [listing.name for listing in self.fleet.robots()]
-
-    async def close(self) -> None:
-        for agent in self.agents.values():
-            await agent.close()
-        await self.host.close()
-        await self.fleet.close()
-        await self.lookup.close()
-        for transport in list(self.network.members):
-            await transport.close()
-
-
-@pytest.fixture
-async def world(tmp_path: Path) -> AsyncIterator[World]:
-    world = World(tmp_path)
-    await world.open()
-    yield world
-    await world.close()
+from tests.vr.network.world import Window, World
 
 
 async def test_the_thesis_story_by_name(world: World) -> None:
@@ -201,117 +102,6 @@ async def test_states_are_heard_of_one_or_of_all(world: World) -> None:
     await everybody.close()
     with pytest.raises(BadName):
         await world.fleet.watch_state("*", heard.__setitem__)
-
-
-async def test_a_stop_reaches_everybody_the_enslaved_too(world: World) -> None:
-    fleet = world.fleet
-    await world.create("carrier")
-    await fleet.enslave("carrier", "rover", "r1")
-    assert sorted(await fleet.stop(None)) == ["carrier", "r1", "r2"]
-    rovers = [agent.robot for agent in world.agents.values()]
-    await until(lambda: all(isinstance(r, Rover) and r.stopped for r in rovers), "the hardware was told")
-    with pytest.raises(Stopped):
-        await fleet.call("r2", "move", {"x": 1.0})
-    assert sorted(await fleet.resume(None)) == ["carrier", "r1", "r2"], "the enslaved by its parent"
-    assert await fleet.call("carrier", "carry", {"far": 1.0}) == 1.0
-    assert await fleet.stop("r2") == ["r2"]
-    assert await fleet.resume("r2") == ["r2"]
-
-
-async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirmed(world: World) -> None:
-    fleet = world.fleet
-    await world.create("carrier")
-    await fleet.enslave("carrier", "rover", "r1")
-    await fleet.stop(None)
-    with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
-        await fleet.resume("r1")
-    assert await fleet.resume("carrier") == ["carrier", "r1"]
-
-
-async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:
-    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
-        await world.fleet.stop(None)
-    rover = world.agents["r2"].robot
-    assert isinstance(rover, Rover)
-    assert rover.stopped
-    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
-
-
-async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -> None:
-    """Its presence stands, its door is shut: nobody knows what its hardware does."""
-    (key,) = world.agents["r1"].transport.served  # type: ignore[attr-defined]
-    world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
-    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(it ended or cannot be reached"):
-        await world.fleet.stop(None)
-    with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
-        await world.fleet.stop("r1")
-    assert key.startswith("robot/r1/")
-
-
-async def test_who_hangs_is_known_also_when_the_question_ends_before_the_presence(world: World) -> None:
-    world.network.lease = 0.2
-    silenced = world.agents["r1"].transport
-    silenced.served.clear()  # type: ignore[attr-defined] # its link is down already, and it is seen still
-    world.network.freeze(silenced)  # type: ignore[arg-type]
-    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
-        await world.fleet.stop(None)
-    world.network.thaw(silenced)  # type: ignore[arg-type]
-
-
-async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World) -> None:
-    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    newcomer = Fleet(world.network.join("newcomer"))
-    await newcomer.start()
-    silent = r"NOT by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
-    with pytest.raises(NotConfirmed, match=f"confirmed by r2 but {silent}"):
-        await newcomer.stop(None)
-    with pytest.raises(NotConfirmed, match=f"confirmed by nobody but {silent}"):
-        await newcomer.stop("r1")
-    with pytest.raises(NotConfirmed, match="look at them, then resume again, then: thaw r1"):
-        await newcomer.resume(None)
-    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
-    assert list(await newcomer.stop(None)) == ["r1", "r2"]
-    await newcomer.close()
-
-
-async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:
-    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    newcomer = Fleet(world.network.join("newcomer"))
-    await newcomer.start()
-    stopping = asyncio.create_task(newcomer.stop(None))
-    rover = world.agents["r2"].robot
-    assert isinstance(rover, Rover)
-    await until(lambda: bool(rover.stopped), "the others are told at once")
-    assert not stopping.done()
-    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
-    assert list(await stopping) == ["r1", "r2"]
-    await newcomer.close()
-
-
-async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: World) -> None:
-    served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
-    ((key, answer),) = served.items()
-    at_last = asyncio.Event()
-
-    async def answer_late(body: bytes, respond: Callable[[bytes], None]) -> None:
-        await at_last.wait()
-        await answer(body, respond)
-
-    served[key] = answer_late
-    stopping = asyncio.create_task(world.fleet.stop(None))
-    await until(lambda: stopped(world, "r2"), "the others are told at once")
-    await world.add("r3")
-    await until(lambda: stopped(world, "r3"), "so is who comes now")
-    assert not stopping.done()
-    at_last.set()
-    assert list(await stopping) == ["r1", "r2", "r3"]
-
-
-def stopped(world: World, name: str) -> bool:
-    rover = world.agents[name].robot
-    assert isinstance(rover, Rover)
-    return bool(rover.stopped)
 
 
 async def test_views_are_found_and_looked_through(world: World) -> None:

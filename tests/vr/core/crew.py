@@ -1,0 +1,158 @@
+"""A driver with rovers below it, and one more on top of the driver."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import msgspec
+import pytest
+
+from robotree.vr import Child, CommandCancelled, Range, Robot, Unit, VirtualRobot, VrError, command
+from robotree.vr.errors import CommandFailed
+
+Metres = Annotated[float, Unit("m"), Range(-5, 5), "ahead"]
+
+
+class Where(msgspec.Struct):
+    x: Annotated[float, Unit("m")]
+    moves: int
+
+
+class Rover(Robot):
+    """A rover."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.x = 0.0
+        self.keys: list[str] = []
+        self.epochs: list[int] = []
+        self.deadlines: list[float] = []
+        self.stops: list[str] = []
+
+    @command(effect="once")
+    def move(self, x: Metres, y: float = 0.0) -> None:  # noqa: ARG002 # a straight rover
+        """Drive."""
+        self.keys.append(self.context.key)
+        self.epochs.append(self.context.epoch)
+        self.deadlines.append(self.context.deadline_at)
+        for _ in range(10):
+            self.sleep(abs(x) / 10)
+            self.x += x / 10
+            self.progress(0.5)
+
+    @command(effect="read")
+    def get_info(self) -> Where:
+        return Where(self.x, len(self.keys))
+
+    @command
+    def fall(self) -> None:
+        raise ValueError("over")
+
+    def safe_stop(self, reason: str) -> None:
+        self.stops.append(reason)
+
+    def resume(self) -> None:
+        self.stops.append("resumed")
+
+
+class Driver(VirtualRobot):
+    """Drives two rovers."""
+
+    left = Child("Rover")
+    right = Child("Rover")
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.saw: list[Any] = []
+
+    @command
+    def square(self, length: float) -> Any:
+        for x, y in ((length, 0), (0, length), (-length, 0), (0, -length)):
+            self.left.move(x, y=y)
+        return self.left.get_info().moves
+
+    @command
+    def both(self, length: float) -> None:
+        first, second = self.left.move.start(x=length), self.right.move.start(x=length)
+        self.saw += [first.done, math.isnan(first.progress)]
+        first.result()
+        second.result()
+        self.saw += [first.done, first.progress]
+
+    @command
+    def impatient(self) -> None:
+        future = self.left.move.start(x=5)
+        with pytest.raises(TimeoutError):
+            future.result(timeout=0.0)
+        future.cancel()
+        with pytest.raises(CommandCancelled):
+            future.result()
+
+    @command
+    def fire_and_forget(self) -> None:
+        self.left.move.tell(x=4)
+
+    @command
+    def clumsy(self, how: str) -> None:
+        match how:
+            case "fall":
+                self.left.fall()
+            case "unknown":
+                self.left.fly()
+            case "wrong":
+                self.left.move(x="3 kg")
+            case "many":
+                self.left.move(1, 2, 3)
+            case "twice":
+                self.left.move(1, x=1)
+            case "part":
+                _ = self.left.get_info().colour
+            case "empty":
+                self.right.move(1)
+            case _:
+                self.left._private()
+
+    @command
+    def catch(self) -> str:
+        try:
+            self.left.fall()
+        except CommandFailed as error:
+            return str(error)
+        return ""
+
+    @command
+    def half(self) -> None:
+        self.left.move.start(x=5)
+        self.right.fall()
+
+    @command
+    def stubborn(self) -> None:
+        while True:
+            try:
+                self.left.move(x=1)
+            except VrError:
+                self.saw.append("again")
+
+    drive = left.exposed("move")
+    get_info = left.exposed()
+
+
+class Top(VirtualRobot):
+    """On top of a driver."""
+
+    driver = Child("Driver")
+    go = driver.exposed("drive")
+
+    @command
+    def tour(self) -> None:
+        self.driver.square(length=1)
+
+
+async def crew(realm: Any, *slots: str) -> tuple[Any, ...]:
+    driver = await realm.start(Driver("driver"))
+    rovers = []
+    for slot in slots or ("left",):
+        rovers.append(await realm.start(Rover(f"rover-{slot}")))
+        await realm.client(driver).enslave(slot, rovers[-1].address)
+    return (driver, *rovers)

@@ -1,0 +1,125 @@
+"""Stops and resumes as a supervisor orders them: whom they reach, and what is said of whom they do not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from robotree.vr.errors import NotConfirmed, Stopped
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.testing import until
+from tests.vr.network.world import Rover, World
+
+
+def stopped(world: World, name: str) -> bool:
+    rover = world.agents[name].robot
+    assert isinstance(rover, Rover)
+    return bool(rover.stopped)
+
+
+async def test_a_stop_reaches_everybody_the_enslaved_too(world: World) -> None:
+    fleet = world.fleet
+    await world.create("carrier")
+    await fleet.enslave("carrier", "rover", "r1")
+    assert sorted(await fleet.stop(None)) == ["carrier", "r1", "r2"]
+    rovers = [agent.robot for agent in world.agents.values()]
+    await until(lambda: all(isinstance(r, Rover) and r.stopped for r in rovers), "the hardware was told")
+    with pytest.raises(Stopped):
+        await fleet.call("r2", "move", {"x": 1.0})
+    assert sorted(await fleet.resume(None)) == ["carrier", "r1", "r2"], "the enslaved by its parent"
+    assert await fleet.call("carrier", "carry", {"far": 1.0}) == 1.0
+    assert await fleet.stop("r2") == ["r2"]
+    assert await fleet.resume("r2") == ["r2"]
+
+
+async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirmed(world: World) -> None:
+    fleet = world.fleet
+    await world.create("carrier")
+    await fleet.enslave("carrier", "rover", "r1")
+    await fleet.stop(None)
+    with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
+        await fleet.resume("r1")
+    assert await fleet.resume("carrier") == ["carrier", "r1"]
+
+
+async def test_a_stop_that_one_does_not_confirm_is_no_secret_and_reaches_the_others(world: World) -> None:
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
+        await world.fleet.stop(None)
+    rover = world.agents["r2"].robot
+    assert isinstance(rover, Rover)
+    assert rover.stopped
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+
+
+async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -> None:
+    """Its presence stands, its door is shut: nobody knows what its hardware does."""
+    (key,) = world.agents["r1"].transport.served  # type: ignore[attr-defined]
+    world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(it ended or cannot be reached"):
+        await world.fleet.stop(None)
+    with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
+        await world.fleet.stop("r1")
+    assert key.startswith("robot/r1/")
+
+
+async def test_who_hangs_is_known_also_when_the_question_ends_before_the_presence(world: World) -> None:
+    world.network.lease = 0.2
+    silenced = world.agents["r1"].transport
+    silenced.served.clear()  # type: ignore[attr-defined] # its link is down already, and it is seen still
+    world.network.freeze(silenced)  # type: ignore[arg-type]
+    with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which hangs\)"):
+        await world.fleet.stop(None)
+    world.network.thaw(silenced)  # type: ignore[arg-type]
+
+
+async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World) -> None:
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    newcomer = Fleet(world.network.join("newcomer"))
+    await newcomer.start()
+    silent = r"NOT by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
+    with pytest.raises(NotConfirmed, match=f"confirmed by r2 but {silent}"):
+        await newcomer.stop(None)
+    with pytest.raises(NotConfirmed, match=f"confirmed by nobody but {silent}"):
+        await newcomer.stop("r1")
+    with pytest.raises(NotConfirmed, match="look at them, then resume again, then: thaw r1"):
+        await newcomer.resume(None)
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+    assert list(await newcomer.stop(None)) == ["r1", "r2"]
+    await newcomer.close()
+
+
+async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    newcomer = Fleet(world.network.join("newcomer"))
+    await newcomer.start()
+    stopping = asyncio.create_task(newcomer.stop(None))
+    rover = world.agents["r2"].robot
+    assert isinstance(rover, Rover)
+    await until(lambda: bool(rover.stopped), "the others are told at once")
+    assert not stopping.done()
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+    assert list(await stopping) == ["r1", "r2"]
+    await newcomer.close()
+
+
+async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: World) -> None:
+    served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
+    ((key, answer),) = served.items()
+    at_last = asyncio.Event()
+
+    async def answer_late(body: bytes, respond: Callable[[bytes], None]) -> None:
+        await at_last.wait()
+        await answer(body, respond)
+
+    served[key] = answer_late
+    stopping = asyncio.create_task(world.fleet.stop(None))
+    await until(lambda: stopped(world, "r2"), "the others are told at once")
+    await world.add("r3")
+    await until(lambda: stopped(world, "r3"), "so is who comes now")
+    assert not stopping.done()
+    at_last.set()
+    assert list(await stopping) == ["r1", "r2", "r3"]
