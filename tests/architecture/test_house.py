@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("protocol", "sim", "vr", "proxy", "tui")
 MAPPED = (*ROOMS, "examples")
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}
 IMPURE = {"asyncio", "random", "serial", "socket", "sqlite3", "subprocess", "threading", "time", "zenoh"}
 PROMISE = re.compile(r"\bPure\b[.:,]")
@@ -55,7 +56,7 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
     assert set(project["tool"]["setuptools"]["packages"]) == found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=relative)
+@pytest.mark.parametrize("path", [*SOURCES, *TESTS], ids=relative)
 def test_no_file_has_a_second_idea(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 400
 

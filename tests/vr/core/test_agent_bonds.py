@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import threading
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar
@@ -173,37 +172,6 @@ async def test_a_bond_that_cannot_be_is_refused_in_one_sentence(
         await realm.client(pair).enslave(slot, addresses.get(child, Address("robot", "dead", "1")))
     assert str(refused.value).startswith(sentence)
     await realm.client(pair).enslave("right", addresses["other"])  # nothing is lost
-
-
-async def test_a_robot_cannot_command_its_own_ancestor(realm: Any) -> None:
-    boxes = [await realm.start(Box(name)) for name in ("top", "middle", "bottom")]
-    for parent, child in itertools.pairwise(boxes):
-        await realm.client(parent).enslave("inner", child.address)
-    with pytest.raises(CycleOfBonds, match=r"bottom cannot enslave top: .*\(top > middle > bottom\)"):
-        await realm.client(boxes[2]).enslave("inner", boxes[0].address)
-
-
-async def test_two_that_enslave_each_other_at_once_do_not_both_succeed(realm: Any) -> None:
-    one, two = await realm.start(Box("one")), await realm.start(Box("two"))
-    results = await asyncio.gather(
-        realm.client(one).enslave("inner", two.address),
-        realm.client(two).enslave("inner", one.address),
-        return_exceptions=True,
-    )
-    assert any(isinstance(result, CycleOfBonds) for result in results)
-    await asyncio.sleep(TERM)
-    assert realm.listed() != []
-
-
-async def test_a_cycle_of_three_that_closes_at_once_opens_again(realm: Any) -> None:
-    boxes = [await realm.start(Box(name)) for name in ("a", "b", "c")]
-    ring = zip(boxes, [*boxes[1:], boxes[0]], strict=True)
-    questions = [realm.client(parent).enslave("inner", child.address) for parent, child in ring]
-    await asyncio.gather(*questions, return_exceptions=True)
-    await realm.until(lambda: realm.listed() != [], within=2 * TERM)
-    await asyncio.sleep(TERM)
-    bonds = [agent.description().bond for agent in boxes]
-    assert bonds.count(None) >= 1
 
 
 async def test_two_parents_that_want_the_same_child_at_once(realm: Any) -> None:

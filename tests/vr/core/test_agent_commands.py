@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
-import threading
 from typing import Annotated, Any
 
 import msgspec
@@ -23,12 +21,10 @@ from robotree.vr.errors import (
     KeyReused,
     NoSuchCommand,
     NotVirtual,
-    StillRunning,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.mailbox import LONGEST_QUEUE
-from robotree.vr.requests import DescribeHost, Failed, State, decode_event, decode_reply, encode
-from robotree.vr.running.execution import ATTEMPTS, GRACE
+from robotree.vr.requests import DescribeHost, Failed, decode_reply, encode
 
 
 class Where(msgspec.Struct):
@@ -43,7 +39,6 @@ class Rover(Robot):
         super().__init__(name)
         self.x = 0.0
         self.done: list[str] = []
-        self.release = threading.Event()
 
     @command
     def move(self, x: Annotated[float, Unit("m"), Range(-10, 10)]) -> None:
@@ -77,48 +72,6 @@ class Rover(Robot):
     @command
     def babble(self) -> Any:
         return object()
-
-    @command
-    def insist(self) -> None:
-        """Ignore that it was cancelled."""
-        while True:
-            try:
-                self.sleep(1.0)
-            except VrError:
-                self.done.append("ignored")
-
-    @command
-    def spin(self) -> None:
-        """Compute for ever without asking."""
-        n = 0
-        while True:
-            n += 1
-
-    @command
-    def hang(self) -> None:
-        """Block where nobody can interrupt, until the test lets go."""
-        self.release.wait()
-        self.done.append("hung")
-        self.sleep(1.0)
-        self.done.append("went on")
-
-    @command
-    def defy(self) -> None:
-        """Swallow every exception in an endless loop, as authors do."""
-        while not self.release.is_set():
-            with contextlib.suppress(BaseException):  # an interruption may strike between the two
-                while not self.release.is_set():
-                    with contextlib.suppress(BaseException):
-                        self.release.wait(0.05)
-                        self.progress(0.5)
-
-    @command
-    def long_sum(self) -> int:
-        total = 0
-        while not self.cancelled:
-            total += 1
-        self.check()
-        return total
 
 
 async def test_a_command_is_carried_out_and_its_result_returned(realm: Any) -> None:
@@ -295,70 +248,6 @@ async def test_a_key_that_was_cancelled_before_it_came_stays_so(realm: Any) -> N
     await realm.client(rover).cancel("k", reason="the caller gave up")
     with pytest.raises(CommandCancelled, match="the caller gave up"):
         await realm.client(rover).call("move", {"x": 1}, key="k")
-
-
-async def test_a_command_that_asks_whether_it_is_cancelled_ends_by_itself(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(rover).call("long_sum", {}, deadline=0.5)
-
-
-@pytest.mark.parametrize("stubborn", ["insist", "spin"])
-async def test_code_that_does_not_listen_is_interrupted(realm: Any, stubborn: str) -> None:
-    rover = await realm.start(Rover("rover"))
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(rover).call(stubborn, {}, deadline=1.0)
-    await realm.client(rover).call("move", {"x": 1})
-    names = {thread.name for thread in threading.enumerate()}
-    assert f"rover.{stubborn}" not in names
-
-
-async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_more(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(rover).call("hang", {}, deadline=1.0)
-    assert loop.time() - began == pytest.approx(1.0 + GRACE * (ATTEMPTS + 1), abs=0.2)
-    rover.robot.release.set()
-    thread = next(thread for thread in threading.enumerate() if thread.name == "rover.hang")
-    thread.join()
-    assert rover.robot.done == []
-
-
-async def test_beside_abandoned_code_nothing_moves_until_it_has_ended(
-    realm: Any, caplog: pytest.LogCaptureFixture
-) -> None:
-    rover = await realm.start(Rover("rover"), host="host-1")
-    client = realm.client(rover)
-    states: list[State] = []
-
-    def hear(key: str, body: bytes) -> None:
-        event = decode_event(body, key=key)
-        assert isinstance(event, State)
-        states.append(event)
-
-    await realm.operator.subscribe("robot/rover/*/state", hear)
-    calls = [
-        asyncio.create_task(client.call(name, {}, key=key)) for name, key in (("defy", "k"), ("papers", "l"))
-    ]
-    await realm.until(lambda: rover.description().waiting == 1)
-    await client.cancel("k", reason="enough")
-    with pytest.raises(CommandCancelled, match="enough"):
-        await calls[0]
-    sentence = "its defy was ended but heeds no cancel and still runs; restart host host-1"
-    with pytest.raises(StillRunning, match=sentence):
-        await calls[1]  # it waited behind
-    with pytest.raises(StillRunning, match=sentence):
-        await client.call("move", {"x": 1})
-    assert (await client.call("get_info", {}))["moves"] == 0, "what only reads is no danger"
-    await realm.until(lambda: states[-1].abandoned == ("defy",), within=2.0)
-    assert (await client.describe()).abandoned == ("defy",)
-    assert "rover.defy is abandoned: it heeds no cancel and still runs" in caplog.text
-    rover.robot.release.set()
-    await realm.until(lambda: not rover.description().abandoned, within=5.0)
-    assert "rover.defy has ended after all" in caplog.text
-    await client.call("move", {"x": 1})
 
 
 async def test_a_command_knows_its_papers(realm: Any) -> None:
