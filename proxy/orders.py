@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any
 
 from robotree.protocol.messages import Reason
@@ -24,6 +24,7 @@ from robotree.vr.errors import CommandFailed
 
 OVERTAKEN_STOP = "a resume came after it, before it was confirmed; if it shall stand, stop again"
 OVERTAKEN_RESUME = "a stop came after it; when it is safe, resume again"
+TAKEN_BACK = "it was taken back; when it is safe, resume again"
 REMEDIES = {
     Reason.STOPPED: "another stop came after the one that was to end; when it is safe, resume again",
     Reason.STALE_EPOCH: "a newer lease is already obeyed; resume again",
@@ -34,18 +35,29 @@ REMEDIES = {
 class Order:
     """One stop or resume. Awaited, it ends when the controller has confirmed it, and not before.
 
-    To await it no longer takes nothing back.
+    Args:
+        given_up: called when somebody who awaited it was cancelled before its end came through.
 
     Raises:
         CommandFailed: it is not obeyed, or a newer order has taken its place.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, given_up: Callable[[], None] = lambda: None) -> None:
+        self._given_up = given_up
         self._end: concurrent.futures.Future[None] = concurrent.futures.Future()
         self._end.set_running_or_notify_cancel()  # so that nobody who awaits it can cancel it for the others
 
     def __await__(self) -> Generator[Any, None, None]:
-        return asyncio.wrap_future(self._end).__await__()
+        try:
+            yield from asyncio.wrap_future(self._end).__await__()
+        except asyncio.CancelledError:
+            self._given_up()
+            raise
+
+    @property
+    def obeyed(self) -> bool:
+        """Whether the controller has confirmed it."""
+        return self._end.done() and self._end.exception() is None
 
     def finish(self, error: CommandFailed | None = None) -> None:
         """Tell its end, once."""
@@ -76,6 +88,14 @@ class Orders:
         """A resume is under way from now on."""
         self._resumes.append(order)
         self._end(self._stops, "safe_stop", OVERTAKEN_STOP)
+
+    def take_back(self, resume: Order) -> bool:
+        """A resume is not to be obeyed any more; returns whether it was the only one under way."""
+        if resume not in self._resumes:
+            return False
+        self._resumes.remove(resume)
+        self._end([resume], "resume", TAKEN_BACK)
+        return not self._resumes
 
     def hear(self, answer: Answer, trouble: str) -> None:
         """End those that the controller has answered.

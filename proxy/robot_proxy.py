@@ -128,18 +128,21 @@ class RobotProxy(Robot):
         """Stop the robot at its controller: at once, and again until it is confirmed.
 
         Returns:
-            Something to await: it ends when the controller has confirmed the stop.
+            Something to await: it ends when the controller has confirmed the stop. To await it no longer
+            takes nothing back.
         """
-        return self._order(self._stop)
+        return self._order(Order(), self._stop)
 
     def resume(self) -> Order:
         """Release the stop at the controller.
 
         Returns:
             Something to await: it ends when the controller has confirmed the release, and raises
-            `CommandFailed` when it refuses it, or when the release was given up.
+            `CommandFailed` when it refuses it, or when the release was given up. Who is cancelled while
+            awaiting it takes it back: then the robot is stopped, also if it was released meanwhile.
         """
-        return self._order(self._release)
+        order = Order(lambda: self._connection.soon(lambda: self._take_back(order)))
+        return self._order(order, self._release)
 
     # -- commands of every robot -------------------------------------------------------------------
 
@@ -210,8 +213,7 @@ class RobotProxy(Robot):
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _order(self, carry_out: Callable[[Order], None]) -> Order:
-        order = Order()
+    def _order(self, order: Order, carry_out: Callable[[Order], None]) -> Order:
         self._connection.soon(lambda: carry_out(order))
         return order
 
@@ -223,6 +225,13 @@ class RobotProxy(Robot):
         self._orders.resume(order)
         epoch = max(self._fence.highest, self.controller_epoch)
         self._connection.perform(self._session.release(epoch, self._connection.now()))
+
+    def _take_back(self, resume: Order) -> None:
+        now = self._connection.now()
+        if resume.obeyed:  # too late for whoever was to hear of it
+            self._connection.perform(self._session.stop(now))
+        elif self._orders.take_back(resume):
+            self._connection.perform(self._session.take_back(now))
 
     def _next_key(self) -> int:
         """The key of the running command's next goal."""

@@ -249,6 +249,11 @@ class Session:
         self._will.release(epoch, told.stops if told else 0, now)
         return self._insist(now) + self._held_news()
 
+    def take_back(self, now: float) -> list[Effect]:
+        """Nobody waits for the release any more; a controller that obeys it all the same is stopped again."""
+        self._will.take_back()
+        return self._insist(now) + self._held_news()
+
     # -- inside ------------------------------------------------------------------------------------
 
     def _for_us(self, status: GoalStatus) -> bool:

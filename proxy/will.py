@@ -2,7 +2,9 @@
 
 A stop that was asked for here is wanted until the controller has confirmed its release: it is said again
 until it is confirmed, and whenever the controller tells that it is not stopped. A release is one attempt to
-end it, bounded in time: where it fails, the stop is wanted as before.
+end it, bounded in time. Where it fails, the stop is wanted as before. Where it has been said and nobody waits
+for its answer any more, the stop is wanted whoever asked for it: what was said may still lie in a socket and
+be obeyed, and who was told that the robot stays stopped must find it so.
 
 A release names the stop that it ends, by the count that the controller tells. While our own stop is
 unconfirmed its count is not known yet. Then the stop is said until it is confirmed, and the release after it:
@@ -21,9 +23,10 @@ from robotree.proxy.translate import Target
 
 INSIST = 0.25
 """[s] between two repetitions of what is not confirmed."""
-RELEASE_WITHIN = 3.0
+RELEASE_WITHIN = 2.2
 """[s] from when it is asked for, within which a release is carried out or given up, also where its controller
-is away: nobody shall find a robot released by what was asked for long ago. A stop is repeated for ever."""
+is away: nobody shall find a robot released by what was asked for long ago. A stop is repeated for ever. It is
+less than an agent waits for it, so that whoever asked hears why."""
 HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
 """Modes in which a controller takes no goal until it is released, as clauses."""
 REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL}
@@ -93,6 +96,12 @@ class Will:
         self.stopped, self._confirmed = True, False
         self._release, self._said_at = None, -math.inf
 
+    def take_back(self) -> None:
+        """Have nothing released any more. If that was said already, the stop is said after it."""
+        release, self._release = self._release, None
+        if release is not None and release.said:
+            self.stop()
+
     def release(self, epoch: int, told: int, now: float) -> None:
         """Have the stop released that is in force.
 
@@ -103,8 +112,9 @@ class Will:
         """
         if self.stopped and not self._confirmed:
             self._release = _Release(epoch, now + RELEASE_WITHIN, None)
-        else:
-            self._release, self._said_at = _Release(epoch, now + RELEASE_WITHIN, told), -math.inf
+        else:  # what was said for an earlier one is still on its way
+            said = self.releasing
+            self._release, self._said_at = _Release(epoch, now + RELEASE_WITHIN, told, said), -math.inf
 
     def hear(self, mode: Mode, *, anew: bool, lost: bool) -> list[Answer]:
         """Take what the controller tells over the present link.
@@ -138,7 +148,7 @@ class Will:
         """Give up the release whose time is over."""
         if self._release is None or now < self._release.until:
             return []
-        self._release = None
+        self.take_back()
         return [ReleaseUnanswered()]
 
     def say(self, now: float) -> list[SetMode]:

@@ -8,10 +8,13 @@ from collections.abc import Awaitable
 import pytest
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import AnyMessage, Heartbeat, Mode, ModeKind, Reason
+from robotree.protocol.messages import AnyMessage, Heartbeat, Mode, ModeKind, Reason, SetMode
 from robotree.proxy.arm import Arm
+from robotree.proxy.connection import TICK
 from robotree.proxy.will import RELEASE_WITHIN
+from robotree.vr.confirmation import share
 from robotree.vr.errors import CommandFailed
+from robotree.vr.supervision.orders import CONFIRM
 
 BEAT = Heartbeat(0, 0, 0, 0, 4)
 
@@ -22,6 +25,9 @@ class Place:
     def __init__(self) -> None:
         self.robot = Arm("arm-1", "tcp:127.0.0.1:5760")
         self.session, self.connection = self.robot._session, self.robot._connection
+        self.said: list[int] = []
+        """The modes that were asked for."""
+        self.connection._send = self._note
 
     def connect(self) -> None:
         self.connection.perform(self.session.opened(self.connection.now()))
@@ -36,6 +42,10 @@ class Place:
 
     def tell(self, mode: ModeKind, stops: int, reason: Reason = Reason.NONE) -> None:
         self.hear(Mode(1000, 1, 1000, mode, reason, stops))
+
+    def _note(self, message: AnyMessage) -> None:
+        if isinstance(message, SetMode):
+            self.said.append(message.mode)
 
     def pass_time(self, seconds: float) -> None:
         self.connection.perform(self.session.tick(self.connection.now() + seconds))
@@ -135,7 +145,7 @@ async def test_a_resume_that_was_given_up_says_so(place: Place) -> None:
     place.tell(ModeKind.SAFE_STOP, 2)
     resume = await waiting(place.robot.resume())
     place.pass_time(RELEASE_WITHIN)
-    with pytest.raises(CommandFailed, match=r"silent for 3 s; it is not released; .*, then resume again"):
+    with pytest.raises(CommandFailed, match=r"answered for 2\.2 s; it is not released; .*, then resume"):
         await resume
     place.cut()
     resume = await waiting(place.robot.resume())
@@ -154,3 +164,42 @@ async def test_the_newest_order_ends_the_wait_of_those_before_it(place: Place) -
         await resume
     place.tell(ModeKind.SAFE_STOP, 2)
     await again
+
+
+@pytest.mark.parametrize("ours", [True, False])
+async def test_a_resume_that_nobody_waits_for_any_more_is_taken_back(place: Place, *, ours: bool) -> None:
+    if ours:
+        place.robot.safe_stop("a hand in the cell")
+    place.tell(ModeKind.SAFE_STOP, 2)
+    place.said.clear()
+    resume = await waiting(place.robot.resume())
+    resume.cancel()
+    await settle()
+    assert place.said == [ModeKind.READY, ModeKind.SAFE_STOP], "whoever obeys the first obeys the second, too"
+    assert place.session.stopped
+    place.tell(ModeKind.READY, 2)
+    assert place.session.held == "its controller has yet to confirm the stop"
+
+
+async def test_a_resume_that_somebody_else_waits_for_is_not_taken_back(place: Place) -> None:
+    place.tell(ModeKind.SAFE_STOP, 2)
+    gone, stays = await waiting(place.robot.resume()), await waiting(place.robot.resume())
+    gone.cancel()
+    await settle()
+    place.tell(ModeKind.READY, 2)
+    await stays
+    assert not place.session.stopped
+
+
+async def test_a_resume_whose_confirmation_came_too_late_to_be_heard_is_taken_back(place: Place) -> None:
+    place.tell(ModeKind.SAFE_STOP, 2)
+    resume = await waiting(place.robot.resume())
+    place.tell(ModeKind.READY, 2)
+    resume.cancel()
+    await settle()
+    assert resume.cancelled()
+    assert place.session.stopped
+
+
+def test_a_resume_is_given_up_before_the_agent_that_waits_for_it_gives_up() -> None:
+    assert share(CONFIRM) > RELEASE_WITHIN + TICK

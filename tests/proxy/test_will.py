@@ -113,3 +113,36 @@ def test_a_stop_takes_a_release_back_and_is_confirmed_anew(stopped: Will) -> Non
     assert hear(stopped, ModeKind.READY, 2) == [], "the answer to the release that was taken back"
     assert said(stopped, 1.01 + INSIST) == [(ModeKind.SAFE_STOP, 0)]
     assert hear(stopped, ModeKind.SAFE_STOP, 3) == [StopConfirmed()]
+
+
+@pytest.mark.parametrize("end", ["taken back", "given up"])
+def test_where_a_release_was_said_the_stop_is_said_after_it_whoever_had_asked_for_it(
+    will: Will, end: str
+) -> None:
+    hear(will, ModeKind.SAFE_STOP, 2)
+    will.release(EPOCH, told=2, now=1.0)
+    assert said(will, 1.0) == [(ModeKind.READY, 2)]
+    if end == "taken back":
+        will.take_back()
+    else:
+        will.expire(1.0 + RELEASE_WITHIN)
+    assert said(will, 4.0) == [(ModeKind.SAFE_STOP, 0)]
+    assert hear(will, ModeKind.READY, 2) == [], "the release arrived late"
+    assert said(will, 5.0) == [(ModeKind.SAFE_STOP, 0)]
+
+
+def test_a_release_that_never_left_makes_a_stop_of_somebody_else_not_ours(will: Will) -> None:
+    hear(will, ModeKind.SAFE_STOP, 2)
+    will.release(EPOCH, told=2, now=1.0)
+    will.take_back()
+    assert not will.stopped
+    assert said(will, 4.0) == []
+
+
+def test_a_release_that_never_left_does_not_hide_one_that_did(will: Will) -> None:
+    hear(will, ModeKind.SAFE_STOP, 2)
+    will.release(EPOCH, told=2, now=1.0)
+    said(will, 1.0)
+    will.release(EPOCH, told=2, now=1.1)
+    will.take_back()
+    assert will.stopped
