@@ -9,6 +9,7 @@ import termios
 import threading
 import tty
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from serial import Serial
 from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkRefused
 from robotree.protocol.links import serial, serial_port
+from robotree.protocol.links.in_thread import opened
 from robotree.protocol.links.link import Link, Listener
 from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
@@ -155,6 +157,48 @@ async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_lon
     loop.call_later(0.01, leave.set)  # the adapter takes its time, also after we were told to stop
     await listener.close()
     assert [port.is_open for port in open_ports] == [False]
+
+
+async def test_who_is_cancelled_twice_while_it_opens_a_port_leaves_none_open() -> None:
+    """By a time limit, say, and by the end of the program."""
+    loop, leave, now_open = asyncio.get_running_loop(), threading.Event(), ["port"]
+    begun, over = loop.create_future(), loop.create_future()
+
+    def slow() -> str:
+        loop.call_soon_threadsafe(begun.set_result, None)
+        leave.wait()
+        return "port"
+
+    def close(port: str) -> None:
+        now_open.remove(port)
+        loop.call_soon_threadsafe(over.set_result, None)
+
+    task = asyncio.ensure_future(opened(slow, close))
+    await begun
+    for _ in range(2):
+        task.cancel()
+        await asyncio.wait([task], timeout=0)  # it begins to wait for the thread, and then no longer
+    assert task.cancelled()
+    leave.set()
+    await asyncio.wait_for(over, 5)
+    assert now_open == []
+
+
+async def test_who_is_cancelled_as_a_port_has_just_been_opened_leaves_none_open() -> None:
+    threads, now_open = ThreadPoolExecutor(1), list[str]()
+    asyncio.get_running_loop().set_default_executor(threads)
+
+    def open_it() -> str:
+        now_open.append("port")
+        return "port"
+
+    task = asyncio.ensure_future(opened(open_it, now_open.remove))
+    await asyncio.sleep(0)
+    threads.submit(lambda: None).result()  # the one thread is through with it, and the loop has not heard so
+    assert now_open == ["port"]
+    task.cancel()
+    await asyncio.wait([task])
+    assert now_open == []
 
 
 async def test_a_port_is_ours_alone(make_cable: MakeCable) -> None:

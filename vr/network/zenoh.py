@@ -18,6 +18,7 @@ import zenoh
 
 from robotree.vr.errors import RealmUnusable, TransportClosed
 from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.making import made
 from robotree.vr.network.pattern import matches
 from robotree.vr.network.presence import Presence
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
@@ -268,18 +269,17 @@ class ZenohTransport:
         undeclare: Callable[[_R], None],
         undo: Callable[[], None] = lambda: None,
     ) -> _Declared:
-        """Declare something in a thread, which cannot be stopped: who is cancelled meanwhile takes it back.
+        """Declare something in a thread. For who is cancelled meanwhile it is taken back.
 
         Otherwise nobody could, and others would take this process for one that is present and hangs.
         """
-        declaring = asyncio.ensure_future(self.in_thread(declare))
+
+        def take_back(declared: _R) -> None:
+            with contextlib.suppress(zenoh.ZError):  # the session closes at this moment
+                undeclare(declared)
+
         try:
-            return _Declared(self, partial(undeclare, await asyncio.shield(declaring)), undo)
-        except asyncio.CancelledError:
-            with contextlib.suppress(zenoh.ZError):
-                await _Declared(self, partial(undeclare, await declaring)).close()
-            undo()
-            raise
+            return _Declared(self, partial(undeclare, await made(self._pool, declare, take_back)), undo)
         except BaseException:
             undo()
             raise

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.network.zenoh import ZenohTransport
@@ -120,6 +122,37 @@ async def test_who_is_cancelled_while_it_declares_leaves_nothing_declared(join_z
     assert await transport.present("robot/**") == []
     await transport.serve(key, handle)
     assert await replies_of(transport.request(key, b"", timeout=5)) == ([b"served"], None)
+
+
+async def test_who_is_cancelled_twice_while_it_declares_leaves_nothing_declared(
+    join_zenoh: Enter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    transport, key, leave = await join_zenoh(), "robot/arm/1", threading.Event()
+    session, loop = transport.session, asyncio.get_running_loop()
+    announce, take_back = session.announce, session.take_back
+    begun, over = loop.create_future(), loop.create_future()
+
+    def slow(key: str) -> zenoh.LivelinessToken:
+        loop.call_soon_threadsafe(begun.set_result, None)
+        leave.wait()
+        return announce(key)
+
+    def told(key: str, token: zenoh.LivelinessToken) -> None:
+        take_back(key, token)
+        loop.call_soon_threadsafe(over.set_result, None)
+
+    monkeypatch.setattr(session, "announce", slow)
+    monkeypatch.setattr(session, "take_back", told)
+    task = asyncio.ensure_future(transport.announce(key))
+    await begun
+    for _ in range(2):
+        task.cancel()
+        await asyncio.wait([task], timeout=0)  # it begins to wait for the thread, and then no longer
+    assert task.cancelled()
+    leave.set()
+    await asyncio.wait_for(over, 5)
+    assert await transport.silent("robot/**") == [], "nobody is taken for one that hangs"
+    assert await transport.present("robot/**") == []
 
 
 async def test_an_interrupt_ends_a_process_without_a_word(start: Start, join_zenoh: Enter) -> None:
