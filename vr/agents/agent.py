@@ -180,16 +180,16 @@ class RobotAgent:
 
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
+        halted = self.robot.halted  # as it is now: a stop that ends soon has been one, too
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._robot_changed)
+            self._loop.call_soon_threadsafe(self._robot_changed, halted)
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
         return self._portrait.description()
 
-    def _robot_changed(self) -> None:
-        if self.robot.halted:
-            self._desk.jobs.cancel_all(self.robot.halted, but_readers=True)
+    def _robot_changed(self, halted: str) -> None:
+        self._desk.take_halt(halted)
         self.changed()
 
     def changed(self) -> None:

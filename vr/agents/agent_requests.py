@@ -88,6 +88,8 @@ class AgentRequests:
         self._lease, self._desk, self._bonds = lease, desk, desk.bonds
         self._hooks, self._portrait = Hooks(robot), portrait
         self._told: tuple[CommandSpec, ...] = ()
+        self._releases = 0
+        """How many resumes wait for what stands behind the robot."""
         self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
             Describe: self._describe,
             Cancel: self._cancel,
@@ -157,7 +159,7 @@ class AgentRequests:
             await self._bonds.resume(request.seen, confirmations, timeout=seconds)
             self._lease.check(request.epoch)  # once more: what was awaited may have taken time
         allowed = stops == desk.stops and confirmations.complete
-        confirmed = allowed and await self._hooks.resume().confirmed(seconds)
+        confirmed = allowed and await self._release_own(seconds)
         if stops != desk.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
@@ -169,9 +171,19 @@ class AgentRequests:
                 self._life.changed()
         return Done(told=tuple(confirmations.settle()))
 
+    async def _release_own(self, within: float) -> bool:
+        """Return whether what stands behind the robot is released, at the latest after `within` [s]."""
+        if not (self._desk.stopped or self._releases):
+            return True  # nobody has stopped it: what is offline need not confirm that
+        self._releases += 1
+        try:
+            return await self._hooks.resume().confirmed(within)
+        finally:
+            self._releases -= 1
+
     def _stops_seen(self, request: Resume) -> int:
         """How many stops whoever resumes knows of; all, where it does not say so or none is in force."""
-        if request.seen is None or not self._desk.ordered:
+        if request.seen is None or not self._desk.stopped:
             return self._desk.stops
         return request.seen.get(self._life.address.key, 0)
 
@@ -179,7 +191,8 @@ class AgentRequests:
         if confirmed:
             confirmations.take(self._robot.name, ())
         else:
-            confirmations.deny(self._robot.name, "its controller has not confirmed it")
+            offline = "" if self._robot.online else "it is offline, and "
+            confirmations.deny(self._robot.name, f"{offline}its controller has not confirmed it")
 
     # -- who commands it --------------------------------------------------------------------------
 

@@ -62,8 +62,8 @@ class CommandDesk:
         """The way to its children, if it is a virtual robot."""
         self.ordered = ""
         """Reason of the protective stop that was ordered here, or empty."""
-        self.stops = 0
-        """How many protective stops were ordered here."""
+        self._stops = 0
+        self._halted = ""
         self._latest = ""
         self.jobs = Jobs(robot.name, self._launch, on_change, home=home)
 
@@ -72,11 +72,27 @@ class CommandDesk:
         """Why nothing may begin: a stop ordered here, or one that the robot tells of itself; or empty."""
         return self.ordered or self._robot.halted
 
+    @property
+    def stops(self) -> int:
+        """How many stops have begun: those ordered here, and each that the robot tells of itself."""
+        self._count(self._robot.halted)  # whoever has set it may not have notified yet
+        return self._stops
+
     def stop(self, reason: str) -> None:
         """Begin a protective stop: all commands end, and none begins until `ordered` is empty."""
-        self.stops += 1
+        self._stops += 1
         self.ordered = self._latest = reason
         self.jobs.cancel_all(reason)
+
+    def take_halt(self, reason: str) -> None:
+        """Take note of what the robot tells of itself: while it is stopped, nothing moves.
+
+        Args:
+            reason: why it is in a stop that nobody ordered here; empty: it is in none.
+        """
+        self._count(reason)
+        if reason:
+            self.jobs.cancel_all(reason, but_readers=True)
 
     def specs(self) -> tuple[CommandSpec, ...]:
         """Describe all commands as they are now."""
@@ -96,6 +112,12 @@ class CommandDesk:
             say(await asyncio.shield(job.outcome))
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _count(self, halted: str) -> None:
+        if halted and not self._halted:
+            self._stops += 1
+            self._latest = halted
+        self._halted = halted
 
     async def _admit(self, call: Call) -> Job:
         self._lease.check(call.epoch)

@@ -1,0 +1,151 @@
+"""Stops that a robot tells of itself, since somebody asked its controller for them, count as ordered ones."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Awaitable
+from typing import Any
+
+import pytest
+
+from robotree.vr import Robot, command
+from robotree.vr.agents import commands
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.arguments import check_arguments
+from robotree.vr.errors import CommandCancelled, NotConfirmed
+from robotree.vr.supervision.fleet import Fleet
+
+HELD = "its controller is in safe stop"
+
+
+class Rover(Robot):
+    """A rover that others may stop, too."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.releases: list[asyncio.Future[None]] = []
+        self.moves = 0
+
+    @command
+    def move(self, x: float) -> None:
+        self.moves += x > 0
+
+    def resume(self) -> Awaitable[None] | None:
+        self.releases.append(asyncio.get_running_loop().create_future())
+        return self.releases[-1]
+
+
+@pytest.fixture
+async def fleet(realm: Any) -> AsyncIterator[Fleet]:
+    fleet = Fleet(realm.network.join("supervisor"))
+    await fleet.start()
+    yield fleet
+    await fleet.close()
+
+
+def tell(rover: RobotAgent, halted: str) -> None:
+    rover.robot.halted = halted
+    rover.notify()
+
+
+async def test_a_release_ends_no_stop_that_the_controller_told_of_after_it_was_asked_for(
+    realm: Any, fleet: Fleet
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    realm.network.delay = 0.3
+    resuming = asyncio.create_task(fleet.resume("rover"))
+    await asyncio.sleep(0.7)
+    tell(rover, HELD)
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(it was stopped again after that had been asked"):
+        await resuming
+    assert rover.robot.releases == [], "the controller hears of none"
+    resuming = asyncio.create_task(fleet.resume("rover"))
+    await realm.until(lambda: bool(rover.robot.releases))
+    tell(rover, "")
+    rover.robot.releases[0].set_result(None)
+    assert await resuming == ["rover"]
+
+
+async def test_a_stop_counts_once_however_often_it_is_told(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    for halted in (HELD, f"{HELD}: somebody asked for it", HELD):
+        tell(rover, halted)
+        await asyncio.sleep(0)
+    assert rover.description().stops == 1
+    tell(rover, "")
+    tell(rover, HELD)
+    await asyncio.sleep(0)
+    assert rover.description().stops == 2, "it has ended and begun within one turn of the loop"
+
+
+async def test_a_stop_that_is_told_while_the_hardware_is_being_released_stays(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(rover)
+    await client.safe_stop("first")
+    resuming = asyncio.create_task(client.resume())
+    await realm.until(lambda: bool(rover.robot.releases))
+    tell(rover, HELD)
+    rover.robot.releases[0].set_result(None)
+    with pytest.raises(NotConfirmed, match="it was stopped again"):
+        await resuming
+    assert rover.description().stopped
+
+
+async def test_a_call_that_came_before_a_stop_of_the_controller_does_not_begin_after_its_end(
+    realm: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    client, go_on = realm.client(rover), threading.Event()
+
+    def slow(*args: Any, **options: Any) -> dict[str, Any]:
+        go_on.wait()
+        return check_arguments(*args, **options)
+
+    monkeypatch.setattr(commands, "check_arguments", slow)
+    call = asyncio.create_task(client.call("move", {"x": "1"}))
+    await asyncio.sleep(0.1)
+    tell(rover, HELD)
+    tell(rover, "")
+    await asyncio.sleep(0.1)
+    go_on.set()
+    with pytest.raises(CommandCancelled, match=HELD):
+        await call
+    assert rover.robot.moves == 0
+    await client.call("move", {"x": "1"})
+    assert rover.robot.moves == 1
+
+
+async def test_a_resume_does_not_wait_for_who_is_offline_and_was_never_stopped(
+    realm: Any, fleet: Fleet
+) -> None:
+    near, far = await realm.start(Rover("near")), await realm.start(Rover("far"))
+    far.robot.online = False
+    await fleet.stop("near")
+    resuming = asyncio.create_task(fleet.resume(None))
+    await realm.until(lambda: bool(near.robot.releases))
+    near.robot.releases[0].set_result(None)
+    assert await resuming == ["far", "near"]
+    assert far.robot.releases == []
+
+
+async def test_a_resume_names_who_is_offline_and_stays_stopped(realm: Any, fleet: Fleet) -> None:
+    rover = await realm.start(Rover("rover"))
+    await fleet.stop(None)
+    rover.robot.online = False
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(it is offline, and its controller has not"):
+        await fleet.resume(None)
+
+
+async def test_a_resume_that_meets_another_one_under_way_waits_as_well(realm: Any) -> None:
+    """What is being released tells no stop any more, and is not confirmed yet."""
+    rover = await realm.start(Rover("rover"))
+    tell(rover, HELD)
+    first = asyncio.create_task(realm.client(rover).resume())
+    await realm.until(lambda: len(rover.robot.releases) == 1)
+    tell(rover, "")
+    second = asyncio.create_task(realm.client(rover).resume())
+    await realm.until(lambda: len(rover.robot.releases) == 2)
+    for release in rover.robot.releases:
+        release.set_result(None)
+    assert await first == await second == ("rover",)
