@@ -49,11 +49,15 @@ def _versions(xml: Path) -> frozenset[tuple[str, int]]:
 
 
 def _is_known(wanted: Definition, xml: Path) -> bool:
-    """Whether just this message is known already. The checksum's extra byte stands for all its fields."""
+    """Whether just this message is known already, be it in a version with fewer extensions, or with more.
+
+    The checksum's extra byte stands for all fields but extensions, so those are compared one by one.
+    """
     known = definitions().get(wanted.id) or by_name().get(wanted.name)
     if known is None:
         return False
-    if (known.id, known.name, known.crc_extra) != (wanted.id, wanted.name, wanted.crc_extra):
+    is_same = (known.id, known.name, known.crc_extra) == (wanted.id, wanted.name, wanted.crc_extra)
+    if not is_same or any(one != other for one, other in zip(known.fields, wanted.fields, strict=False)):
         other = f"{known.name} with id {known.id} that robotree knows"
         remedy = f"choose another name, and an id from {FIRST_OWN_ID} on"
         raise DialectError(str(xml), f"{wanted.name} with id {wanted.id} is not the {other}; {remedy}")

@@ -15,9 +15,11 @@ from robotree.protocol import messages
 from robotree.protocol.dialect import by_name, definitions
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect.__main__ import main
+from robotree.protocol.dialect.extension import extend
 from robotree.protocol.dialect.table import FIRST_OWN_ID, LARGEST_ID, TABLE
 from robotree.protocol.errors import DialectError
 from robotree.protocol.messages import TYPED
+from robotree.protocol.testing import forgetting_messages
 
 ONE_CAN_FD_FRAME = 50
 HOT = ("ROBOTREE_JOINTS", "ROBOTREE_TOOL", "ROBOTREE_GRIPPER", "ROBOTREE_GOAL", "ROBOTREE_MODE")
@@ -211,6 +213,43 @@ def test_what_an_included_file_has_wrong_is_told_of_that_file(tmp_path: Path) ->
     with pytest.raises(DialectError, match="PROBE has two fields a") as refused:
         compiler.build(tmp_path / "outer.xml")
     assert refused.value.path == str(tmp_path / "inner.xml")
+
+
+EXTENDED = FIELD + '<extensions/><field type="float" name="force">A.</field>'
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        FIELD + "<field type='float' name='force'>A.</field>",
+        EXTENDED.replace("force", "width"),
+        EXTENDED.replace("float", "uint32_t"),
+    ],
+    ids=["another field", "another extension", "an extension of another type"],
+)
+def test_a_message_that_is_known_as_another_one_is_refused_and_never_read_as_that(
+    tmp_path: Path, other: str
+) -> None:
+    one, two = tmp_path / "one.xml", tmp_path / "two.xml"
+    one.write_text(_dialect(_message(EXTENDED)))
+    two.write_text(_dialect(_message(other)))
+    with forgetting_messages():
+        assert extend(one) == ["PROBE"]
+        with pytest.raises(DialectError, match="PROBE with id 57699 is not the PROBE with id 57699 that"):
+            extend(two)
+        assert by_name()["PROBE"].fields[1].name == "force"
+
+
+@pytest.mark.parametrize(("first", "second"), [(FIELD, EXTENDED), (EXTENDED, FIELD)])
+def test_a_message_with_more_extensions_or_fewer_is_another_version_of_it(
+    tmp_path: Path, first: str, second: str
+) -> None:
+    """As in another release of common.xml that lies beside somebody's dialect: MAVLink extends that way."""
+    one, two = tmp_path / "one.xml", tmp_path / "two.xml"
+    one.write_text(_dialect(_message(first)))
+    two.write_text(_dialect(_message(second)))
+    with forgetting_messages():
+        assert (extend(one), extend(two)) == (["PROBE"], [])
 
 
 def test_what_is_right_compiles(tmp_path: Path) -> None:
