@@ -46,7 +46,7 @@ from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import READERS, Readers, Target
 from robotree.proxy.twin import Twin
-from robotree.proxy.will import HOLDING, Answer, Will
+from robotree.proxy.will import HOLDING, Answer, ReleaseConfirmed, Will
 
 CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
 """Where a robot's controller is found on its own link, by MAVLink's custom."""
@@ -243,9 +243,12 @@ class Session:
         """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most.
 
         What is released is the stop that the controller told of last, or our own that it has yet to confirm:
-        one that somebody asks for while the release is said again stays in force.
+        one that somebody asks for while the release is said again stays in force. Where neither is known of,
+        nothing is said, and it is done, also while the controller is away.
         """
         told = self.twin.latest(Mode)
+        if told is not None and told.mode not in HOLDING and not self._will.pending:
+            return [ReleaseConfirmed()]
         self._will.release(epoch, told.stops if told else 0, now)
         return self._insist(now) + self._held_news()
 

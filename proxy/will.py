@@ -83,6 +83,11 @@ class Will:
         self._said_at = -math.inf
 
     @property
+    def pending(self) -> bool:
+        """Whether anything is wanted: a stop, or a release that has not ended."""
+        return self.stopped or self._release is not None
+
+    @property
     def releasing(self) -> bool:
         """Whether a release is on its way to the controller."""
         return self._release is not None and self._release.said

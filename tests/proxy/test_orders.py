@@ -166,6 +166,15 @@ async def test_the_newest_order_ends_the_wait_of_those_before_it(place: Place) -
     await again
 
 
+async def test_a_resume_of_a_robot_that_nobody_stopped_is_done_at_once_though_it_is_away(
+    place: Place,
+) -> None:
+    place.cut()
+    resume = await waiting(place.robot.resume())
+    assert resume.done()
+    await resume
+
+
 @pytest.mark.parametrize("ours", [True, False])
 async def test_a_resume_that_nobody_waits_for_any_more_is_taken_back(place: Place, *, ours: bool) -> None:
     if ours:

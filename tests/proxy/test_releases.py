@@ -9,6 +9,7 @@ import pytest
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.messages import ModeKind, Reason, SetMode
 from robotree.proxy.outcome import reason_in_words
+from robotree.proxy.session import OnlineChanged
 from robotree.proxy.will import RELEASE_WITHIN, ReleaseConfirmed, ReleaseUnanswered
 
 Talk = Any
@@ -132,3 +133,24 @@ def test_a_release_that_lay_in_a_link_until_nobody_waited_for_it_leaves_the_robo
     assert modes == {ModeKind.READY, ModeKind.SAFE_STOP}, "the release arrived"
     assert (talk.controller.mode, talk.session.stopped) == (ModeKind.SAFE_STOP, True)
     assert ReleaseConfirmed() not in talk.events
+
+
+def test_where_no_stop_is_known_of_a_release_is_done_also_while_the_controller_is_away(talk: Talk) -> None:
+    talk.wait(1.0)
+    talk.cut()
+    talk.controller.stop()
+    talk.perform(talk.session.release(1, talk.now))
+    assert talk.events[-1] == ReleaseConfirmed()
+    talk.wait(1.0)
+    talk.connect()
+    talk.wait(1.0)
+    assert not [message for message in talk.controller.heard if isinstance(message, SetMode)]
+    assert talk.session.held, "a stop that nobody could know of stays in force"
+
+
+def test_of_a_controller_that_was_never_heard_it_is_not_known_whether_it_is_stopped(talk: Talk) -> None:
+    talk.cut()
+    talk.perform(talk.session.release(1, talk.now))
+    talk.wait(RELEASE_WITHIN + 0.1)
+    assert [event for event in talk.events if not isinstance(event, OnlineChanged)] == [ReleaseUnanswered()]
+    assert not talk.session.stopped
