@@ -101,6 +101,15 @@ class Desk:
             case _:
                 pass
 
+    def recall_ended(self) -> None:
+        """Ask for the end of all whose command has been ended, before the command's thread takes note of it.
+
+        Until then a movement that nobody has answered is asked for again, and it must not begin any more.
+        """
+        for errand in self._out.values():
+            if errand.activity.cancelled:
+                self._cancel(errand)
+
     def close(self, trouble: str) -> None:
         """End all errands: nobody will hear of them any more."""
         while self._out:

@@ -219,6 +219,7 @@ class RobotProxy(Robot):
 
     def _stop(self, order: Order) -> None:
         self._orders.stop(order)
+        self._desk.recall_ended()  # no release can be said before
         self._connection.perform(self._session.stop(self._connection.now()))
 
     def _release(self, order: Order) -> None:

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import AnyMessage, Heartbeat, Mode, ModeKind, Reason, SetMode
+from robotree.protocol.messages import (
+    AnyMessage,
+    Goal,
+    GoalCancel,
+    Heartbeat,
+    Mode,
+    ModeKind,
+    Reason,
+    SetMode,
+    Verb,
+)
+from robotree.protocol.services.goal_client import RESEND
 from robotree.proxy.arm import Arm
 from robotree.proxy.connection import TICK
+from robotree.proxy.motion import Request
 from robotree.proxy.will import RELEASE_WITHIN
 from robotree.vr.confirmation import share
 from robotree.vr.errors import CommandFailed
@@ -212,3 +226,20 @@ async def test_a_resume_whose_confirmation_came_too_late_to_be_heard_is_taken_ba
 
 def test_a_resume_is_given_up_before_the_agent_that_waits_for_it_gives_up() -> None:
     assert share(CONFIRM) > RELEASE_WITHIN + TICK
+
+
+async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_release_can_be_said(
+    place: Place,
+) -> None:
+    sent: list[AnyMessage] = []
+    place.connection._send = sent.append
+    activity: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=1))
+    place.robot._desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=0.0)
+    activity.cancelled = True  # the agent has ended it; its thread has yet to take note
+    place.robot.safe_stop("a hand in the cell")
+    place.tell(ModeKind.SAFE_STOP, 2)
+    place.robot.resume()
+    place.tell(ModeKind.READY, 2)
+    place.pass_time(RESEND)
+    asked = [type(message) for message in sent if not isinstance(message, Heartbeat)]
+    assert asked == [Goal, GoalCancel, SetMode, SetMode, GoalCancel]
