@@ -51,7 +51,7 @@ class Robot:
         """Take part in a protective stop. Quick; the agent cancels commands and tells the children.
 
         Whoever has hardware behind it begins at once and returns what to wait for; a virtual robot returns
-        nothing, and its own hooks run in a thread.
+        nothing: its own hooks run in a thread, one after the other, and have confirmed it when they end.
 
         Returns:
             None: there is nothing to wait for. Else something new to await on the loop, that ends when the
@@ -60,7 +60,11 @@ class Robot:
         """
 
     def resume(self) -> Awaitable[None] | None:
-        """Take part in the release of a protective stop. Quick; begins and returns as `safe_stop` does."""
+        """Take part in the release of a stop that is in force. Quick; begins and returns as `safe_stop` does.
+
+        Where that is not confirmed the robot stays stopped, and what has been begun is to be taken back: what
+        was returned is cancelled, or a virtual robot's `safe_stop` called once more.
+        """
 
     # -- inside a command -------------------------------------------------------------------------
 

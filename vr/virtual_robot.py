@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,6 +17,17 @@ class VirtualRobot(Robot):
     Subclasses declare slots (`rover = Child("Rover")`), commands (`@command`) and what they let through from
     their children (`move = rover.exposed("move")`). The agent that runs it binds children to the slots.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Refuse hooks that nobody could run: an author's code must not hold up the loop.
+
+        Raises:
+            TypeError: a hook is `async def`.
+        """
+        super().__init_subclass__()
+        for hook in ("readings", "safe_stop", "resume"):
+            if inspect.iscoroutinefunction(getattr(cls, hook)):
+                raise TypeError(f"{cls.__name__}.{hook} runs in a thread: write it without async")
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot; all its slots are empty.

@@ -141,13 +141,13 @@ class AgentRequests:
         self._desk.stop(reason)
         confirming = self._hooks.safe_stop(reason)
         self._life.changed()
-        confirmations, own = Confirmations("the protective stop"), confirming.confirmed(seconds)
+        confirmations, own = Confirmations("the protective stop"), confirming.doubt(seconds)
         if self._bonds is None:
-            self._take_own(confirmations, confirmed=await own)
+            self._take_own(confirmations, await own)
         else:
             below = self._bonds.safe_stop(reason, confirmations, timeout=seconds)
-            confirmed, _ = await asyncio.gather(own, below)
-            self._take_own(confirmations, confirmed=confirmed)
+            doubt, _ = await asyncio.gather(own, below)
+            self._take_own(confirmations, doubt)
         return Done(told=tuple(confirmations.settle()))
 
     async def _resume(self, request: Resume) -> Reply:
@@ -159,25 +159,25 @@ class AgentRequests:
             await self._bonds.resume(request.seen, confirmations, timeout=seconds)
             self._lease.check(request.epoch)  # once more: what was awaited may have taken time
         allowed = stops == desk.stops and confirmations.complete
-        confirmed = allowed and await self._release_own(seconds)
+        doubt = await self._release_own(seconds) if allowed else ""
         if stops != desk.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
             confirmations.deny(name, "it waits for those below it")
         else:
-            self._take_own(confirmations, confirmed=confirmed)
-            if confirmed:
+            self._take_own(confirmations, doubt)
+            if not doubt:
                 desk.ordered = ""
                 self._life.changed()
         return Done(told=tuple(confirmations.settle()))
 
-    async def _release_own(self, within: float) -> bool:
-        """Return whether what stands behind the robot is released, at the latest after `within` [s]."""
+    async def _release_own(self, within: float) -> str:
+        """Release what stands behind the robot, within [s]; return why that is not confirmed, or nothing."""
         if not (self._desk.stopped or self._releases):
-            return True  # nobody has stopped it: what is offline need not confirm that
+            return ""  # nobody has stopped it: what is offline need not confirm that
         self._releases += 1
         try:
-            return await self._hooks.resume().confirmed(within)
+            return await self._hooks.resume().doubt(within)
         finally:
             self._releases -= 1
 
@@ -187,12 +187,12 @@ class AgentRequests:
             return self._desk.stops
         return request.seen.get(self._life.address.key, 0)
 
-    def _take_own(self, confirmations: Confirmations, *, confirmed: bool) -> None:
-        if confirmed:
-            confirmations.take(self._robot.name, ())
-        else:
+    def _take_own(self, confirmations: Confirmations, doubt: str) -> None:
+        if doubt:
             offline = "" if self._robot.online else "it is offline, and "
-            confirmations.deny(self._robot.name, f"{offline}its controller has not confirmed it")
+            confirmations.deny(self._robot.name, f"{offline}{doubt}")
+        else:
+            confirmations.take(self._robot.name, ())
 
     # -- who commands it --------------------------------------------------------------------------
 

@@ -1,18 +1,22 @@
 """A robot's own hooks, called so that no author can hold up the event loop that all robots of a host share.
 
 Proxies are part of this project and their hooks are quick by contract, so they are called directly. What the
-author of a virtual robot overrides runs in a thread of its own; its readings are then one sample old.
+author of a virtual robot overrides runs in threads of its own: its readings, which are then one sample old,
+and one after the other, as they were asked for, what belongs to stops and their releases.
 """
 
 from __future__ import annotations
 
 import asyncio
+import inspect
 import logging
 import math
 import threading
 from collections.abc import Awaitable, Callable
-from typing import Any
+from concurrent.futures import Future
+from functools import partial
 
+from robotree.vr.agents.in_turn import InTurn
 from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot
@@ -20,44 +24,63 @@ from robotree.vr.virtual_robot import VirtualRobot
 _log = logging.getLogger(__name__)
 
 
+UNCONFIRMED = "its controller has not confirmed it"
+"""What it means that a hook has begun and nothing more is heard, as a clause."""
+
+Hook = Callable[[], Awaitable[None] | None]
+"""A hook with its arguments."""
+
+
+class HookFailed(Exception):
+    """An author's hook has raised something, which has been logged; the text says so as a clause."""
+
+
 class Confirming:
     """What a hook has begun, until what stands behind the robot has confirmed it."""
 
-    def __init__(self, what: str) -> None:
-        """Prepare for the hook that is called `what`; until it begins there is nothing to wait for."""
-        self.what = what
+    def __init__(self, what: str, hook: Hook, *, late: str = UNCONFIRMED) -> None:
+        """Call the hook, whatever it raises.
+
+        Args:
+            what: its name, for the log.
+            hook: the hook.
+            late: what it means that there is no confirmation in time, as a clause.
+        """
+        self._what, self._late = what, late
         self._confirmation: Awaitable[None] | None = None
         self._failed = False
-
-    def begin(self, hook: Callable[[], Awaitable[None] | None]) -> None:
-        """Call the hook, whatever it raises."""
         try:
             self._confirmation = hook()
         except Exception:  # noqa: BLE001 # the last fence around an author's code
-            _log.exception("%s failed", self.what)
+            _log.exception("%s failed", what)
             self._failed = True
 
-    async def confirmed(self, within: float) -> bool:
-        """Wait until it is confirmed, for `within` [s] at most; return whether it is.
+    async def doubt(self, within: float) -> str:
+        """Wait until it is confirmed, for `within` [s] at most.
+
+        Returns:
+            Why it is not, as a clause; empty: it is.
 
         Raises:
             VrError: it has been refused for good.
         """
         if self._failed or self._confirmation is None:
-            return not self._failed
+            return UNCONFIRMED if self._failed else ""
         confirmation = asyncio.ensure_future(self._confirmation)
         try:
             await asyncio.wait([confirmation], timeout=within)
         finally:
             confirmation.cancel()
         if not confirmation.done() or confirmation.cancelled():
-            return False
+            return self._late
         error = confirmation.exception()
         if isinstance(error, VrError):
             raise error
+        if isinstance(error, HookFailed):
+            return str(error)
         if error is not None:
-            _log.error("%s failed", self.what, exc_info=error)
-        return error is None
+            _log.error("%s failed", self._what, exc_info=error)
+        return "" if error is None else UNCONFIRMED
 
 
 class Hooks:
@@ -69,6 +92,12 @@ class Hooks:
         self._latest: dict[str, float] = {}
         self._sampling = threading.Lock()
         self._complained = False
+        self._turns = InTurn(f"{robot.name} hook")
+        self._latest_turn: Future[bool] | None = None
+        """The newest of the author's hooks for stops and releases."""
+        self._resuming: Future[bool] | None = None
+        """The newest of those that release something."""
+        self._reason = "protective stop"
 
     def readings(self) -> dict[str, float]:
         """Return the latest readings, numbers only."""
@@ -80,23 +109,39 @@ class Hooks:
 
     def safe_stop(self, reason: str) -> Confirming:
         """Let the robot take part in a protective stop, from now on."""
-        return self._call("safe_stop", reason)
+        self._reason = reason
+        if self._resuming is not None:
+            self._resuming.cancel()  # if it has not begun
+        hook = partial(self._robot.safe_stop, reason)
+        if not self._foreign("safe_stop"):
+            return Confirming(f"{self._robot.name}.safe_stop", hook)
+        return self._confirming("safe_stop", _ended(self._in_turn("safe_stop", hook), "safe_stop"))
 
     def resume(self) -> Confirming:
-        """Let the robot take part in the release of a stop, from now on."""
-        return self._call("resume")
+        """Let the robot take part in the release of a stop, from now on.
 
-    def _call(self, name: str, *arguments: Any) -> Confirming:
-        def hook() -> Awaitable[None] | None:
-            begun: Awaitable[None] | None = getattr(self._robot, name)(*arguments)
-            return begun
+        Where an author's hook is not confirmed the robot stays stopped: its `safe_stop` is called once more.
+        """
+        if not self._foreign("resume"):
+            return Confirming(f"{self._robot.name}.resume", self._robot.resume)
+        self._resuming = self._in_turn("resume", self._robot.resume)
+        return self._confirming("resume", self._released(self._resuming))
 
-        confirming = Confirming(f"{self._robot.name}.{name}")
-        if self._foreign(name):  # nobody waits for what an author does
-            self._aside(lambda: Confirming(confirming.what).begin(hook))
-        else:
-            confirming.begin(hook)
-        return confirming
+    def _confirming(self, name: str, ended: Awaitable[None]) -> Confirming:
+        return Confirming(f"{self._robot.name}.{name}", lambda: ended, late=f"its {name} has not ended")
+
+    async def _released(self, turn: Future[bool]) -> None:
+        try:
+            await _ended(turn, "resume")
+        except (asyncio.CancelledError, HookFailed):
+            turn.cancel()  # if it has not begun
+            if self._latest_turn is turn:  # nothing newer decides
+                self._in_turn("safe_stop", partial(self._robot.safe_stop, self._reason))
+            raise
+
+    def _in_turn(self, name: str, hook: Hook) -> Future[bool]:
+        self._latest_turn = self._turns.give(partial(_went_well, f"{self._robot.name}.{name}", hook))
+        return self._latest_turn
 
     def _foreign(self, name: str) -> bool:
         """Whether the author of a virtual robot has written this hook."""
@@ -125,3 +170,28 @@ class Hooks:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not math.isinf(value)
+
+
+def _went_well(what: str, hook: Hook) -> bool:
+    """Run an author's hook in its thread; return whether it has ended as it should."""
+    try:
+        left = hook()
+    except Exception:  # noqa: BLE001 # the last fence around an author's code
+        _log.exception("%s failed", what)
+        return False
+    if inspect.iscoroutine(left):
+        left.close()
+    if inspect.isawaitable(left):
+        _log.error("%s returns something to wait for: what it does is to be done when it returns", what)
+        return False
+    return True
+
+
+async def _ended(turn: Future[bool], name: str) -> None:
+    """Wait for the end of an author's hook; to wait no longer ends nothing.
+
+    Raises:
+        HookFailed: it did not end well.
+    """
+    if not await asyncio.shield(asyncio.wrap_future(turn)):
+        raise HookFailed(f"its {name} failed")

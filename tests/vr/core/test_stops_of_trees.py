@@ -96,6 +96,7 @@ async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -
     rover = await realm.start(Rover("rover"))
     await realm.client(driver).enslave("left", rover.address)
     await asyncio.sleep(3.0)
-    await realm.client(driver).safe_stop("now")
+    with pytest.raises(NotConfirmed, match=r"by rover but NOT by deaf \(its safe_stop has not ended\)"):
+        await realm.client(driver).safe_stop("now")
     assert rover.robot.stops == ["now"]
     release.set()

@@ -1,0 +1,132 @@
+"""Hooks that the author of a virtual robot writes: one after the other, and told is what they have done."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Awaitable
+from typing import Any
+
+import pytest
+
+from robotree.vr import VirtualRobot
+from robotree.vr.errors import NotConfirmed
+from robotree.vr.supervision.fleet import Fleet
+
+
+class Valve(VirtualRobot):
+    """A valve that opens when the test lets it."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.trace: list[str] = []
+        self.may_open = threading.Event()
+        self.may_open.set()
+        self.fails = ""
+
+    def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # it closes for any
+        if self.fails == "safe_stop":
+            raise ValueError("it did not close")
+        self.trace.append("closed")
+
+    def resume(self) -> None:
+        self.trace.append("opening")
+        self.may_open.wait()
+        if self.fails == "resume":
+            raise ValueError("it did not open")
+        self.trace.append("opened")
+
+
+@pytest.fixture
+async def fleet(realm: Any) -> AsyncIterator[Fleet]:
+    fleet = Fleet(realm.network.join("supervisor"))
+    await fleet.start()
+    yield fleet
+    await fleet.close()
+
+
+async def test_the_hook_of_a_later_stop_comes_after_that_of_an_earlier_release(
+    realm: Any, fleet: Fleet
+) -> None:
+    valve = await realm.start(Valve("valve"))
+    await fleet.stop(None)
+    valve.robot.may_open.clear()
+    resuming = asyncio.create_task(fleet.resume(None))
+    await realm.until(lambda: "opening" in valve.robot.trace)
+    stopping = asyncio.create_task(fleet.stop(None))
+    await asyncio.sleep(0.5)
+    assert not stopping.done(), "it has not closed yet"
+    valve.robot.may_open.set()
+    assert await stopping == ["valve"]
+    with pytest.raises(NotConfirmed, match="it was stopped again"):
+        await resuming
+    assert valve.robot.trace == ["closed", "opening", "opened", "closed"]
+
+
+async def test_a_release_whose_hook_is_late_is_no_success_and_is_taken_back(realm: Any, fleet: Fleet) -> None:
+    valve = await realm.start(Valve("valve"))
+    await fleet.stop(None)
+    valve.robot.may_open.clear()
+    with pytest.raises(NotConfirmed, match=r"NOT by valve \(its resume has not ended\); look at"):
+        await fleet.resume(None)
+    assert valve.description().stopped
+    valve.robot.may_open.set()
+    await realm.until(lambda: len(valve.robot.trace) == 4)
+    assert valve.robot.trace[1:] == ["opening", "opened", "closed"]
+    assert await fleet.resume(None) == ["valve"]
+    assert valve.robot.trace[-1] == "opened"
+
+
+async def test_a_release_that_waits_for_a_hook_does_not_begin_after_a_later_stop(
+    realm: Any, fleet: Fleet
+) -> None:
+    valve = await realm.start(Valve("valve"))
+    await fleet.stop(None)
+    valve.robot.may_open.clear()
+    first = asyncio.create_task(fleet.resume(None))
+    await realm.until(lambda: "opening" in valve.robot.trace)
+    second = asyncio.create_task(fleet.resume(None))
+    await asyncio.sleep(0.2)
+    stopping = asyncio.create_task(fleet.stop(None))
+    await asyncio.sleep(0.2)
+    valve.robot.may_open.set()
+    assert await stopping == ["valve"]
+    assert [type(each) for each in await asyncio.gather(first, second, return_exceptions=True)] == [
+        NotConfirmed
+    ] * 2
+    assert valve.robot.trace == ["closed", "opening", "opened", "closed"]
+
+
+async def test_a_hook_that_raises_has_confirmed_nothing(
+    realm: Any, fleet: Fleet, caplog: pytest.LogCaptureFixture
+) -> None:
+    valve = await realm.start(Valve("valve"))
+    valve.robot.fails = "safe_stop"
+    with pytest.raises(
+        NotConfirmed, match=r"NOT by valve \(its safe_stop failed\); press the emergency stop"
+    ):
+        await fleet.stop(None)
+    assert "valve.safe_stop failed" in caplog.text
+    assert "it did not close" in caplog.text
+    valve.robot.fails = "resume"
+    with pytest.raises(NotConfirmed, match=r"NOT by valve \(its resume failed\)"):
+        await fleet.resume(None)
+    assert valve.description().stopped
+    await realm.until(lambda: valve.robot.trace[-1] == "closed")
+
+
+async def test_hooks_that_nobody_would_run_are_refused_when_the_class_is_made() -> None:
+    async def wait(self: VirtualRobot, reason: str) -> None: ...
+
+    with pytest.raises(TypeError, match=r"Waits\.safe_stop runs in a thread: write it without async"):
+        type("Waits", (VirtualRobot,), {"safe_stop": wait})
+
+
+async def test_what_a_hook_returns_to_wait_for_is_no_confirmation(realm: Any, fleet: Fleet) -> None:
+    class Returns(VirtualRobot):
+        def safe_stop(self, reason: str) -> Awaitable[None] | None:  # noqa: ARG002 # it only returns
+            return asyncio.sleep(0)
+
+    await realm.start(Returns("returns"))
+    with pytest.raises(NotConfirmed, match=r"NOT by returns \(its safe_stop failed\)"):
+        await fleet.stop(None)
