@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import zenoh
 
-from robotree.vr.errors import RealmUnusable, TransportClosed
+from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
 from robotree.vr.network.making import made
 from robotree.vr.network.pattern import matches
@@ -65,17 +65,7 @@ async def join(realm: str | None = None, *, root: Path | None = None) -> ZenohTr
         RealmUnusable: the meeting place of the realm cannot be used.
     """
     transport = ZenohTransport(Rendezvous(realm_name(realm), root))
-    opening = asyncio.ensure_future(transport.in_thread(transport.session.open))
-    try:
-        await asyncio.shield(opening)
-    except asyncio.CancelledError:
-        with contextlib.suppress(RealmUnusable):
-            await opening
-        await transport.close()
-        raise
-    except RealmUnusable:
-        await transport.close()
-        raise
+    await transport.enter()
     return transport
 
 
@@ -95,6 +85,18 @@ class ZenohTransport:
         self._turns = Turns()
         self.declared: set[_Declared] = set()
         """What is declared now. A token that nobody refers to any more is taken back by Zenoh."""
+
+    async def enter(self) -> None:
+        """Called once, by `join`. Who is cancelled meanwhile has not entered.
+
+        Raises:
+            RealmUnusable: the meeting place of the realm cannot be used.
+        """
+        try:
+            await made(self._pool, self.session.open, lambda _: self.session.close())
+        except BaseException:
+            self._pool.shutdown(wait=False)
+            raise
 
     @property
     def closed(self) -> bool:

@@ -6,7 +6,7 @@ import asyncio
 import signal
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ import pytest
 import zenoh
 
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.network.zenoh_session import Session
 from robotree.vr.rehearsal.promises import replies_of, until
 from robotree.vr.transport import Respond
 
@@ -26,6 +27,16 @@ async def arrived(transport: ZenohTransport, name: str) -> None:
     async with asyncio.timeout(60):
         while not await transport.present(f"robot/{name}/*"):  # noqa: ASYNC110 # what is asked is the test
             await asyncio.sleep(0.005)
+
+
+async def cancelled_twice(doing: Coroutine[None, None, Any], begun: asyncio.Future[None]) -> None:
+    """By a time limit, say, and by the end of the program, while a thread is still about it."""
+    task = asyncio.ensure_future(doing)
+    await begun
+    for _ in range(2):
+        task.cancel()
+        await asyncio.wait([task], timeout=0)  # it begins to wait for the thread, and then no longer
+    assert task.cancelled()
 
 
 async def test_a_killed_process_is_missed_at_once(start: Start, join_zenoh: Enter) -> None:
@@ -143,16 +154,37 @@ async def test_who_is_cancelled_twice_while_it_declares_leaves_nothing_declared(
 
     monkeypatch.setattr(session, "announce", slow)
     monkeypatch.setattr(session, "take_back", told)
-    task = asyncio.ensure_future(transport.announce(key))
-    await begun
-    for _ in range(2):
-        task.cancel()
-        await asyncio.wait([task], timeout=0)  # it begins to wait for the thread, and then no longer
-    assert task.cancelled()
+    await cancelled_twice(transport.announce(key), begun)
     leave.set()
     await asyncio.wait_for(over, 5)
     assert await transport.silent("robot/**") == [], "nobody is taken for one that hangs"
     assert await transport.present("robot/**") == []
+
+
+async def test_who_is_cancelled_twice_while_it_enters_is_not_there(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, leave, sessions = asyncio.get_running_loop(), threading.Event(), list[Session]()
+    begun, over = loop.create_future(), loop.create_future()
+    enter, close = Session.open, Session.close
+
+    def slow(session: Session) -> None:
+        sessions.append(session)
+        loop.call_soon_threadsafe(begun.set_result, None)
+        leave.wait()
+        enter(session)
+
+    def told(session: Session) -> None:
+        close(session)
+        loop.call_soon_threadsafe(over.set_result, None)
+
+    monkeypatch.setattr(Session, "open", slow)
+    monkeypatch.setattr(Session, "close", told)
+    await cancelled_twice(join("test", root=place / "robotree"), begun)
+    leave.set()
+    await asyncio.wait_for(over, 10)
+    assert [session.zenoh for session in sessions] == [None]
+    assert list((place / "robotree" / "test").glob("*.entry")) == []
 
 
 async def test_an_interrupt_ends_a_process_without_a_word(start: Start, join_zenoh: Enter) -> None:
