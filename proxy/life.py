@@ -1,4 +1,6 @@
-"""Whether two words of a controller are of one life: by its clock, which begins anew when it restarts. Pure.
+"""Whether two words of a controller are of one life, and in which order they were said: by its clock. Pure.
+
+The clock begins anew when the controller restarts.
 
 A new life is younger than the time that has passed since the old one was heard. So a controller whose clock
 shows more than that is the old one, however slowly that clock goes: a simulation on a loaded machine may lose
@@ -33,3 +35,12 @@ def restarted(before: Word, after: Word) -> bool:
     passed = after.heard_at - before.heard_at
     younger = after.boot_ms / 1000 < passed + LATE
     return advanced < (passed - LATE if younger else -LATE)
+
+
+def overtaken(before: Word, after: Word) -> bool:
+    """Whether the second word was said before the first, in the same life, and was longer on its way.
+
+    A word of a new life passes for it where the old one was not older than the new one by more than LATE.
+    That is over within LATE.
+    """
+    return after.boot_ms < before.boot_ms and not restarted(before, after)

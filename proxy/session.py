@@ -41,7 +41,7 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
-from robotree.proxy.life import Word, restarted
+from robotree.proxy.life import Word, overtaken, restarted
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import READERS, Readers, Target
@@ -181,6 +181,12 @@ class Session:
             return effects
         self.heard_at = now
         before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
+        if (
+            isinstance(message, Mode)
+            and before is not None
+            and overtaken(Word(before.time_boot_ms, told_at), Word(message.time_boot_ms, now))
+        ):
+            return effects  # it tells of a stop or a release that is over
         self.twin.hear(message, now)
         if isinstance(message, Heartbeat) and self._open:
             if turned := self._turn(online=True, trouble=""):

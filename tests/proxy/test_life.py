@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from robotree.proxy.life import LATE, Word, restarted
+from robotree.proxy.life import LATE, Word, overtaken, restarted
 
 SECONDS = st.floats(0.0, 1e6)
 DELAY = st.floats(0.0, 0.99 * LATE)
@@ -60,3 +60,23 @@ def test_a_clock_that_has_fallen_tells_a_restart_though_ours_stood_still() -> No
     """Ours does while the computer sleeps."""
     assert restarted(Word(2_000_000, 50.0), Word(1_000_000, 55.0))
     assert not restarted(Word(2_000_000, 50.0), Word(5_600_000, 55.0))
+
+
+@given(uptime=st.floats(LATE, 1e6), gap=st.floats(0.01, 0.9 * LATE), delays=st.tuples(DELAY, DELAY))
+def test_of_one_life_the_word_that_was_said_first_is_overtaken_whichever_is_heard_first(
+    uptime: float, gap: float, delays: tuple[float, float]
+) -> None:
+    first, second = word(BEGIN, BEGIN + uptime, delays[0]), word(BEGIN, BEGIN + uptime + gap, delays[1])
+    assert not overtaken(first, second)
+    if first.heard_at >= second.heard_at:
+        assert overtaken(second, first)
+
+
+@given(uptime=st.floats(0.0, 1e6), down=SECONDS, delays=st.tuples(DELAY, DELAY))
+def test_a_new_life_is_heard_once_it_is_as_old_as_any_delay(
+    uptime: float, down: float, delays: tuple[float, float]
+) -> None:
+    died = BEGIN + uptime
+    before, after = word(BEGIN, died, delays[0]), word(died + down, died + down + LATE, delays[1])
+    assume(after.heard_at > before.heard_at)
+    assert not overtaken(before, after)
