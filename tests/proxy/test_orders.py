@@ -25,10 +25,14 @@ from robotree.protocol.services.goal_client import RESEND
 from robotree.proxy.arm import Arm
 from robotree.proxy.connection import TICK
 from robotree.proxy.motion import Request
-from robotree.proxy.will import RELEASE_WITHIN
+from robotree.proxy.will import INSIST, RELEASE_WITHIN
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.confirmation import share
-from robotree.vr.errors import CommandFailed
+from robotree.vr.errors import CommandFailed, NotConfirmed
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.supervision.orders import CONFIRM
+from robotree.vr.testing import in_virtual_time
 
 BEAT = Heartbeat(0, 0, 0, 0, 4)
 
@@ -202,6 +206,25 @@ async def test_a_resume_that_nobody_waits_for_any_more_is_taken_back(place: Plac
     assert place.session.stopped
     place.tell(ModeKind.READY, 2)
     assert place.session.held == "its controller has yet to confirm the stop"
+
+
+@in_virtual_time
+async def test_who_is_told_that_a_resume_is_not_confirmed_finds_the_robot_stopped_for_good(
+    place: Place,
+) -> None:
+    """The agent of a robot deep in a tree waits for less than its proxy pursues a release."""
+    network = MemoryNetwork()
+    agent = RobotAgent(place.robot, network.join("proxy"))
+    await agent.start()
+    place.tell(ModeKind.SAFE_STOP, 2)
+    client = RobotClient(network.join("above"), agent.address, patience=share(share(CONFIRM)))
+    with pytest.raises(NotConfirmed, match="its controller has not confirmed it"):
+        await client.resume()
+    place.tell(ModeKind.READY, 2)
+    place.pass_time(INSIST)
+    assert place.said == [ModeKind.READY, ModeKind.SAFE_STOP, ModeKind.SAFE_STOP], "it is stopped again"
+    assert place.session.held
+    await agent.close()
 
 
 async def test_a_resume_that_somebody_else_waits_for_is_not_taken_back(place: Place) -> None:
