@@ -136,6 +136,11 @@ class Conversation(RuleBasedStateMachine):
         self.talk.perform(self.talk.session.release(self.epoch, self.talk.now))
         self.stop_wanted, self.released_since = False, before
 
+    @rule()
+    def nobody_waits_for_the_release_any_more(self) -> None:
+        self.talk.perform(self.talk.session.take_back(self.talk.now))
+        self.released_since = None
+
     @invariant()
     def a_goal_moves_at_most_once(self) -> None:
         begun = [begin.id.key for begin in self.talk.controller.begun]
