@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from robotree.protocol.errors import BadUrl
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import parse
+from robotree.protocol.messages import Mode
 from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
 from robotree.proxy.robot_proxy import RobotProxy
@@ -127,9 +128,7 @@ async def standing_for(
         TransportError: the transport does not work.
     """
     registrar = Registrar(transport)
-    agent = RobotAgent(
-        robot, transport, registrar=registrar, space=space, obeyed=lambda: _to_outrank(robot.controller_epoch)
-    )
+    agent = RobotAgent(robot, transport, registrar=registrar, space=space, obeyed=lambda: _obeyed(robot))
     robot.on_change = agent.notify
     async with _up(agent, registrar, robot.run):
         yield agent
@@ -204,8 +203,11 @@ async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
         await asyncio.gather(beside, return_exceptions=True)
 
 
-def _to_outrank(epoch: int) -> int:
-    """Return the epoch above which the robot's own shall be; 0: there is no room, and it is refused."""
+def _obeyed(robot: RobotProxy) -> int | None:
+    """Return the epoch that its controller obeys: None before it has told one, 0 where none is above it."""
+    if robot._session.twin.latest(Mode) is None:  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
+        return None
+    epoch = robot.controller_epoch
     return epoch if epoch < LAST_EPOCH else 0
 
 

@@ -58,7 +58,10 @@ class Lessor:
         """
         self.robot, self.term = robot, max(term, SHORTEST_TERM)
         self.epoch = int(unix)
-        self._obeyed = 0
+        self._found: int | None = None
+        """What stands behind the robot obeyed it when it was first heard."""
+        self._rival = -1
+        """The highest epoch that it has obeyed since and that is not ours."""
         self.tenure: Tenure | None = None
         self.term_granted = self.term
         """[s] of the present or the last lease."""
@@ -98,7 +101,7 @@ class Lessor:
         if self.tenure is not None and (self.tenure.parent, self.tenure.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
-        self.epoch = self._next_epoch(unix)
+        self.epoch = max(self._next_epoch(unix), self._rival + 1)
         self.tenure = Tenure(
             parent=parent,
             slot=slot,
@@ -163,20 +166,29 @@ class Lessor:
         """End the lease, whatever it is; return it. The epoch grows."""
         ended, self.tenure = self.tenure, None
         if ended is not None:
-            self.epoch = self._next_epoch(unix)
+            # where somebody else commands the robot the clock must not lift us above them
+            self.epoch = self.epoch + 1 if self.outranked else self._next_epoch(unix)
         return ended
 
-    def outrank(self, obeyed: int) -> None:
-        """Go above an epoch that what stands behind the robot obeys already: at once, or after the lease.
+    @property
+    def outranked(self) -> bool:
+        """Whether somebody else commands what stands behind the robot, under a later epoch."""
+        return self._rival >= self.epoch
 
-        The epoch of a lease in force stays: whoever is obeyed instead may have been granted a later one.
+    def hear(self, obeyed: int) -> None:
+        """Take note of the epoch that what stands behind the robot obeys, whenever it is looked at.
 
-        Args:
-            obeyed: of an earlier incarnation, whose clock was ahead; whatever is smaller is refused there.
+        What it obeys when it is first heard was granted by an earlier incarnation, whose clock was ahead, and
+        whatever is smaller is refused there: ours goes above it, at once or after the lease. What goes above
+        ours later was granted to somebody else, who commands it beside us: it stays above until a parent
+        asks for this robot. The epoch of a lease in force stays in either case.
         """
-        self._obeyed = max(self._obeyed, obeyed)
-        if self.tenure is None and self.epoch < self._obeyed:  # the same epoch is our own, come back
-            self.epoch = self._obeyed + 1
+        if self._found is None:
+            self._found = obeyed
+            if self.tenure is None and self.epoch < obeyed:  # the same epoch is our own, come back
+                self.epoch = obeyed + 1
+        elif obeyed > max(self.epoch, self._found):
+            self._rival = obeyed
 
     def check(self, epoch: int | None) -> None:
         """Refuse a caller who may not command the robot.
@@ -195,7 +207,7 @@ class Lessor:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
 
     def _next_epoch(self, unix: float) -> int:
-        return later_epoch(max(self.epoch, self._obeyed), unix)
+        return later_epoch(max(self.epoch, self._found or 0), unix)
 
     def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
         if self.robot in {*lineage, parent.name}:

@@ -1,4 +1,4 @@
-"""A proxy whose clock went back: its controller obeys a later epoch than it begins with."""
+"""A controller that obeys a later epoch than its proxy: the clock went back, or somebody else commands it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robotree.protocol.messages import Goal, GoalState, Verb
 from robotree.proxy.agent import standing_for
 from robotree.proxy.arm import Arm
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import StaleEpoch
+from robotree.vr.errors import CommandFailed, StaleEpoch
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
@@ -50,6 +50,23 @@ async def test_a_proxy_whose_clock_was_set_back_is_obeyed_all_the_same(make_cont
         goals = [one for one in controller.heard if isinstance(one, Goal) and one.verb != Verb.STATUS]
         assert {goal.epoch for goal in goals} == {agent.description().epoch}
         assert goals[0].epoch > ahead
+
+
+async def test_a_proxy_beside_another_one_goes_not_above_the_lease_that_was_granted_there(
+    make_controller: type[Any],
+) -> None:
+    controller = make_controller()
+    async with proxy_of(controller) as (robot, agent, client):
+        controller.goals.fence(1)
+        await until(lambda: robot.controller_epoch == 1, "the controller is heard")
+        await client.describe()
+        theirs = agent.description().epoch + 1000
+        controller.goals.fence(theirs)
+        await until(lambda: robot.controller_epoch == theirs, "somebody else has commanded it")
+        with pytest.raises(CommandFailed, match=r"another proxy commands its controller.*; enslave arm-1 to"):
+            await client.call("hold", {})
+        assert agent.description().epoch < theirs
+        assert controller.begun == []
 
 
 async def test_an_epoch_with_no_room_above_it_is_left_alone(make_controller: type[Any]) -> None:

@@ -50,7 +50,7 @@ class RobotAgent:
         space: Space | None = None,
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] = time.time,
-        obeyed: Callable[[], int] = lambda: 0,
+        obeyed: Callable[[], int | None] = lambda: None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -62,7 +62,8 @@ class RobotAgent:
             space: where calls are counted over incarnations.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970; epochs come from it.
-            obeyed: returns the highest epoch obeyed by what stands behind the robot: its own go above it.
+            obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard: its
+                own go above the first.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.

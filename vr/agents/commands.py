@@ -18,7 +18,7 @@ from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.description import Arguments, CommandSpec
-from robotree.vr.errors import CommandCancelled, DeadlineExceeded, NoSuchCommand, Stopped
+from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, NoSuchCommand, Stopped
 from robotree.vr.exchange.answering import Say
 from robotree.vr.requests import Accepted, Call
 from robotree.vr.robot import Robot
@@ -131,6 +131,7 @@ class CommandDesk:
             self._refuse_while_stopped()
             if self.stops != stops:  # the stop has ended meanwhile; what came before it has ended with it
                 raise CommandCancelled(robot=self._robot.name, command=call.command, reason=self._latest)
+            self._refuse_beside_another_proxy(call.command)
             self.jobs.refuse_beside_abandoned()
         if not 0 < call.deadline < math.inf:
             raise DeadlineExceeded(robot=self._robot.name, command=call.command)
@@ -151,6 +152,15 @@ class CommandDesk:
             tenure = self._lease.tenure
             commander = self._robot.name if tenure is None else tenure.parent.name
             raise Stopped(robot=self._robot.name, reason=self.stopped, commander=commander)
+
+    def _refuse_beside_another_proxy(self, command: str) -> None:
+        if self._lease.outranked:
+            raise CommandFailed(
+                robot=self._robot.name,
+                command=command,
+                detail="another proxy commands its controller, under a later lease; enslave "
+                f"{self._robot.name} to take it over, or end that proxy and start this one again",
+            )
 
     async def _find(self, name: str) -> tuple[CommandSpec, str]:
         """Return the spec of a command and the file of its author."""

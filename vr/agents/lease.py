@@ -24,7 +24,7 @@ class LeaseKeeper:
         transport: Transport,
         *,
         unix: Callable[[], float],
-        obeyed: Callable[[], int],
+        obeyed: Callable[[], int | None],
         on_end: OnEnd,
     ) -> None:
         """Begin free.
@@ -33,7 +33,8 @@ class LeaseKeeper:
             lessor: the rules.
             transport: where the parent's presence is seen.
             unix: returns seconds since 1970.
-            obeyed: returns the highest epoch that what stands behind the robot obeys; see `Lessor.outrank`.
+            obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; see
+                `Lessor.hear`.
             on_end: told on the event loop when a lease is over.
         """
         self.lessor = lessor
@@ -57,6 +58,11 @@ class LeaseKeeper:
         """Refuse a caller who may not command the robot: see `Lessor.check`."""
         self._tick()
         self.lessor.check(epoch)
+
+    @property
+    def outranked(self) -> bool:
+        """Whether the robot is free here, and somebody else commands it nevertheless: see `Lessor.hear`."""
+        return self.tenure is None and self.lessor.outranked
 
     def petition(self, petition: Petition) -> Tenure:
         """Grant the lease, or refuse: see `Lessor.petition`."""
@@ -103,7 +109,8 @@ class LeaseKeeper:
         self._quiet()
 
     def _tick(self) -> None:
-        self.lessor.outrank(self._obeyed())
+        if (obeyed := self._obeyed()) is not None:
+            self.lessor.hear(obeyed)
         ended = self.lessor.tick(_now(), self._unix())
         if ended is not None:
             self._ended(ended, f"{ended.parent.name} fell silent")

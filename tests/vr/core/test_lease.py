@@ -121,24 +121,48 @@ def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None
 def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
     child = lessor()
     ahead = child.epoch + 3600
-    child.outrank(ahead)
+    child.hear(ahead)
     assert child.epoch > ahead, "an operator commands a free robot under it"
     known = child.epoch
-    child.outrank(known)
+    child.hear(known)
     assert child.epoch == known, "the controller has obeyed it: it is our own"
     assert grant(child) > ahead
 
 
 def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> None:
+    for helps in (grant, lambda child: child.end(BORN)):
+        child = lessor()
+        epoch = grant(child)
+        child.hear(epoch + 3600)
+        child.check(epoch)
+        assert child.epoch == epoch, "its commands are refused down there"
+        helps(child)
+        assert child.epoch > epoch + 3600, "to ask again helps, and so does the end of it"
+
+
+def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> None:
+    """Somebody else has it from another proxy of the same controller."""
     child = lessor()
-    epoch = grant(child)
-    child.outrank(epoch + 3600)
-    child.check(epoch)
-    assert child.epoch == epoch, "its commands are refused down there: somebody has a later lease"
-    assert grant(child) > epoch + 3600, "asking again helps"
-    child.outrank(epoch + 7200)
-    child.end(BORN)
-    assert child.epoch > epoch + 7200, "so does the end of it"
+    child.hear(0)
+    theirs = child.epoch + 1000
+    child.hear(theirs)
+    assert child.outranked
+    assert child.epoch < theirs
+    for later in (theirs, theirs + 1, theirs + 500):
+        child.hear(later)
+    assert child.outranked
+    assert grant(child) > theirs + 500
+    assert not child.outranked
+
+
+def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
+    child = lessor()
+    child.hear(0)
+    child.hear(grant(child) + 1000)
+    before = child.epoch
+    child.end(BORN + 5000)
+    assert child.epoch > before
+    assert child.outranked
 
 
 def test_who_may_command() -> None:
