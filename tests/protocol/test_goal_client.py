@@ -18,6 +18,7 @@ from robotree.protocol.services.goal_client import (
     GoalSilent,
 )
 from robotree.protocol.services.peer import Send
+from tests.protocol.goals import pursuing, sent
 
 
 def _status(state: GoalState, *, key: int = 7, sequence: int = 1, reason: Reason = Reason.NONE) -> GoalStatus:
@@ -26,13 +27,7 @@ def _status(state: GoalState, *, key: int = 7, sequence: int = 1, reason: Reason
 
 @pytest.fixture
 def client() -> GoalClient:
-    client = GoalClient(1, 1, via="link 1")
-    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0)
-    return client
-
-
-def _sent(effects: list[object]) -> list[object]:
-    return [each.message for each in effects if isinstance(each, Send)]
+    return pursuing()
 
 
 def test_a_goal_is_padded_with_as_it_is_now() -> None:
@@ -48,7 +43,7 @@ def test_a_goal_is_padded_with_as_it_is_now() -> None:
 
 def test_an_unanswered_goal_is_repeated_with_its_key(client: GoalClient) -> None:
     assert client.tick(RESEND * 0.9) == []
-    (again,) = _sent([*client.tick(RESEND)])
+    (again,) = sent([*client.tick(RESEND)])
     assert isinstance(again, Goal)
     assert (again.key, again.verb) == (7, Verb.GO_TO)
     assert client.tick(RESEND) == []
@@ -64,7 +59,7 @@ def test_the_shortest_time_to_live_is_not_for_ever() -> None:
 def test_an_acknowledged_goal_is_only_asked_for(client: GoalClient) -> None:
     assert client.receive(_status(GoalState.ACCEPTED), 0.1) == [GoalProgress(7, GoalState.ACCEPTED, 0.5)]
     assert client.tick(0.1 + POLL * 0.9) == []
-    (question,) = _sent([*client.tick(0.1 + POLL)])
+    (question,) = sent([*client.tick(0.1 + POLL)])
     assert isinstance(question, Goal)
     assert question.verb == Verb.STATUS
 
@@ -93,7 +88,7 @@ def test_silence_is_told_once_and_ends_with_the_next_word(client: GoalClient) ->
 def test_a_link_that_comes_back_late_does_not_start_a_movement(client: GoalClient) -> None:
     effects = [each for i in range(200) for each in client.tick(i / 10)]
     assert GoalSilent(7, acknowledged=False) in effects
-    late = [each for i in range(31, 200) for each in _sent([*client.tick(20 + i / 10)])]
+    late = [each for i in range(31, 200) for each in sent([*client.tick(20 + i / 10)])]
     assert {each.verb for each in late if isinstance(each, Goal)} == {Verb.STATUS}
     assert client.receive(_status(GoalState.UNKNOWN, sequence=0), 60.0) == [
         GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")
@@ -102,9 +97,9 @@ def test_a_link_that_comes_back_late_does_not_start_a_movement(client: GoalClien
 
 def test_a_cancel_is_repeated_until_the_end_is_heard(client: GoalClient) -> None:
     client.receive(_status(GoalState.ACTIVE), 0.1)
-    (cancel,) = _sent([*client.cancel(7, epoch=4, now=0.2)])
+    (cancel,) = sent([*client.cancel(7, epoch=4, now=0.2)])
     assert cancel == GoalCancel(7, 4, 1, 1)
-    assert _sent([*client.tick(0.2 + RESEND)]) == [cancel]
+    assert sent([*client.tick(0.2 + RESEND)]) == [cancel]
     client.receive(_status(GoalState.CANCELLED, sequence=2), 0.5)
     assert client.tick(5.0) == []
 
@@ -126,7 +121,7 @@ def test_a_controller_that_answers_no_goals_is_not_asked_about_ever_more_of_them
     client, said = GoalClient(1, 1), 0
     for second in range(1000):
         client.start(second + 1, Verb.HOLD, (), epoch=3, now=float(second), ttl=5.0)
-        said = len(_sent([*client.tick(second + 0.5)]))
+        said = len(sent([*client.tick(second + 0.5)]))
     assert said <= 5.0 + LINGER + 1
     assert len(client.pursued) <= 5.0 + LINGER + 1
 

@@ -20,6 +20,7 @@ from robotree.protocol.services.goal_server import (
     Refusal,
 )
 from robotree.protocol.services.peer import Peer, Send
+from tests.protocol.goals import pursuing, sent
 
 PROXY = Peer("link 1", 255, 190)
 OTHER = Peer("link 2", 254, 190)
@@ -244,27 +245,19 @@ def test_a_table_full_of_unfinished_goals_refuses_the_next(server: GoalServer) -
 
 @pytest.fixture
 def client() -> GoalClient:
-    client = GoalClient(1, 1, via="link 1")
-    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0)
-    return client
-
-
-def _sent(effects: list[object]) -> list[object]:
-    return [each.message for each in effects if isinstance(each, Send)]
+    return pursuing()
 
 
 @pytest.fixture
 def brief() -> GoalClient:
     """Pursues a goal that lives for 1 s."""
-    client = GoalClient(1, 1, via="link 1")
-    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=1.0)
-    return client
+    return pursuing(ttl=1.0)
 
 
 def test_a_repeated_goal_carries_the_time_that_is_left_and_is_the_same_goal(
     brief: GoalClient, server: GoalServer
 ) -> None:
-    repeated = [each for i in range(1, 40) for each in _sent([*brief.tick(i * RESEND / 10)])]
+    repeated = [each for i in range(1, 40) for each in sent([*brief.tick(i * RESEND / 10)])]
     goals = [each for each in repeated if isinstance(each, Goal)]
     assert [goal.ttl_ms for goal in goals] == [750, 500, 250]
     assert [each for goal in goals for each in server.receive(goal, PROXY, 1.0) if isinstance(each, Begin)]
@@ -275,10 +268,10 @@ def test_a_repeated_goal_carries_the_time_that_is_left_and_is_the_same_goal(
 def test_a_goal_whose_time_is_over_before_it_was_heard_is_called_off_and_has_expired(
     brief: GoalClient, server: GoalServer
 ) -> None:
-    (late,) = _sent([*brief.tick(RESEND)])
-    (cancel,) = _sent([*brief.tick(1.0)])
+    (late,) = sent([*brief.tick(RESEND)])
+    (cancel,) = sent([*brief.tick(1.0)])
     assert cancel == GoalCancel(7, 3, 1, 1)
-    assert _sent([*brief.tick(1.0 + RESEND)]) == [cancel], "the goal is repeated no more"
+    assert sent([*brief.tick(1.0 + RESEND)]) == [cancel], "the goal is repeated no more"
     assert isinstance(cancel, GoalCancel)
     assert isinstance(late, Goal)
     unknown = _one([*server.receive(cancel, PROXY, 1.3)])
@@ -291,11 +284,11 @@ def test_a_goal_whose_time_is_over_before_it_was_heard_is_called_off_and_has_exp
 def test_a_goal_that_was_reached_in_time_is_so_though_the_answers_were_lost(
     brief: GoalClient, server: GoalServer
 ) -> None:
-    (goal,) = _sent([*brief.tick(RESEND)])
+    (goal,) = sent([*brief.tick(RESEND)])
     assert isinstance(goal, Goal)
     server.receive(goal, PROXY, 0.3)
     server.finish(ID, GoalState.SUCCEEDED, 0.5)
-    (cancel,) = _sent([*brief.tick(1.0)])
+    (cancel,) = sent([*brief.tick(1.0)])
     assert isinstance(cancel, GoalCancel)
     (end,) = brief.receive(_one([*server.receive(cancel, PROXY, 1.1)]), 1.2)
     assert end == GoalEnded(7, GoalState.SUCCEEDED, Reason.NONE, "")
@@ -306,7 +299,7 @@ def test_a_controller_that_restarted_is_not_asked_to_begin_again(client: GoalCli
     restarted = GoalServer([Verb.GO_TO], lambda _: None)
     effects = [
         effect
-        for message in _sent([*client.tick(2.0)])
+        for message in sent([*client.tick(2.0)])
         if isinstance(message, Goal)
         for effect in restarted.receive(message, PROXY, 0.0)
     ]

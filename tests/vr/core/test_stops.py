@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Awaitable
 from typing import Any
 
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.agents import commands
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.arguments import check_arguments
 from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.supervision.fleet import Fleet
+from tests.vr.core.loading import held_back
 
 
 class Rover(Robot):
@@ -194,13 +192,7 @@ async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
     realm: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rover = await realm.start(Rover("rover"))
-    client, go_on = realm.client(rover), threading.Event()
-
-    def slow(*args: Any, **options: Any) -> dict[str, Any]:
-        go_on.wait()
-        return check_arguments(*args, **options)
-
-    monkeypatch.setattr(commands, "check_arguments", slow)
+    client, go_on = realm.client(rover), held_back(monkeypatch)
     call = asyncio.create_task(client.call("move", {"x": "1"}))
     await asyncio.sleep(0.1)
     await client.safe_stop("a hand")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Awaitable
 from typing import Any
 
 import pytest
 
 from robotree.vr import Robot, command
-from robotree.vr.agents import commands
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.arguments import check_arguments
 from robotree.vr.errors import CommandCancelled, NotConfirmed
 from robotree.vr.supervision.fleet import Fleet
+from tests.vr.core.loading import held_back
 
 HELD = "its controller is in safe stop"
 
@@ -96,13 +94,7 @@ async def test_a_call_that_came_before_a_stop_of_the_controller_does_not_begin_a
     realm: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rover = await realm.start(Rover("rover"))
-    client, go_on = realm.client(rover), threading.Event()
-
-    def slow(*args: Any, **options: Any) -> dict[str, Any]:
-        go_on.wait()
-        return check_arguments(*args, **options)
-
-    monkeypatch.setattr(commands, "check_arguments", slow)
+    client, go_on = realm.client(rover), held_back(monkeypatch)
     call = asyncio.create_task(client.call("move", {"x": "1"}))
     await asyncio.sleep(0.1)
     tell(rover, HELD)

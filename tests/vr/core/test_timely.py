@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -14,8 +13,8 @@ from robotree.vr.errors import NoAnswer, Unreachable, VrError
 from robotree.vr.exchange import timely
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.timely import FRESH, opened
-from robotree.vr.rehearsal.memory import MemoryTransport
 from robotree.vr.requests import Call, Failed, Reply, Request, Timely, decode_reply, decode_request
+from tests.vr.recorder import Recorder
 
 LEASE = 2.0
 """[s] of silence after which the network lets a member go."""
@@ -36,21 +35,6 @@ class Carrier(VirtualRobot):
     rover = Child("Rover")
 
 
-class Asker:
-    """Knows what was sent: a network of the real world may bring it later."""
-
-    def __init__(self, transport: MemoryTransport) -> None:
-        self.transport = transport
-        self.sent: list[bytes] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.transport, name)
-
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
-        self.sent.append(body)
-        return self.transport.request(key, body, timeout=timeout, urgent=urgent)
-
-
 async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
     """Let an agent find a request in its socket."""
     transport: Any = agent.transport
@@ -60,8 +44,8 @@ async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
 
 
 @pytest.fixture
-def asker(realm: Any) -> Asker:
-    return Asker(realm.operator)
+def asker(realm: Any) -> Recorder:
+    return Recorder(realm.operator)
 
 
 @pytest.mark.parametrize("hung_for", [0.0, 1.0, LEASE - 0.01])

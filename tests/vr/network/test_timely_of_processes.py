@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
@@ -14,25 +14,11 @@ from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.zenoh import ZenohTransport
 from robotree.vr.requests import Failed, decode_reply
+from tests.vr.recorder import Recorder
 
 AMID_A_HANDSHAKE = 0.9
 """[s] after the call was given up; a handshake that is answered just when its time is over comes to nothing
 for ever (see `zenoh_session`), and that is not what is asked here."""
-
-
-class Recorder:
-    """Keeps what is asked, to bring it a second time as the socket of a process that hung does."""
-
-    def __init__(self, transport: ZenohTransport) -> None:
-        self.transport = transport
-        self.sent: list[bytes] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.transport, name)
-
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
-        self.sent.append(body)
-        return self.transport.request(key, body, timeout=timeout, urgent=urgent)
 
 
 async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
