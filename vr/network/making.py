@@ -1,4 +1,8 @@
-"""Making in a thread what somebody must own: a declaration holds a name for as long as it is there."""
+"""Making in a thread what somebody must own: a declaration holds a name for as long as it is there.
+
+The wire has the like for adapters (`protocol/links/in_thread.py`). Wire and agents know nothing of each
+other, which is worth more than these lines.
+"""
 
 from __future__ import annotations
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+from collections.abc import AsyncIterator
 
 import can
 import isotp
 
 from robotree.protocol import Parser, encode
 from robotree.protocol.errors import LinkBroken, LinkOverrun
-from robotree.protocol.links.can import CanAddress, CanLink, connect
+from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect
 from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Priority, identifier
 from robotree.protocol.messages import Statustext, Timesync
 from robotree.protocol.testing import Recorder, until
@@ -52,6 +54,18 @@ class Outsider:
             if message.arbitration_id in self._from_partner:
                 return isotp.CanMessage(arbitration_id=1, data=message.data, extended_id=True, is_fd=True)
         return None
+
+
+@contextlib.asynccontextmanager
+async def met(here: CanAddress) -> AsyncIterator[tuple[CanListener, Recorder]]:
+    """A controller that listens, and its side of the link with an outsider who says no more."""
+    at_controller = Gathering()
+    with can.Bus(interface="robotree", channel=here.channel) as bus:
+        outsider = Outsider(bus, own=HOSTS[0], partner=here.node)
+        async with listening(here, at_controller) as listener:
+            outsider.send(encode(PING, sequence=0, system=255, component=1))
+            await until(lambda: bool(listener.links))
+            yield listener, at_controller.recorders[0]
 
 
 async def test_a_host_of_other_people_is_linked_with_by_its_first_frame(here: CanAddress) -> None:
@@ -125,36 +139,24 @@ async def test_frames_that_are_not_for_us_are_counted(here: CanAddress) -> None:
 
 async def test_a_partner_that_gives_no_leave_ends_the_link(here: CanAddress) -> None:
     """A host that can say that it lives but never takes a long frame."""
-    at_controller = Gathering()
-    with can.Bus(interface="robotree", channel=here.channel) as bus:
-        outsider = Outsider(bus, own=HOSTS[0], partner=here.node)
-        async with listening(here, at_controller) as listener:
-            outsider.send(encode(PING, sequence=0, system=255, component=1))
-            await until(lambda: bool(listener.links))
-            recorder = at_controller.recorders[0]
-            recorder.link.send(bytes(200), "telemetry is given up")
-            await until(lambda: recorder.link.statistics.dropped == 1)
-            assert not recorder.reasons
-            recorder.link.send(bytes(200))
-            await until(lambda: bool(recorder.reasons))
-            assert isinstance(recorder.reasons[0], LinkBroken)
-            assert "no flow control, 3 times" in str(recorder.reasons[0])
-            assert not listener.links
+    async with met(here) as (listener, recorder):
+        recorder.link.send(bytes(200), "telemetry is given up")
+        await until(lambda: recorder.link.statistics.dropped == 1)
+        assert not recorder.reasons
+        recorder.link.send(bytes(200))
+        await until(lambda: bool(recorder.reasons))
+        assert isinstance(recorder.reasons[0], LinkBroken)
+        assert "no flow control, 3 times" in str(recorder.reasons[0])
+        assert not listener.links
 
 
 async def test_a_far_end_that_takes_nothing_is_cut_before_it_costs_memory(here: CanAddress) -> None:
-    at_controller = Gathering()
-    with can.Bus(interface="robotree", channel=here.channel) as bus:
-        outsider = Outsider(bus, own=HOSTS[0], partner=here.node)
-        async with listening(here, at_controller) as listener:
-            outsider.send(encode(PING, sequence=0, system=255, component=1))
-            await until(lambda: bool(listener.links))
-            recorder = at_controller.recorders[0]
-            for _ in range(4000):
-                recorder.link.send(bytes(280))
-            await until(lambda: bool(recorder.reasons))
-            assert isinstance(recorder.reasons[0], LinkOverrun)
-            assert recorder.link.statistics.dropped > 0
+    async with met(here) as (_, recorder):
+        for _ in range(4000):
+            recorder.link.send(bytes(280))
+        await until(lambda: bool(recorder.reasons))
+        assert isinstance(recorder.reasons[0], LinkOverrun)
+        assert recorder.link.statistics.dropped > 0
 
 
 async def test_no_random_frames_disturb_a_link(here: CanAddress) -> None:
