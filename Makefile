@@ -6,7 +6,7 @@ LOCK := requirements.lock
 STAMP := $(VENV)/.ready
 INTEROP := .venv-interop
 INTEROP_LOCK := requirements-interop.lock
-SUBPACKAGES := protocol sim vr proxy tui
+SUBPACKAGES := files protocol sim vr proxy tui
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check soak interop lock format clean

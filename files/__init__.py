@@ -1,0 +1,15 @@
+"""Files and folders that somebody else may have prepared: opened here, and nowhere else by hand.
+
+    read(path, most)        an ordinary file, whole; a FIFO, a device or an endless file is an error at once
+    private_folder(path)    a folder (0700) that only its owner can enter, made or repaired
+    private_file(path)      a file (0600) that only its owner can open, made or repaired
+    overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
+
+Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "it is a FIFO, not a file".
+The other rooms turn it into errors of their own. This room knows none of them, and all of them may use it.
+"""
+
+from robotree.files.opening import opened, overwrite, read, text
+from robotree.files.private import private_file, private_folder
+
+__all__ = ["opened", "overwrite", "private_file", "private_folder", "read", "text"]

@@ -1,0 +1,127 @@
+"""Opening a file by its name without waiting for anybody, and reading no more of it than it may have."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def opened(path: Path, flags: int = os.O_RDONLY, mode: int = 0o600) -> int:
+    """Open an ordinary file. Does not wait, whatever the name leads to.
+
+    Args:
+        path: of the file.
+        flags: as for `os.open`.
+        mode: permissions of a file that `os.O_CREAT` makes.
+
+    Returns:
+        The descriptor; no child process inherits it.
+
+    Raises:
+        OSError: it cannot be opened, or is no ordinary file; `strerror` says what it is.
+    """
+    descriptor = _open(path, flags, mode)
+    found = os.fstat(descriptor).st_mode
+    if stat.S_ISREG(found):
+        return descriptor
+    os.close(descriptor)
+    raise OSError(errno.EINVAL, f"it is {_kind(found)}, not a file", str(path))
+
+
+def read(path: Path, most: int) -> bytes:
+    """Read an ordinary file whole.
+
+    Args:
+        path: of the file.
+        most: [bytes] that it may have. What `stat` says of a size is not believed: for /dev/zero it is 0.
+
+    Returns:
+        Its content.
+
+    Raises:
+        OSError: it cannot be read, is no ordinary file, or is larger.
+    """
+    with os.fdopen(opened(path), "rb") as file:
+        data = file.read(most + 1) or b""
+    if len(data) > most:
+        size = f"{most // 1000} kB" if most >= 1000 else f"{most} bytes"
+        raise OSError(errno.EFBIG, f"it is larger than {size}", str(path))
+    return data
+
+
+def text(path: Path, most: int) -> str:
+    """Read an ordinary file of UTF-8 text whole; line ends are read as Python's own reading does it.
+
+    Args:
+        path: of the file.
+        most: [bytes] that it may have.
+
+    Returns:
+        Its text.
+
+    Raises:
+        OSError: it cannot be read, is no ordinary file, is larger, or is no UTF-8 text.
+    """
+    try:
+        decoded = read(path, most).decode()
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "it is not UTF-8 text", str(path)) from None
+    return decoded.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def overwrite(path: Path, data: bytes) -> None:
+    """Write a file, new or in place of the old content. A FIFO that nobody reads is an error at once.
+
+    Args:
+        path: of the file; also a device or a FIFO, such as /dev/stdout.
+        data: its new content.
+
+    Raises:
+        OSError: it cannot be written, or another user made the link that stands there.
+    """
+    descriptor = _open(own(path), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    os.set_blocking(descriptor, True)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+
+
+def own(path: Path) -> Path:
+    """Return where a name leads, if no other user decides that.
+
+    A link that stands in a folder like /tmp may lead to any of our own files. Links of our own are followed.
+
+    Raises:
+        OSError: the last part of the path is a symbolic link that another user made.
+    """
+    try:
+        found = path.lstat()
+    except FileNotFoundError:
+        return path
+    except ValueError as error:  # a name with a zero byte
+        raise OSError(errno.EINVAL, str(error), str(path)) from None
+    if not stat.S_ISLNK(found.st_mode):
+        return path
+    if found.st_uid not in {os.geteuid(), 0}:
+        raise PermissionError(errno.EPERM, f"it is a link that user {found.st_uid} made", str(path))
+    return path.resolve()
+
+
+def _open(path: Path, flags: int, mode: int) -> int:
+    try:
+        return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
+    except ValueError as error:  # a name with a zero byte, or that the file system's encoding cannot write
+        raise OSError(errno.EINVAL, str(error), str(path)) from None
+
+
+def _kind(mode: int) -> str:
+    return next((name for test, name in _KINDS if test(mode)), "something else")

@@ -1,0 +1,147 @@
+"""What somebody else has prepared neither holds us up nor fills the memory, and no link leads us astray."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from robotree.files import opened, overwrite, private_file, private_folder, read, text
+
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can play a second user")
+NOBODY = 65534
+
+
+def give_away(path: Path) -> None:
+    os.chown(path, NOBODY, NOBODY, follow_symlinks=False)
+
+
+def mode(path: Path) -> int:
+    return path.stat().st_mode & 0o777
+
+
+def bound_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+PREPARED: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a FIFO": (os.mkfifo, "it is a FIFO, not a file"),
+    "a folder": (Path.mkdir, "it is a folder, not a file"),
+    "/dev/zero": (lambda path: path.symlink_to("/dev/zero"), "it is a device, not a file"),
+    "a socket": (bound_socket, "No such device or address"),
+    "a file without end": (lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 10**12), "larger"),
+    "no text": (lambda path: path.write_bytes(b"\xff\xfe"), "it is not UTF-8 text"),
+    "nothing": (lambda _: None, "No such file"),
+}
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize("prepared", PREPARED)
+def test_what_is_no_ordinary_file_is_an_error_at_once(tmp_path: Path, prepared: str) -> None:
+    prepare, reason = PREPARED[prepared]
+    prepare(tmp_path / "x")
+    with pytest.raises(OSError, match=reason) as refused:
+        text(tmp_path / "x", 1000)
+    assert refused.value.strerror
+    assert refused.value.filename == str(tmp_path / "x")
+
+
+def test_an_ordinary_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"one\r\ntwo\rthree\n")
+    assert read(path, 15) == b"one\r\ntwo\rthree\n"
+    assert text(path, 15) == path.read_text() == "one\ntwo\nthree\n"
+    with pytest.raises(OSError, match="larger than 14 bytes"):
+        read(path, 14)
+    for name in ("a\0b", "\ud800"):
+        with pytest.raises(OSError, match=r"null|encode"):
+            read(tmp_path / name, 1)
+
+
+def test_no_child_inherits_what_is_opened(tmp_path: Path) -> None:
+    descriptor = opened(tmp_path / "x", os.O_RDWR | os.O_CREAT)
+    assert not os.get_inheritable(descriptor)
+    os.close(descriptor)
+
+
+def test_a_file_is_overwritten_and_a_fifo_that_nobody_reads_is_an_error(tmp_path: Path) -> None:
+    overwrite(tmp_path / "x", b"longer")
+    overwrite(tmp_path / "x", b"short")
+    assert (tmp_path / "x").read_bytes() == b"short"
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(OSError, match="No such device"):
+        overwrite(tmp_path / "fifo", b"x")
+    reader = os.open(tmp_path / "fifo", os.O_RDONLY | os.O_NONBLOCK)
+    overwrite(tmp_path / "fifo", b"heard")
+    assert os.read(reader, 9) == b"heard"
+    os.close(reader)
+
+
+def test_private_means_0700_and_0600_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        assert not private_folder(tmp_path / "a" / "b" / "c")
+        assert not private_file(tmp_path / "a" / "file")
+    finally:
+        os.umask(before)
+    assert [mode(tmp_path / name) for name in ("a", "a/b", "a/b/c", "a/file")] == [0o700] * 3 + [0o600]
+
+
+def test_what_is_open_to_others_is_closed_and_that_is_told(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir(mode=0o755)
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "file").chmod(0o644)
+    assert private_folder(tmp_path / "folder")
+    assert private_file(tmp_path / "file")
+    assert (mode(tmp_path / "folder"), mode(tmp_path / "file")) == (0o700, 0o600)
+    assert not private_folder(tmp_path / "folder")
+    assert not private_file(tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_a_missing_file_is_made_only_on_request(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        private_file(tmp_path / "x", make=False)
+
+
+@pytest.mark.timeout(10)
+def test_a_private_place_is_what_it_should_be(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    for path, reason in ((tmp_path / "fifo", "it is a FIFO"), (Path("/dev/zero"), "it is a device")):
+        with pytest.raises(OSError, match=reason):
+            private_file(path)
+        with pytest.raises(OSError, match="it is not a directory"):
+            private_folder(path)
+
+
+def test_a_link_of_our_own_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    (tmp_path / "dangling").symlink_to("real/new")
+    private_folder(tmp_path / "link")
+    private_file(tmp_path / "dangling")
+    assert (mode(tmp_path / "real"), mode(tmp_path / "real/new")) == (0o700, 0o600)
+
+
+@root_only
+def test_nothing_that_belongs_to_another_user_becomes_ours(tmp_path: Path) -> None:
+    ours = tmp_path / "precious"
+    ours.write_text("precious")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    for name in ("folder", "file"):
+        give_away(tmp_path / name)
+    with pytest.raises(PermissionError, match="belongs to somebody else"):
+        private_folder(tmp_path / "folder")
+    with pytest.raises(PermissionError, match="belongs to somebody else"):
+        private_file(tmp_path / "file")
+    (tmp_path / "link").symlink_to(ours)
+    give_away(tmp_path / "link")
+    for astray in (lambda path: overwrite(path, b"gone"), private_file, private_folder):
+        with pytest.raises(PermissionError, match=f"a link that user {NOBODY} made"):
+            astray(tmp_path / "link")
+    assert ours.read_text() == "precious"
