@@ -46,6 +46,9 @@ from robotree.protocol.messages.parameter import (
     ParamValue,
 )
 from robotree.protocol.messages.robotree import (
+    Claim,
+    ClaimStatus,
+    ClaimWish,
     Goal,
     GoalCancel,
     GoalState,
@@ -90,6 +93,9 @@ __all__ = [
     "DataTransmissionHandshake",
     "EncapsulatedData",
     "GcsControlStatusFlags",
+    "Claim",
+    "ClaimStatus",
+    "ClaimWish",
     "Goal",
     "GoalCancel",
     "GoalState",

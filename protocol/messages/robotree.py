@@ -53,6 +53,8 @@ class Reason(IntEnum):
     OPERATOR = 11
     FAULT = 12
     NOT_IN_CONTROL = 13
+    BAD_EPOCH = 14
+    OTHER_LIFE = 15
 
 
 class ModeKind(IntEnum):
@@ -64,6 +66,14 @@ class ModeKind(IntEnum):
     HOLD = 3
     SAFE_STOP = 4
     FAULT = 5
+
+
+class ClaimWish(IntEnum):
+    """ROBOTREE_CLAIM_WISH: what a claim asks for."""
+
+    KEEP = 1
+    TAKE_OVER = 2
+    RELEASE = 3
 
 
 class GripperState(IntEnum):
@@ -141,6 +151,7 @@ class Goal(Message, frozen=True, gc=False):
     verb: int
     target_system: int
     target_component: int
+    life: int = 0
 
 
 @wire("ROBOTREE_GOAL_STATUS")
@@ -166,6 +177,7 @@ class GoalCancel(Message, frozen=True, gc=False):
     epoch: int
     target_system: int
     target_component: int
+    life: int = 0
 
 
 @wire("ROBOTREE_MODE")
@@ -178,6 +190,7 @@ class Mode(Message, frozen=True, gc=False):
     mode: int
     reason: int
     stops: int = 0
+    life: int = 0
 
 
 @wire("ROBOTREE_SET_MODE")
@@ -189,6 +202,7 @@ class SetMode(Message, frozen=True, gc=False):
     target_component: int
     mode: int
     stops: int = 0
+    life: int = 0
 
 
 @wire("ROBOTREE_PICTURE_REQUEST")
@@ -215,3 +229,34 @@ class Setpoint(Message, frozen=True, gc=False):
     target_system: int
     target_component: int
     kind: int
+    life: int = 0
+
+
+@wire("ROBOTREE_CLAIM")
+class Claim(Message, frozen=True, gc=False):
+    """Claims the command of a controller for one holder, and keeps alive what moves under it."""
+
+    holder: int
+    epoch: int
+    term_ms: int
+    life: int
+    target_system: int
+    target_component: int
+    wish: int
+    name: str
+
+
+@wire("ROBOTREE_CLAIM_STATUS")
+class ClaimStatus(Message, frozen=True, gc=False):
+    """Who holds the command of a controller, and why a claim was refused."""
+
+    holder: int
+    epoch: int
+    term_ms: int
+    life: int
+    target_system: int
+    target_component: int
+    holder_system: int
+    holder_component: int
+    reason: int
+    name: str
