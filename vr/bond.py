@@ -28,6 +28,10 @@ class Bond(msgspec.Struct, kw_only=True):
     lease: Lessee
     description: RobotDescription
     """As the child last gave it."""
+    depth: int = 0
+    """Levels of robots below the child, as it said last."""
+    ways: float = 0.0
+    """[s] that the ways down through these levels and back take together, as it said last."""
 
 
 class Slot:

@@ -7,12 +7,22 @@ from typing import Literal
 
 from robotree.vr.errors import NoAnswer, NotConfirmed, Unreachable, VrError
 
-SHARE = 0.8
-"""Of the time that somebody waits for a robot, what that waits for its hardware and its children: a tree of
-any depth knows who did not answer before the one at the top gives up."""
+UNMEASURED = 0.2
+"""Share of its patience that an asker keeps for the way there and back, while it has not measured that."""
+
+TURN = 0.1
+"""[s] A robot keeps this much at most for its own turn: its process takes an answer and passes it on."""
+
+LEAST = 0.001
+"""[s] A shorter time is none: the order is carried out, and nobody waits for what follows from it."""
 
 LONGEST = 60.0
 """[s] Nobody waits longer for a stop."""
+
+NO_ANSWER = "it did not answer"
+UNREACHED = "it ended or cannot be reached"
+HEARSAY = frozenset((NO_ANSWER, UNREACHED))
+"""What somebody else may say of a robot. What it says itself counts more."""
 
 Order = Literal["the protective stop", "the resume"]
 
@@ -29,13 +39,15 @@ class Confirmations:
         """Begin: nobody has confirmed."""
         self._order: Order = order
         self._told: set[str] = set()
+        self._first_hand: set[str] = set()
+        """Those who have answered themselves; of the others somebody above them has told."""
         self._untold: dict[tuple[str, str], None] = {}
         self._advice: dict[str, None] = {_ADVICE[order]: None}
 
     @property
     def complete(self) -> bool:
         """Whether nobody is known who has not confirmed."""
-        return not self._untold
+        return not self._open()
 
     def names(self, name: str) -> bool:
         """Whether anything is known of a robot."""
@@ -53,7 +65,9 @@ class Confirmations:
         """
         if not isinstance(answer, BaseException):
             self._told.update((name, *answer))
+            self._first_hand.add(name)
         elif isinstance(answer, NotConfirmed):  # it says itself who has and who has not
+            self._first_hand.add(name)
             self._told.update(answer.data["told"])
             for below, reason in answer.data["untold"]:
                 self._untold[below, reason] = None
@@ -91,30 +105,70 @@ class Confirmations:
         Raises:
             NotConfirmed: some have not; names both sides, and what to do next.
         """
-        if self._untold:
+        if untold := self._open():
             raise NotConfirmed(
                 order=self._order,
-                told=sorted(self._told - {name for name, _ in self._untold}),
-                untold=[list(pair) for pair in self._untold],
+                told=sorted(self._told - {name for name, _ in untold}),
+                untold=[list(pair) for pair in untold],
                 advice=list(self._advice),
             )
         return sorted(self._told)
 
+    def _open(self) -> list[tuple[str, str]]:
+        """Return who has not confirmed, and why, without what others say of one that answers itself."""
+        return [
+            (name, reason)
+            for name, reason in self._untold
+            if not (name in self._first_hand and reason in HEARSAY)
+        ]
 
-def share(within: float) -> float:
-    """Return how long to wait for hardware and children, so that the one above still hears who is late [s].
+
+class Budget:
+    """How long a robot that was told waits: for its own hardware, and for those below it.
+
+    Of a tree of any depth, the one at the top hears who is late before its own time is over. So each level
+    keeps the measured way to its children and a short turn of its own: an equal part of what the ways below
+    leave, but no more than `TURN`.
+    """
+
+    def __init__(self, within: float, *, depth: int = 0, ways: float = 0.0) -> None:
+        """Begin when the order arrives.
+
+        Args:
+            within: [s] after which the answer must leave.
+            depth: levels of robots below this one; 0: none.
+            ways: [s] that the ways down through all levels and back take together.
+        """
+        self.within = within if 0 < within < LONGEST else LONGEST
+        """[s] from the arrival of the order until its answer leaves."""
+        self._half_turn = min(TURN, max(self.within - ways, 0.0) / (max(depth, 0) + 2)) / 2
+        self.wait = self.within - self._half_turn
+        """[s] to wait for hardware and for those below."""
+
+    def below(self, way: float, waited: float = 0.0) -> float:
+        """Return within which time [s] of its arrival a child must answer.
+
+        Args:
+            way: [s] that the way to the child and back takes.
+            waited: [s] that are gone already.
+        """
+        return max(self.wait - waited - way - self._half_turn, LEAST)
+
+
+def unmeasured(patience: float) -> float:
+    """Return within which time [s] a robot must answer to which the way has not been measured.
 
     Args:
-        within: [s] for which whoever asked waits.
+        patience: [s] for which the asker waits.
     """
-    return SHARE * within if 0 < within < LONGEST else SHARE * LONGEST
+    return (1 - UNMEASURED) * patience
 
 
 def _reason(error: VrError) -> str:
     match error:
         case NoAnswer():
-            return "it did not answer"
+            return NO_ANSWER
         case Unreachable():
-            return "it ended or cannot be reached"
+            return UNREACHED
         case _:
             return str(error)

@@ -237,6 +237,11 @@ class Lessee:
         return self._confirmed + self.term
 
     @property
+    def round_trip(self) -> float:
+        """[s] that a request and its answer take, on average."""
+        return self._round_trip
+
+    @property
     def patience(self) -> float:
         """[s] after which an answer that has not come is late."""
         return self._round_trip + 4 * self._deviation

@@ -97,7 +97,10 @@ class SafeStop(_Message, frozen=True, kw_only=True):
 
     reason: str = ""
     within: float = PATIENCE
-    """[s] for which the asker waits; whoever passes it on must have its answers before."""
+    """[s] from its arrival on, in which the answer must leave to be heard in time."""
+    order: str = ""
+    """Which order this is part of: a robot that is told twice of one order, by several ways, has been stopped
+    once. Empty: an order of its own."""
 
 
 class Resume(_Message, frozen=True, kw_only=True):
@@ -108,7 +111,7 @@ class Resume(_Message, frozen=True, kw_only=True):
     """How many stops each robot had been told of when this was asked for, by key; a later stop stays in
     force, and so does that of a robot that is not in it. None: whichever stops there are."""
     within: float = PATIENCE
-    """[s] for which the asker waits; see `SafeStop`."""
+    """See `SafeStop.within`."""
 
 
 class Enslave(_Message, frozen=True, kw_only=True):
@@ -243,6 +246,10 @@ class Granted(_Message, frozen=True, kw_only=True):
     term: float
     robot: RobotDescription | None = None
     """What the parent can expose: on the first grant, and on a renewal when it has changed since."""
+    depth: int = 0
+    """Levels of robots below the granter."""
+    ways: float = 0.0
+    """[s] that the ways down through these levels and back take together, as measured."""
 
 
 class HostDescribed(_Message, frozen=True, kw_only=True):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from robotree.vr.address import Address
 from robotree.vr.agents.bonds import BondKeeper
 from robotree.vr.agents.commands import CommandDesk
-from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.lease import LeaseKeeper
 from robotree.vr.agents.portrait import Portrait
-from robotree.vr.confirmation import Confirmations, share
-from robotree.vr.description import CommandSpec
+from robotree.vr.agents.stopping import Stopping
+from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachable, WrongKind
 from robotree.vr.exchange.answering import Say, not_for
+from robotree.vr.lease import Tenure
 from robotree.vr.requests import (
     Call,
     Cancel,
@@ -86,10 +85,9 @@ class AgentRequests:
         """
         self._robot, self._life = robot, life
         self._lease, self._desk, self._bonds = lease, desk, desk.bonds
-        self._hooks, self._portrait = Hooks(robot), portrait
+        self._portrait = portrait
         self._told: tuple[CommandSpec, ...] = ()
-        self._releases = 0
-        """How many resumes wait for what stands behind the robot."""
+        stopping = Stopping(robot, life.address, lease, desk, on_change=life.changed)
         self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
             Describe: self._describe,
             Cancel: self._cancel,
@@ -97,8 +95,8 @@ class AgentRequests:
             Retract: self._retract,
             Renew: self._renew,
             Release: self._release,
-            SafeStop: self._safe_stop,
-            Resume: self._resume,
+            SafeStop: stopping.safe_stop,
+            Resume: stopping.resume,
             Enslave: self._enslave,
             Free: self._free,
         }
@@ -136,64 +134,6 @@ class AgentRequests:
             self._desk.jobs.cancel_all(reason)
         return Done()
 
-    async def _safe_stop(self, request: SafeStop) -> Reply:
-        reason, seconds = request.reason or "protective stop", share(request.within)
-        self._desk.stop(reason)
-        confirming = self._hooks.safe_stop(reason)
-        self._life.changed()
-        confirmations, own = Confirmations("the protective stop"), confirming.doubt(seconds)
-        if self._bonds is None:
-            self._take_own(confirmations, await own)
-        else:
-            below = self._bonds.safe_stop(reason, confirmations, timeout=seconds)
-            doubt, _ = await asyncio.gather(own, below)
-            self._take_own(confirmations, doubt)
-        return Done(told=tuple(confirmations.settle()))
-
-    async def _resume(self, request: Resume) -> Reply:
-        """Release those below first: nobody may use a child that is still stopped."""
-        name, seconds, desk = self._robot.name, share(request.within), self._desk
-        self._lease.check(request.epoch)
-        confirmations, stops = Confirmations("the resume"), self._stops_seen(request)
-        if self._bonds is not None and stops == desk.stops:
-            await self._bonds.resume(request.seen, confirmations, timeout=seconds)
-            self._lease.check(request.epoch)  # once more: what was awaited may have taken time
-        allowed = stops == desk.stops and confirmations.complete
-        doubt = await self._release_own(seconds) if allowed else ""
-        if stops != desk.stops:
-            confirmations.deny(name, "it was stopped again after that had been asked for")
-        elif not confirmations.complete:
-            confirmations.deny(name, "it waits for those below it")
-        else:
-            self._take_own(confirmations, doubt)
-            if not doubt:
-                desk.ordered = ""
-                self._life.changed()
-        return Done(told=tuple(confirmations.settle()))
-
-    async def _release_own(self, within: float) -> str:
-        """Release what stands behind the robot, within [s]; return why that is not confirmed, or nothing."""
-        if not (self._desk.stopped or self._releases):
-            return ""  # nobody has stopped it: what is offline need not confirm that
-        self._releases += 1
-        try:
-            return await self._hooks.resume().doubt(within)
-        finally:
-            self._releases -= 1
-
-    def _stops_seen(self, request: Resume) -> int:
-        """How many stops whoever resumes knows of; all, where it does not say so or none is in force."""
-        if request.seen is None or not self._desk.stopped:
-            return self._desk.stops
-        return request.seen.get(self._life.address.key, 0)
-
-    def _take_own(self, confirmations: Confirmations, doubt: str) -> None:
-        if doubt:
-            offline = "" if self._robot.online else "it is offline, and "
-            confirmations.deny(self._robot.name, f"{offline}{doubt}")
-        else:
-            confirmations.take(self._robot.name, ())
-
     # -- who commands it --------------------------------------------------------------------------
 
     async def _petition(self, request: Petition) -> Reply:
@@ -207,7 +147,7 @@ class AgentRequests:
         self._life.lineage_changed()
         description = self._portrait.description()
         self._told = description.commands
-        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=description)
+        return self._granted(tenure, description)
 
     async def _renew(self, request: Renew) -> Reply:
         before = self._life.lineage()
@@ -217,7 +157,16 @@ class AgentRequests:
         description = self._portrait.description()
         news = None if description.commands == self._told else description
         self._told = description.commands
-        return Granted(epoch=tenure.epoch, term=self._lease.lessor.term_granted, robot=news)
+        return self._granted(tenure, news)
+
+    def _granted(self, tenure: Tenure, news: RobotDescription | None) -> Granted:
+        return Granted(
+            epoch=tenure.epoch,
+            term=self._lease.lessor.term_granted,
+            robot=news,
+            depth=0 if self._bonds is None else self._bonds.depth,
+            ways=0.0 if self._bonds is None else self._bonds.ways,
+        )
 
     async def _retract(self, request: Retract) -> Reply:
         self._lease.retract(request.parent, request.key)

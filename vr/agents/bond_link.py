@@ -111,6 +111,7 @@ class Link:
             _log.warning("%s: renewal for %s: %s", self._parent.name, self.slot, error)
         else:
             lease.granted(sent=sent, now=_now(), term=granted.term)
+            self.bond.depth, self.bond.ways = granted.depth, granted.ways
             if granted.robot is not None:
                 self.bond.description = granted.robot
                 self._on_change()

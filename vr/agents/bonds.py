@@ -13,7 +13,7 @@ from robotree.vr.address import Address
 from robotree.vr.agents.bond_link import Link
 from robotree.vr.agents.petition import Petitioner
 from robotree.vr.bond import Slots
-from robotree.vr.confirmation import Confirmations
+from robotree.vr.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.context import CommandContext
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import DeadlineExceeded, SlotEmpty, VrError
@@ -117,6 +117,17 @@ class BondKeeper:
         """Return the names of the children, of those too that are just being asked."""
         return {child.name for child in self._slots.children()}
 
+    @property
+    def depth(self) -> int:
+        """Levels of robots below: 1 with children that have none."""
+        return max((1 + link.bond.depth for link in self._links.values()), default=0)
+
+    @property
+    def ways(self) -> float:
+        """[s] that the ways down to the last of those below and back take together."""
+        bonds = (link.bond for link in self._links.values())
+        return max((bond.lease.round_trip + bond.ways for bond in bonds), default=0.0)
+
     def hurry(self) -> None:
         """Renew all leases now: the lineage has changed, and a cycle should be found at once."""
         for link in self._links.values():
@@ -180,27 +191,37 @@ class BondKeeper:
         link.hurry.set()  # the renewal's answer tells what is new, for good
         return await link.client.describe()
 
-    async def safe_stop(self, reason: str, confirmations: Confirmations, *, timeout: float) -> None:
+    async def safe_stop(self, reason: str, order: str, confirmations: Confirmations, budget: Budget) -> None:
         """Stop all children, at the same time.
 
         Args:
             reason: of the stop.
+            order: that it is part of.
             confirmations: takes what they answer.
-            timeout: [s] to wait for them.
+            budget: of time.
         """
-        await _tell(
-            self._links.values(), confirmations, lambda link: link.client.safe_stop(reason, timeout=timeout)
-        )
+
+        def stop(link: Link) -> Awaitable[Sequence[str]]:
+            within = budget.below(link.bond.lease.round_trip)
+            return link.client.safe_stop(reason, order=order, timeout=budget.wait, within=within)
+
+        await _tell(self._links.values(), confirmations, stop)
 
     async def resume(
-        self, seen: Mapping[str, int] | None, confirmations: Confirmations, *, timeout: float
+        self,
+        seen: Mapping[str, int] | None,
+        confirmations: Confirmations,
+        budget: Budget,
+        *,
+        waited: float,
     ) -> None:
         """Release the stop of all children, at the same time.
 
         Args:
             seen: which stops; see `Resume.seen`.
             confirmations: takes what they answer.
-            timeout: [s] to wait for them.
+            budget: of time.
+            waited: [s] of it that are gone already.
         """
         links: list[Link] = []
         for link in self._links.values():
@@ -208,11 +229,14 @@ class BondKeeper:
                 links.append(link)
             else:
                 confirmations.deny(link.bond.child.name, "whoever resumes has not seen it")
-        await _tell(
-            links,
-            confirmations,
-            lambda link: link.client.resume(epoch=link.bond.lease.epoch, seen=seen, timeout=timeout),
-        )
+
+        def resume(link: Link) -> Awaitable[Sequence[str]]:
+            lease = link.bond.lease
+            within = budget.below(lease.round_trip, waited)
+            timeout = max(budget.wait - waited, LEAST)
+            return link.client.resume(epoch=lease.epoch, seen=seen, timeout=timeout, within=within)
+
+        await _tell(links, confirmations, resume)
 
     def _end(self, link: Link) -> None:
         del self._links[link.slot]

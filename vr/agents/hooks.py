@@ -27,6 +27,9 @@ _log = logging.getLogger(__name__)
 UNCONFIRMED = "its controller has not confirmed it"
 """What it means that a hook has begun and nothing more is heard, as a clause."""
 
+STILL_STOPPING = "its safe_stop has not ended"
+"""What is said of a robot whose author's hook still stops it: nothing may begin meanwhile."""
+
 Hook = Callable[[], Awaitable[None] | None]
 """A hook with its arguments."""
 
@@ -95,6 +98,8 @@ class Hooks:
         self._turns = InTurn(f"{robot.name} hook")
         self._latest_turn: Future[bool] | None = None
         """The newest of the author's hooks for stops and releases."""
+        self._stopping: Future[bool] | None = None
+        """The newest of those that stop something."""
         self._resuming: Future[bool] | None = None
         """The newest of those that release something."""
         self._reason = "protective stop"
@@ -115,7 +120,15 @@ class Hooks:
         hook = partial(self._robot.safe_stop, reason)
         if not self._foreign("safe_stop"):
             return Confirming(f"{self._robot.name}.safe_stop", hook)
-        return self._confirming("safe_stop", _ended(self._in_turn("safe_stop", hook), "safe_stop"))
+        self._stopping = self._in_turn("safe_stop", hook)
+        return self._confirming("safe_stop", _ended(self._stopping, "safe_stop"))
+
+    async def has_stopped(self, within: float) -> bool:
+        """Wait until the author's hooks that stop the robot have ended, for `within` [s] at most."""
+        if self._stopping is None or self._stopping.done():
+            return True
+        ended = asyncio.wrap_future(self._stopping)
+        return bool((await asyncio.wait([asyncio.shield(ended)], timeout=within))[0])
 
     def resume(self) -> Confirming:
         """Let the robot take part in the release of a stop, from now on.

@@ -93,7 +93,9 @@ class Petitioner:
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
         lease = Lessee(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
-        return Bond(child=child, lease=lease, description=granted.robot)
+        return Bond(
+            child=child, lease=lease, description=granted.robot, depth=granted.depth, ways=granted.ways
+        )
 
     async def _lives(self, key: str) -> bool:
         """Whether somebody lives under a key, heard or not: after one of two hung, their link is gone."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address
+from robotree.vr.confirmation import unmeasured
 from robotree.vr.description import Arguments, RobotDescription
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
 from robotree.vr.exchange.asking import ask
@@ -186,12 +187,22 @@ class RobotClient:
         """End the command of a key, or all of them."""
         await self._ask(Cancel(key=key, epoch=epoch, reason=reason), Done, urgent=True)
 
-    async def safe_stop(self, reason: str = "", *, timeout: float | None = None) -> Sequence[str]:
+    async def safe_stop(
+        self,
+        reason: str = "",
+        *,
+        order: str = "",
+        timeout: float | None = None,
+        within: float | None = None,
+    ) -> Sequence[str]:
         """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
         Args:
             reason: for those whose commands it ends.
+            order: that it is part of; see `SafeStop.order`.
             timeout: [s] to wait until all below have been told; None: the client's patience.
+            within: [s] in which the robot must answer to be heard in time; None: the way there and back has
+                not been measured.
 
         Returns:
             The names of those that have confirmed it: the robot and all below it.
@@ -200,9 +211,9 @@ class RobotClient:
             NotConfirmed: the hardware of one of them has not confirmed it; it names them.
             TransportError: the robot has not.
         """
-        within = self._patience if timeout is None else timeout
-        stop = SafeStop(reason=reason, within=within)
-        return (await self._ask(stop, Done, urgent=True, timeout=within)).told
+        patience = self._patience if timeout is None else timeout
+        stop = SafeStop(reason=reason, order=order, within=unmeasured(patience) if within is None else within)
+        return (await self._ask(stop, Done, urgent=True, timeout=patience)).told
 
     async def resume(
         self,
@@ -210,6 +221,7 @@ class RobotClient:
         epoch: int | None = None,
         seen: Mapping[str, int] | None = None,
         timeout: float | None = None,
+        within: float | None = None,
     ) -> Sequence[str]:
         """Release the protective stop of the robot and of all robots below it; see `safe_stop`.
 
@@ -218,11 +230,12 @@ class RobotClient:
             seen: `RobotDescription.stops` of each, by key: a later stop stays in force, and so does that of a
                 robot that is not in it. None: whichever stops there are.
             timeout: as in `safe_stop`.
+            within: as in `safe_stop`.
         """
-        within = self._patience if timeout is None else timeout
+        patience = self._patience if timeout is None else timeout
         known = None if seen is None else dict(seen)
-        resume = Resume(epoch=epoch, seen=known, within=within)
-        return (await self._ask(resume, Done, urgent=True, timeout=within)).told
+        resume = Resume(epoch=epoch, seen=known, within=unmeasured(patience) if within is None else within)
+        return (await self._ask(resume, Done, urgent=True, timeout=patience)).told
 
     # -- what operators ask -----------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from robotree.vr.address import Address, everyone
 from robotree.vr.confirmation import Confirmations
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
-from robotree.vr.exchange.client import RobotClient
+from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.transport import Silent, Transport
 
@@ -60,9 +60,10 @@ class Orders:
                 were told before this is raised; it names both.
         """
         asked: Asked = {}
+        order = fresh_key()
 
         def tell(address: Address) -> None:
-            asked[address] = asyncio.ensure_future(self._client(address).safe_stop(reason))
+            asked[address] = asyncio.ensure_future(self._client(address).safe_stop(reason, order=order))
 
         if name is None:
             silent = await self._tell_all(asked, tell)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.confirmation import Confirmations
+from robotree.vr.confirmation import LEAST, LONGEST, NO_ANSWER, TURN, Budget, Confirmations, unmeasured
 from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
 from robotree.vr.requests import Failed, decode_reply, encode
 
@@ -85,3 +85,47 @@ def test_data_of_another_version_is_an_error_that_tells_it(untold: object) -> No
 def test_what_is_no_answer_of_a_robot_is_not_taken_for_one() -> None:
     with pytest.raises(ZeroDivisionError):
         Confirmations("the protective stop").take("a", ZeroDivisionError())
+
+
+def test_what_a_robot_says_itself_counts_more_than_what_its_parent_says_of_it() -> None:
+    below = Confirmations("the protective stop")
+    below.take("arm", NoAnswer(key="robot/arm/1", seconds=0.1))
+    with pytest.raises(NotConfirmed) as hearsay:
+        below.settle()
+    for order in (["lever", "arm"], ["arm", "lever"]):
+        above = Confirmations("the protective stop")
+        for name in order:
+            above.take(name, () if name == "arm" else hearsay.value)
+        assert above.settle() == ["arm", "lever"]
+
+
+def test_what_a_robot_says_against_itself_stands_whoever_says_else() -> None:
+    own = Confirmations("the protective stop")
+    own.deny("arm", "its controller has not confirmed it")
+    with pytest.raises(NotConfirmed) as doubt:
+        own.settle()
+    above = Confirmations("the protective stop")
+    above.take("lever", ["arm"])
+    above.take("arm", doubt.value)
+    with pytest.raises(NotConfirmed, match=r"by lever but NOT by arm \(its controller"):
+        above.settle()
+    assert NO_ANSWER not in str(doubt.value)
+
+
+@pytest.mark.parametrize("depth", [0, 1, 7, 30, 100])
+@pytest.mark.parametrize("way", [0.0001, 0.005, 0.02])
+def test_every_level_hears_of_the_one_below_before_its_own_time_is_over(depth: int, way: float) -> None:
+    """Whatever the level below takes of its time, its answer is there when this one waits for it."""
+    within = unmeasured(3.0)
+    for level in range(depth, 0, -1):
+        budget = Budget(within, depth=level, ways=level * way)
+        below = budget.below(way)
+        assert below > LEAST, "there is time left at the foot of the tree"
+        assert way + below < budget.wait < within
+        assert within - below <= way + TURN + 1e-9, "no level keeps more than its turn"
+        within = below
+
+
+@pytest.mark.parametrize("within", [0.0, -1.0, float("nan"), float("inf"), 1e9])
+def test_a_time_that_is_none_is_as_long_as_anybody_waits(within: float) -> None:
+    assert 0 < Budget(within, depth=-3).wait < LONGEST

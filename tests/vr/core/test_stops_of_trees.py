@@ -12,6 +12,7 @@ import pytest
 from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
 from robotree.vr.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.mailbox import LONGEST_QUEUE
+from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.crew import Driver, Rover, crew
 
 
@@ -60,9 +61,6 @@ async def test_a_stop_that_does_not_reach_a_child_says_so_but_reaches_the_others
 
 
 async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(realm: Any) -> None:
-    class Over(VirtualRobot):
-        below = Child("Robot")
-
     top, *others = [await realm.start(Over(f"level-{number}")) for number in range(4)]
     rover = await realm.start(Rover("rover"))
     for parent, child in itertools.pairwise([top, *others, rover]):
@@ -79,6 +77,79 @@ async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(real
             await order(timeout=1.0)
         assert loop.time() - began < 1.0
     realm.network.thaw(rover.transport)
+
+
+class Over(VirtualRobot):
+    """One level of a tree."""
+
+    below = Child("Robot")
+
+
+async def tower(realm: Any, levels: int) -> list[Any]:
+    """Return a chain of robots, the topmost first; the rover at its foot moves."""
+    agents = [await realm.start(Over(f"level-{number}")) for number in range(levels)]
+    agents.append(await realm.start(Rover("rover")))
+    for parent, child in reversed(list(itertools.pairwise(agents))):
+        await realm.client(parent).enslave("below", child.address)
+    return agents
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.03], ids=["a fast way", "a slow way"])
+async def test_of_thirty_levels_each_one_that_has_stopped_is_said_to_have_stopped(
+    realm: Any, delay: float
+) -> None:
+    realm.network.delay = delay
+    agents = await tower(realm, 30)
+    fleet = Fleet(realm.network.join("supervisor"))
+    await fleet.start()
+    names = sorted(agent.address.name for agent in agents)
+    for _ in range(10):
+        assert sorted(await fleet.stop("level-0")) == names
+        assert sorted(await fleet.resume("level-0")) == names
+    before = [agent.description().stops for agent in agents]
+    assert sorted(await fleet.stop(None)) == names
+    assert sorted(await fleet.resume(None)) == names
+    assert [agent.description().stops for agent in agents] == [stops + 1 for stops in before], (
+        "one order is one stop, by however many ways it comes"
+    )
+    await fleet.close()
+
+
+async def test_the_last_of_thirty_levels_is_named_when_it_does_not_answer(realm: Any) -> None:
+    agents = await tower(realm, 30)
+    rover = agents[-1]
+    realm.network.lease = 1000.0
+    realm.network.freeze(rover.transport)
+    loop, client = asyncio.get_running_loop(), realm.client(agents[0])
+    for order in (client.safe_stop, client.resume):
+        began = loop.time()
+        with pytest.raises(NotConfirmed, match=r"NOT by rover \(it did not answer\)"):
+            await order(timeout=1.0)
+        assert loop.time() - began < 1.0
+    realm.network.thaw(rover.transport)
+
+
+async def test_nothing_is_released_while_a_robot_still_stops(realm: Any) -> None:
+    ended = threading.Event()
+
+    class Slow(Driver):
+        def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # slow
+            ended.wait()
+
+    driver = await realm.start(Slow("slow"))
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(driver)
+    await client.enslave("left", rover.address)
+    with pytest.raises(NotConfirmed, match=r"NOT by slow \(its safe_stop has not ended\)"):
+        await client.safe_stop("a hand", timeout=0.5)
+    with pytest.raises(NotConfirmed, match=r"NOT by slow \(its safe_stop has not ended\)"):
+        await client.resume(timeout=0.5)
+    with pytest.raises(Stopped):
+        await client.call("drive", {"x": 1})
+    assert rover.robot.stops == ["a hand"], "nor those below it"
+    ended.set()
+    await client.resume()
+    await client.call("drive", {"x": 1})
 
 
 async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -140,3 +142,33 @@ async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: S
     await until(lambda: len(newcomer.directory.present("robot")) == 1, "it is missed")
     with pytest.raises(NoSuchRobot):
         await newcomer.describe("frozen")
+
+
+LEVEL = """
+from robotree.vr import Child, VirtualRobot
+
+class Level(VirtualRobot):
+    below = Child("Robot")
+"""
+
+
+async def test_of_thirty_levels_in_four_processes_ten_of_ten_stops_are_told_truly(
+    start: Start, look: Look, tmp_path: Path
+) -> None:
+    hosts = [await start("host", f"h{number}") for number in range(3)]
+    await asyncio.gather(*(host.ready() for host in hosts), robots(start, "rover"))
+    fleet = await look()
+    (tmp_path / "level.py").write_text(LEVEL)
+    names = [f"level-{number}" for number in range(30)]
+    source = str(tmp_path / "level.py")
+    for number in range(0, 30, 3):  # neighbours live in different processes
+        await asyncio.gather(
+            *(fleet.create(source, name, f"h{at}") for at, name in enumerate(names[number : number + 3]))
+        )
+    await until(lambda: len(fleet.directory.present("robot")) == 31, "all are seen")
+    for parent, child in reversed(list(itertools.pairwise([*names, "rover"]))):
+        await fleet.enslave(parent, "below", child)
+    for name in ("level-0", None):
+        for _ in range(10):
+            assert sorted(await fleet.stop(name)) == sorted([*names, "rover"])
+            assert sorted(await fleet.resume(name)) == sorted([*names, "rover"])
