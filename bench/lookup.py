@@ -1,4 +1,4 @@
-"""How long lookup takes, between real processes over real Zenoh; prints medians and 90th percentiles.
+"""How long lookup takes, between real processes; prints medians and 90th percentiles.
 
 Comparable to Jini's lookup service on the same machine: register 252 us, renew 75, look up by name among
 1,000 121, look up that returns 1,000 items 14,546, register until a listener hears of it 431, cancel until
@@ -24,7 +24,7 @@ from robotree.vr.description import Listing, Template
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.requests import Done, Found, Query, Register, Registered, Withdraw
 from robotree.vr.transport import Respond
 
@@ -100,7 +100,7 @@ async def echo() -> None:
         await transport.close()
 
 
-async def measure_requests(transport: ZenohTransport, service: str, repetitions: int) -> None:
+async def measure_requests(transport: LocalTransport, service: str, repetitions: int) -> None:
     """Measure what agents and supervisors ask of one service."""
 
     async def round_trip(_: int) -> None:
@@ -133,7 +133,7 @@ async def measure_requests(transport: ZenohTransport, service: str, repetitions:
     show("look up returning 1,000 items", await clocked(30, lambda _: find(Template())))
 
 
-async def measure_events(transport: ZenohTransport, onlooker: Directory, repetitions: int) -> None:
+async def measure_events(transport: LocalTransport, onlooker: Directory, repetitions: int) -> None:
     """Measure from an agent's wish to the onlooker's knowledge, in another session."""
     heard: asyncio.Queue[str] = asyncio.Queue()
     onlooker.on_change(lambda change: heard.put_nowait(change.kind))
@@ -158,7 +158,7 @@ async def measure_events(transport: ZenohTransport, onlooker: Directory, repetit
     show("resolve a name in the directory", await clocked(repetitions, lambda _: onlooker.resolve(names[0])))
 
 
-async def measure_deaths(transport: ZenohTransport, repetitions: int) -> None:
+async def measure_deaths(transport: LocalTransport, repetitions: int) -> None:
     """Measure from `kill -9` to the news of it, the wait for a return included."""
     taken: list[float] = []
     gone = asyncio.Event()

@@ -1,4 +1,4 @@
-"""How long a stop waits behind a flood of commands, between real processes over real Zenoh.
+"""How long a stop waits behind a flood of commands, between real processes.
 
 A flooder sends many small requests to one agent and waits for none of them. Meanwhile the same agent is asked
 two things at the same moment: one that is urgent and one that is not, which is what the urgent one would take
@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 
-from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.transport import Respond
 
 FLOOD = 20_000
@@ -43,7 +43,7 @@ async def hear(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait_for(process.stdout.readline(), LONGEST)
 
 
-async def ask(transport: ZenohTransport, *, urgent: bool) -> float:
+async def ask(transport: LocalTransport, *, urgent: bool) -> float:
     """Return how long one answer took [s]."""
     begin = time.perf_counter()
     async for _ in transport.request(AGENT, bytes(64), timeout=LONGEST, urgent=urgent):
@@ -51,7 +51,7 @@ async def ask(transport: ZenohTransport, *, urgent: bool) -> float:
     return time.perf_counter() - begin
 
 
-async def echo(transport: ZenohTransport) -> None:
+async def echo(transport: LocalTransport) -> None:
     """Answer requests with what they say, until the standard input closes."""
 
     async def handler(body: bytes, respond: Respond) -> None:
@@ -62,7 +62,7 @@ async def echo(transport: ZenohTransport) -> None:
     await asyncio.to_thread(sys.stdin.read)
 
 
-async def flood(transport: ZenohTransport) -> None:
+async def flood(transport: LocalTransport) -> None:
     """Flood the agent for each line on the standard input, and say when all is answered."""
     print("ready", flush=True)
     while await asyncio.to_thread(sys.stdin.readline):

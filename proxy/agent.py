@@ -20,7 +20,7 @@ from robotree.proxy.view import WorkspaceView
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.network.zenoh import join
+from robotree.vr.network.local import join
 from robotree.vr.space.contract import Space
 from robotree.vr.space.sqlite import SqliteSpace
 from robotree.vr.transport import Transport

@@ -11,6 +11,7 @@ that a caller on the far side of the network catches the same class with the sam
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
+                      NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
       SpaceError      BrokenSpace
 """
@@ -339,6 +340,12 @@ class RealmUnusable(TransportError):
     """The meeting place of the realm's processes cannot be made, trusted or entered."""
 
     sentence = "realm {realm!r} cannot be entered: {reason}"
+
+
+class NetworkUnusable(TransportError):
+    """The network between machines cannot be used."""
+
+    sentence = "cannot connect to other machines at {where}: {reason}"
 
 
 # -- bundles ---------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Opening what may take its time: an adapter, a bus. Whoever waits for it may be told to stop waiting.
 
-The agents have the like with threads of their own (`vr/network/making.py`). Wire and agents know nothing of
+The agents have the like with threads of their own (`vr/network/zenoh/making.py`). Wire and agents know nothing of
 each other, which is worth more than these lines.
 """
 

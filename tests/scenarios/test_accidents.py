@@ -20,7 +20,7 @@ pytestmark = pytest.mark.e2e
 
 REALM = "accidents"
 HELD_UP = 8.0
-"""[s] Zenoh's own handshake with a process that hangs would take 10."""
+"""[s]"""
 AUTHOR = '''
 """Talkative: prints more than a pipe holds, then waits."""
 from robotree.vr import VirtualRobot, command

@@ -35,7 +35,7 @@ async def joined(realm: str) -> AsyncGenerator[Fleet]:
     Raises:
         TransportError: the realm cannot be joined.
     """
-    from robotree.vr.network.zenoh import join
+    from robotree.vr.network.local import join
     from robotree.vr.supervision.fleet import Fleet
 
     transport = await join(realm)

@@ -13,7 +13,7 @@ from robotree.vr.agents.host import Host
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.network.zenoh import join
+from robotree.vr.network.local import join
 from robotree.vr.space.sqlite import SqliteSpace
 
 Ready = Callable[[str], None]

@@ -1,26 +1,31 @@
-"""Where the processes of one realm on one machine meet, without a server and without a port.
+"""Where the processes of one realm on one machine meet, without a server, a port or a lock.
 
-A private directory holds one entry for each process: the address of its socket, in a file that the process
-keeps locked for as long as it lives. Whoever comes locks the door, sweeps out the entries that nobody holds
-any more, dials all others, and writes its own. The lock on the door puts arrivals in order, so of any two
-processes the later one dials the earlier one, and never both: two that dial each other can end up split for
-ever (zenoh issue 2806; measured with Zenoh 1.10.2).
+A private folder holds three files for each process, all named after the same *tag* (its process id and a
+random number):
 
-Beside its entry each process keeps a list of what it has announced. A process that hangs says nothing to the
-network, and nothing at all to those who come later; here it is still seen, with all that it holds.
+    TAG.sock   the socket on which it listens
+    TAG.beat   the time of its last sign of life, written by its network thread, read by all
+    TAG.held   the keys under which it is present, for those to whom it has not spoken yet
+
+A newcomer listens on a hidden name, gives it its visible name, and only then looks who is there: of two that
+come at the same moment at least one sees the other. A visible name that refuses a connection is therefore
+that of a dead process, and its files are removed. A process that is stopped in the middle of this keeps
+nobody out.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
+import re
 import secrets
+import socket
 import stat
+import struct
 import tempfile
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 from robotree.vr.address import check_name
@@ -29,25 +34,26 @@ from robotree.vr.errors import RealmUnusable
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"
 
-DOOR_LIMIT = 10.0
-"""[s] to wait at the door: others hold it for the tenth of a second that dialing takes."""
+BACKLOG = 4096
+"""Connections that may wait for a process that hangs."""
 
-LONGEST_SOCKET = 100
-"""Characters of a path that every Unix takes for a socket; the smallest limit is 104, final zero included."""
+LONGEST_LIST = 1 << 22
+"""[bytes] of a list of keys that are read; a longer file is not one of ours."""
 
-_ENTRY = ".entry"
-_HELD = ".held"
-_NEW = ".new"
+ABANDONED = 60.0
+"""[s] after which a file that was never given its final name is removed."""
+
+_SOCKET, _BEAT, _HELD = ".sock", ".beat", ".held"
+_TAG = re.compile(r"(\d{1,10})-[0-9a-f]{8}")
+_MOMENT = struct.Struct("d")
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+"""How a file is opened that somebody may have replaced by a link or a pipe."""
 
 
 def runtime_directory() -> Path:
     """Return where this user's realms lie: private, and gone after a restart of the machine."""
     private = os.environ.get("XDG_RUNTIME_DIR")
-    return Path(private) / "robotree" if private else _fallback()
-
-
-def _fallback() -> Path:
-    return Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
+    return Path(private) / "robotree" if private else Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
 
 
 def realm_name(realm: str | None) -> str:
@@ -60,183 +66,229 @@ def realm_name(realm: str | None) -> str:
 
 
 def met(realm: str) -> bool:
-    """Whether a realm's meeting place is there: somebody has made it, now or once. Looking makes nothing."""
+    """Whether a realm's folder is there: somebody has made it, now or once. Looking makes nothing."""
     return (runtime_directory() / realm).is_dir()
 
 
+def process_of(tag: str) -> int:
+    """Return the id of the process that has a tag."""
+    return int(tag.partition("-")[0])
+
+
+class Beat:
+    """The moment of a process's last sign of life, in a file that the others read."""
+
+    def __init__(self, path: Path, *, make: bool = False) -> None:
+        """Open the file; `make` it first, if it is the own one.
+
+        Raises:
+            OSError: it cannot be opened, or made.
+        """
+        access = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
+        self._handle = os.open(path, access | _PLAIN, 0o600)
+
+    def write(self, now: float) -> None:
+        """Give a sign of life [s, CLOCK_MONOTONIC]."""
+        os.pwrite(self._handle, _MOMENT.pack(now), 0)
+
+    def read(self) -> float:
+        """Return the moment of the last one [s, CLOCK_MONOTONIC]; long ago if it cannot be read."""
+        try:
+            return float(_MOMENT.unpack(os.pread(self._handle, _MOMENT.size, 0))[0])
+        except (OSError, struct.error):
+            return 0.0
+
+    def close(self) -> None:
+        """Close it. Once."""
+        os.close(self._handle)
+
+
 class Rendezvous:
-    """The meeting place of one realm, as one process sees it."""
+    """The meeting place of one realm, as one process sees it. Its methods may be called in any thread."""
 
     def __init__(self, realm: str, root: Path | None = None) -> None:
-        """Make the place, if it is not there.
+        """Make the folder, if it is not there.
 
         Args:
             realm: a name.
             root: where realms lie; None: `runtime_directory()`.
 
         Raises:
-            RealmUnusable: the directory cannot be made, or somebody else may write into it.
+            RealmUnusable: the folder cannot be made, or somebody else may write into it.
         """
         self.realm = realm
-        root = root or runtime_directory()
-        self.directory = root / realm
-        for directory in (root, self.directory):
-            self._make_private(directory)
-        self._tag = f"{os.getpid()}-{secrets.token_hex(4)}"
-        self._lock: int | None = None
-        self._held: list[str] = []
-        self._holding = threading.Lock()
-        self.socket = self._short(self.directory / self._tag)
+        self._root = root or runtime_directory()
+        self.directory = self._root / realm
+        self._make_folders()
+        self.tag = f"{os.getpid()}-{secrets.token_hex(4)}"
+        self._keys: list[str] = []
+        self._lock = threading.Lock()
+        self._there = False
+        self._beat: Beat | None = None
 
-    @property
-    def locator(self) -> str:
-        """The address under which this process listens."""
-        return f"unixsock-stream/{self.socket}"
+    # -- oneself
 
-    @contextlib.contextmanager
-    def door(self, limit: float = DOOR_LIMIT) -> Generator[list[str]]:
-        """Lock the door and see who is there; nobody else can come meanwhile.
-
-        Args:
-            limit: [s] to wait for whoever holds the door.
-
-        Yields:
-            The locators of all living processes that came before.
+    def register(self) -> socket.socket:
+        """Listen, and be seen. Called again it replaces what was there: see `registered`.
 
         Raises:
-            RealmUnusable: the door stays locked.
+            RealmUnusable: the folder or a file in it cannot be made.
         """
-        handle = os.open(self.directory / ".door", os.O_RDWR | os.O_CREAT, 0o600)
+        self._make_folders()
+        door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._lock_door(handle, limit)
-            yield self._living()
-        finally:
-            os.close(handle)
+            door.setblocking(False)
+            hidden = self.directory / f".{self.tag}"
+            with self._short(hidden) as path:
+                door.bind(path)
+            door.listen(BACKLOG)
+            with self._lock:
+                self._there = True
+                if self._beat is not None:
+                    self._beat.close()
+                self._beat = Beat(self._path(_BEAT), make=True)
+                self._beat.write(time.monotonic())
+                self._write_keys()
+                hidden.rename(self._path(_SOCKET))
+        except OSError as error:
+            door.close()
+            raise RealmUnusable(realm=self.realm, reason=f"{error}") from None
+        return door
 
-    def enter(self) -> None:
-        """Write the own entry. Only while the door is locked."""
-        path = self._entry(self._tag)
-        self._lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
-        os.write(self._lock, self.locator.encode())
+    def registered(self) -> bool:
+        """Whether others can still find this process: somebody may have removed or renamed the folder."""
+        return self._path(_SOCKET).exists()
 
-    def leave(self) -> None:
-        """Take the own entry back. Twice is once."""
-        with self._holding:
-            lock, self._lock = self._lock, None
-            if lock is not None:
-                self._forget(self._tag)
-                os.close(lock)
+    def beat(self, now: float) -> None:
+        """Give a sign of life [s, CLOCK_MONOTONIC]."""
+        with self._lock:
+            if self._beat is not None:
+                self._beat.write(now)
 
     def hold(self, key: str) -> None:
-        """Write down what this process is about to announce. From any thread."""
-        with self._holding:
-            self._held.append(key)
-            self._write_held()
+        """Write down that this process is present under a key."""
+        with self._lock:
+            self._keys.append(key)
+            self._write_keys()
 
-    def let_go(self, key: str) -> None:
-        """Strike out what this process has announced no longer. From any thread."""
-        with self._holding:
-            self._held.remove(key)
-            self._write_held()
+    def drop(self, key: str) -> None:
+        """Write down that it is so no longer."""
+        with self._lock, contextlib.suppress(ValueError):
+            self._keys.remove(key)
+            self._write_keys()
 
-    def held(self) -> dict[str, int]:
-        """Return what all living processes hold: process ids by key. Takes no door, waits for nobody."""
-        found: dict[str, int] = {}
-        for tag, _ in self._held_entries():
-            with contextlib.suppress(OSError):  # it has announced nothing, or left just now
-                keys = (self.directory / f"{tag}{_HELD}").read_text().splitlines()
-                found.update(dict.fromkeys(keys, int(tag.partition("-")[0])))
-        return found
+    def leave(self) -> None:
+        """Remove what belongs to this process. Twice is once."""
+        with self._lock:
+            there, self._there = self._there, False
+            if there:
+                self.forget(self.tag)
+            if self._beat is not None:
+                self._beat.close()
+                self._beat = None
 
-    def _write_held(self) -> None:
-        if self._lock is None:
-            return
-        path = self.directory / f"{self._tag}{_HELD}"
-        new = path.with_suffix(_NEW)
-        new.write_text("\n".join(self._held))
-        new.rename(path)  # at once: whoever reads meanwhile reads the old list or the new one
+    # -- the others
 
-    def _forget(self, tag: str) -> None:
-        for suffix in (_HELD, _NEW, _ENTRY):
-            (self.directory / f"{tag}{suffix}").unlink(missing_ok=True)
+    def others(self) -> list[str]:
+        """Return the tags of all other processes that can be seen, dead ones included."""
+        found: list[str] = []
+        with contextlib.suppress(OSError), os.scandir(self.directory) as entries:
+            for entry in entries:
+                tag = entry.name.removesuffix(_SOCKET).removeprefix(".")
+                if not _TAG.fullmatch(tag) or tag == self.tag:
+                    continue
+                if entry.name == f"{tag}{_SOCKET}":
+                    found.append(tag)
+                elif entry.name == f".{tag}":
+                    self._sweep(Path(entry.path))
+        return sorted(found)
 
-    def _entry(self, tag: str) -> Path:
-        return self.directory / f"{tag}{_ENTRY}"
+    def dial(self, tag: str) -> socket.socket:
+        """Connect to another process.
 
-    def _lock_door(self, handle: int, limit: float) -> None:
-        latest = time.monotonic() + limit
-        while True:
-            with contextlib.suppress(BlockingIOError):
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            if time.monotonic() > latest:
-                holder = os.pread(handle, 20, 0).decode(errors="replace").strip()
-                raise RealmUnusable(
-                    realm=self.realm,
-                    reason=f"process {holder} has held the door {self.directory} for {limit:g} s; end it",
-                )
-            time.sleep(0.01)
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, str(os.getpid()).encode(), 0)
-
-    def _living(self) -> list[str]:
-        """Read the entries that somebody holds; sweep out the others, with the sockets they left behind."""
-        return [locator for _, locator in self._held_entries(sweep=True) if locator]
-
-    def _held_entries(self, *, sweep: bool = False) -> Iterator[tuple[str, str]]:
-        """Return tag and locator of each entry that somebody holds.
-
-        Args:
-            sweep: remove the others. Only while the door is locked: whoever enters holds its entry not yet.
+        Raises:
+            ConnectionRefusedError: it is dead.
+            OSError: it cannot be connected to now.
         """
-        for path in sorted(self.directory.glob(f"*{_ENTRY}")):
-            try:
-                handle = os.open(path, os.O_RDWR)
-            except FileNotFoundError:
-                continue  # it left just now; leaving takes no door
-            try:
-                # shared: two who look at the entry of a dead process must not take each other for it
-                fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                yield path.name.removesuffix(_ENTRY), os.pread(handle, 4096, 0).decode()
-            else:
-                if sweep:
-                    self._sweep(path, os.pread(handle, 4096, 0).decode(errors="replace"))
-            finally:
-                os.close(handle)
-
-    def _sweep(self, entry: Path, locator: str) -> None:
-        tag = entry.name.removesuffix(_ENTRY)
-        _, _, socket = locator.partition("/")
-        if Path(socket).name == tag:
-            Path(socket).unlink(missing_ok=True)
-            Path(f"{socket}.lock").unlink(missing_ok=True)
-        self._forget(tag)
-
-    def _short(self, wanted: Path) -> Path:
-        """Return the path, or one elsewhere if the system does not take so long a path for a socket."""
-        if len(os.fsencode(wanted)) <= LONGEST_SOCKET:
-            return wanted
-        elsewhere = _fallback() / "sockets"
-        for directory in (elsewhere.parent, elsewhere):
-            self._make_private(directory)
-        path = elsewhere / self._tag
-        if len(os.fsencode(path)) > LONGEST_SOCKET:
-            reason = f"{path} is too long for a socket; set TMPDIR or XDG_RUNTIME_DIR to a shorter path"
-            raise RealmUnusable(realm=self.realm, reason=reason)
-        return path
-
-    def _make_private(self, directory: Path) -> None:
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-            found = directory.lstat()
-            if not stat.S_ISDIR(found.st_mode):
-                raise NotADirectoryError(f"{directory} is not a directory")
-            if found.st_uid != os.geteuid():
-                raise PermissionError(f"{directory} belongs to somebody else (user {found.st_uid})")
-            if found.st_mode & 0o077:
-                directory.chmod(0o700)
-        except OSError as error:
-            reason = f"{error}; set XDG_RUNTIME_DIR to a directory of your own"
-            raise RealmUnusable(realm=self.realm, reason=reason) from None
+            line.setblocking(False)
+            with self._short(self.directory / f"{tag}{_SOCKET}") as path:
+                line.connect(path)
+        except BaseException:
+            line.close()
+            raise
+        return line
+
+    def beat_of(self, tag: str) -> Beat | None:
+        """Return the sign of life of another process; None: it has none."""
+        try:
+            return Beat(self.directory / f"{tag}{_BEAT}")
+        except OSError:
+            return None
+
+    def keys_of(self, tag: str) -> list[str]:
+        """Return the keys under which another process is present, as it has written them down."""
+        try:
+            handle = os.open(self.directory / f"{tag}{_HELD}", os.O_RDONLY | _PLAIN)
+        except OSError:
+            return []
+        try:
+            written = os.read(handle, LONGEST_LIST) if stat.S_ISREG(os.fstat(handle).st_mode) else b""
+        finally:
+            os.close(handle)
+        return written.decode(errors="replace").splitlines()
+
+    def forget(self, tag: str) -> None:
+        """Remove the files of a process that is dead."""
+        for end in (_SOCKET, _BEAT, _HELD):
+            with contextlib.suppress(OSError):
+                (self.directory / f"{tag}{end}").unlink()
+
+    # -- inside
+
+    def _path(self, end: str) -> Path:
+        return self.directory / f"{self.tag}{end}"
+
+    def _write_keys(self) -> None:
+        """At once: who reads meanwhile reads the old list or the new one."""
+        if not self._there:
+            return
+        new = self.directory / f".{self.tag}.new"
+        with contextlib.suppress(OSError):  # the folder is gone; `register` writes them anew
+            new.write_text("\n".join(self._keys))
+            new.rename(self._path(_HELD))
+
+    def _sweep(self, hidden: Path) -> None:
+        """Remove what a process left that was killed before it could be seen."""
+        with contextlib.suppress(OSError):
+            if time.time() - hidden.lstat().st_mtime > ABANDONED:
+                hidden.unlink()
+
+    @contextlib.contextmanager
+    def _short(self, path: Path) -> Generator[str]:
+        """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7))."""
+        folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            yield f"/proc/self/fd/{folder}/{path.name}"
+        finally:
+            os.close(folder)
+
+    def _make_folders(self) -> None:
+        for folder in (self._root, self.directory):
+            try:
+                _make_private(folder)
+            except OSError as error:
+                reason = f"{error}; set XDG_RUNTIME_DIR to a directory of your own"
+                raise RealmUnusable(realm=self.realm, reason=reason) from None
+
+
+def _make_private(folder: Path) -> None:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        raise NotADirectoryError(f"{folder} is not a directory")
+    if found.st_uid != os.geteuid():
+        raise PermissionError(f"{folder} belongs to somebody else (user {found.st_uid})")
+    if found.st_mode & 0o077:
+        folder.chmod(0o700)

@@ -5,29 +5,49 @@ import contextlib
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
 import pytest
 
-from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.network.local import LocalTransport, join
+from robotree.vr.network.zenoh.transport import ZenohTransport, connect
 from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.transport import Transport
 from tests.vr.network.world import World
 
 
 @pytest.fixture
-async def join_zenoh(place: Path) -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]:
-    """Enter a realm of this test alone; whoever is still in it at the end is closed."""
-    members: list[ZenohTransport] = []
+async def join_realm(place: Path) -> AsyncIterator[Callable[[], Awaitable[LocalTransport]]]:
+    """Enter a realm of this test alone; members that are still in it at the end are closed."""
+    members: list[LocalTransport] = []
 
-    async def enter() -> ZenohTransport:
+    async def enter() -> LocalTransport:
         members.append(await join("test", root=place / "robotree"))
         return members[-1]
 
     yield enter
     for member in members:
         await member.close()
+
+
+@pytest.fixture
+async def join_zenoh() -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]:
+    """Connect members over Zenoh: each later one dials all earlier ones."""
+    members: list[ZenohTransport] = []
+    locators: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+
+        async def enter() -> ZenohTransport:
+            locator = f"unixsock-stream/{folder}/{len(locators)}"
+            members.append(await connect([locator], locators))
+            locators.append(locator)
+            return members[-1]
+
+        yield enter
+        for member in members:
+            await member.close()
 
 
 @pytest.fixture

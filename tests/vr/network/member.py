@@ -6,6 +6,7 @@ Run as `member.py WORD NAME`; says `ready` when it is up, and ends when its stan
 from __future__ import annotations
 
 import asyncio
+import itertools
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
@@ -14,7 +15,7 @@ from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.network.zenoh import ZenohTransport, join
+from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.transport import Respond
 
 
@@ -34,7 +35,7 @@ async def until_the_end() -> None:
     await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
 
 
-async def serve(transport: ZenohTransport, name: str) -> None:
+async def serve(transport: LocalTransport, name: str) -> None:
     """Serve and announce one robot."""
     await transport.serve(f"robot/{name}/1", echo)
     await transport.announce(f"robot/{name}/1")
@@ -43,7 +44,21 @@ async def serve(transport: ZenohTransport, name: str) -> None:
     await transport.close()
 
 
-async def leave_open(transport: ZenohTransport, name: str) -> None:
+async def count(transport: LocalTransport, name: str) -> None:
+    """Answer each request with how many there were."""
+    numbers = itertools.count(1)
+
+    async def answer(_: bytes, respond: Respond) -> None:
+        respond(b"%d" % next(numbers))
+
+    await transport.serve(f"robot/{name}/1", answer)
+    await transport.announce(f"robot/{name}/1")
+    say("ready")
+    await until_the_end()
+    await transport.close()
+
+
+async def leave_open(transport: LocalTransport, name: str) -> None:
     """End without closing anything, in the middle of traffic."""
     await transport.subscribe("**", lambda _key, _body: None)
     await transport.serve(f"robot/{name}/1", echo)
@@ -54,7 +69,7 @@ async def leave_open(transport: ZenohTransport, name: str) -> None:
         await asyncio.sleep(0.001)
 
 
-async def wait_for_interrupt(transport: ZenohTransport, name: str) -> None:
+async def wait_for_interrupt(transport: LocalTransport, name: str) -> None:
     """Be interrupted in the middle of traffic; close on the way out, as every agent does."""
     try:
         await transport.subscribe("**", lambda _key, _body: None)
@@ -75,7 +90,7 @@ class Rover(Robot):
         return x
 
 
-async def robot(transport: ZenohTransport, name: str) -> None:
+async def robot(transport: LocalTransport, name: str) -> None:
     """Be a robot with an agent."""
     registrar = Registrar(transport)
     agent = RobotAgent(Rover(name), transport, registrar=registrar)
@@ -96,8 +111,9 @@ async def while_tethered(work: Coroutine[None, None, None]) -> None:
     await asyncio.gather(task, return_exceptions=True)
 
 
-MEMBERS: dict[str, Callable[[ZenohTransport, str], Awaitable[None]]] = {
+MEMBERS: dict[str, Callable[[LocalTransport, str], Awaitable[None]]] = {
     "serve": serve,
+    "count": count,
     "leave-open": leave_open,
     "wait-for-interrupt": wait_for_interrupt,
     "robot": robot,

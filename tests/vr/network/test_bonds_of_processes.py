@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 
 from robotree.vr import Child, VirtualRobot
 from robotree.vr.address import Address
@@ -22,14 +21,14 @@ from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportErro
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lease import DEFAULT_TERM
-from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.network.local import LocalTransport
 from robotree.vr.requests import Call, Describe, Described, encode
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 from tests.vr.network.member import BRIEF
 
 Start = Callable[[str, str], Awaitable[Any]]
-Enter = Callable[[], Awaitable[ZenohTransport]]
+Enter = Callable[[], Awaitable[LocalTransport]]
 
 CARRIER = """
 from robotree.vr import Child, VirtualRobot
@@ -38,6 +37,8 @@ class Carrier(VirtualRobot):
     rover = Child("Rover")
     move = rover.exposed("move")
 """
+WAITING = 5000
+"""Calls of a flood that wait at any time."""
 NOISE = 0.5
 """[s] that a busy machine may need to notice what has happened."""
 TICK = 0.005
@@ -49,8 +50,8 @@ class Carrier(VirtualRobot):
 
 
 @pytest.fixture
-async def fleet(join_zenoh: Enter) -> AsyncIterator[Fleet]:
-    fleet = Fleet(await join_zenoh())
+async def fleet(join_realm: Enter) -> AsyncIterator[Fleet]:
+    fleet = Fleet(await join_realm())
     await fleet.start()
     yield fleet
     await fleet.close()
@@ -131,24 +132,19 @@ async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when
 
 
 @contextmanager
-def flood(transport: ZenohTransport, key: str) -> Iterator[None]:
-    """Send small calls on a link as fast as it takes them."""
-    enough = threading.Event()
+def flood(transport: LocalTransport, key: str) -> Iterator[None]:
+    """Keep thousands of small calls waiting for a robot."""
+    enough, room = threading.Event(), threading.Semaphore(WAITING)
     body = encode(Call(key="k", command="fly", arguments={"text": "x" * 1000}, deadline=5.0))
-    session = transport.session.zenoh
-    assert session is not None
+
+    def hear(reply: bytes | None) -> None:
+        if reply is None:
+            room.release()
 
     def send() -> None:
         while not enough.is_set():
-            session.get(
-                key,
-                zenoh.handlers.Callback(lambda _: None, indirect=False),
-                consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=60,
-                payload=body,
-                priority=zenoh.Priority.DATA,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-            )
+            if room.acquire(timeout=0.1):
+                transport.mesh.ask(key, body, latest=time.monotonic() + 60, urgent=False, hear=hear)
 
     thread = threading.Thread(target=send)
     thread.start()
@@ -159,10 +155,10 @@ def flood(transport: ZenohTransport, key: str) -> Iterator[None]:
         thread.join()
 
 
-async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_zenoh: Enter) -> None:
+async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_realm: Enter) -> None:
     """Thousands wait in the child's process too, and the lease is kept for two terms."""
     await begin(start, ("robot", "rover"))
-    transport = await join_zenoh()
+    transport = await join_realm()
     (key,) = await transport.present("robot/rover/*")
     child = Address.parse(key)
     assert child is not None
@@ -194,10 +190,10 @@ async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_zenoh
 
 
 async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
-    start: Start, join_zenoh: Enter
+    start: Start, join_realm: Enter
 ) -> None:
     (rover,) = await begin(start, ("robot", "rover"))
-    transport = await join_zenoh()
+    transport = await join_realm()
     (key,) = await transport.present("robot/rover/*")
     rover.signal(signal.SIGSTOP)
     body = encode(Call(key="k", command="fly", arguments={"text": "x" * 3_000_000}, deadline=5.0))

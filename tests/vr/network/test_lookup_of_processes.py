@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.network.local import LocalTransport
 from robotree.vr.rehearsal.promises import PATIENCE
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
@@ -45,8 +45,8 @@ class Onlooker:
 
 
 @pytest.fixture
-async def onlooker(join_zenoh: Callable[[], Awaitable[ZenohTransport]]) -> AsyncIterator[Onlooker]:
-    fleet = Fleet(await join_zenoh())
+async def onlooker(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIterator[Onlooker]:
+    fleet = Fleet(await join_realm())
     onlooker = Onlooker(fleet)
     await fleet.start()
     yield onlooker

@@ -35,8 +35,8 @@ def test_in_memory(check: Check) -> None:
 
 
 @pytest.mark.parametrize("check", LOOKUP_CHECKS, ids=lambda check: check.__name__)
-async def test_over_zenoh(check: Check, join_zenoh: Join) -> None:
-    await check(join_zenoh, open_service)
+async def test_over_zenoh(check: Check, join_realm: Join) -> None:
+    await check(join_realm, open_service)
 
 
 @in_virtual_time

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robotree.vr.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
-from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
@@ -22,12 +22,12 @@ Look = Callable[[], Awaitable[Fleet]]
 
 
 @pytest.fixture
-async def look(join_zenoh: Callable[[], Awaitable[ZenohTransport]]) -> AsyncIterator[Look]:
+async def look(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIterator[Look]:
     """Return a way to come into the realm and look around."""
     fleets: list[Fleet] = []
 
     async def come() -> Fleet:
-        fleets.append(Fleet(await join_zenoh()))
+        fleets.append(Fleet(await join_realm()))
         await fleets[-1].start()
         return fleets[-1]
 

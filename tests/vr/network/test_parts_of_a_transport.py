@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.network.inbox import Inbox
 from robotree.vr.network.pattern import matches
-from robotree.vr.network.presence import Presence
+from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.rehearsal.promises import replies_of

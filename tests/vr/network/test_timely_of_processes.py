@@ -12,7 +12,7 @@ import pytest
 from robotree.vr.address import Address
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.network.zenoh import ZenohTransport
+from robotree.vr.network.local import LocalTransport
 from robotree.vr.requests import Failed, decode_reply
 from tests.vr.recorder import Recorder
 
@@ -22,11 +22,11 @@ for ever (see `zenoh_session`), and that is not what is asked here."""
 
 
 async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
-    start: Callable[[str, str], Awaitable[Any]], join_zenoh: Callable[[], Awaitable[ZenohTransport]]
+    start: Callable[[str, str], Awaitable[Any]], join_realm: Callable[[], Awaitable[LocalTransport]]
 ) -> None:
     rover = await start("robot", "rover")
     await rover.ready()
-    transport = await join_zenoh()
+    transport = await join_realm()
     (key,) = await transport.present("robot/rover/*")
     address = Address.parse(key)
     assert address is not None

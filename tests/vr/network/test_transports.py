@@ -1,4 +1,4 @@
-"""Both transports pass one examination."""
+"""All transports pass one examination."""
 
 from __future__ import annotations
 
@@ -16,6 +16,11 @@ Check = Callable[[Join], Awaitable[None]]
 @pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)
 async def test_memory(check: Check, join_memory: Join) -> None:
     await check(join_memory)
+
+
+@pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)
+async def test_local(check: Check, join_realm: Join) -> None:
+    await check(join_realm)
 
 
 @pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)

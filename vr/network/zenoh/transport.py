@@ -1,4 +1,7 @@
-"""The transport over Eclipse Zenoh: peers on one machine that all know each other.
+"""The transport over Eclipse Zenoh, for what leaves the machine.
+
+Nothing local imports it: processes of one machine meet over `local.py`. A gateway on each machine will be its
+user; until then it is held to the same examination as the others.
 
 Why each choice below was made, and what was seen without it (Zenoh 1.10.2), is said beside it.
 """
@@ -8,23 +11,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 import zenoh
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.making import made
-from robotree.vr.network.pattern import matches
-from robotree.vr.network.presence import Presence
-from robotree.vr.network.rendezvous import Rendezvous, realm_name
+from robotree.vr.network.zenoh.making import made
+from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
-from robotree.vr.network.zenoh_session import LEASE, Session
+from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
     PresenceHandler,
     Registration,
@@ -50,31 +50,27 @@ _log = logging.getLogger(__name__)
 _R = TypeVar("_R")
 
 
-async def join(realm: str | None = None, *, root: Path | None = None) -> ZenohTransport:
-    """Enter a realm.
+async def connect(listen: Sequence[str], dial: Sequence[str]) -> ZenohTransport:
+    """Open a transport.
 
     Args:
-        realm: its name; None: `$ROBOTREE_REALM`, else `default`.
-        root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
-
-    Returns:
-        A transport that already knows all who are there.
+        listen: locators at which others may dial, like `tcp/127.0.0.1:7447`.
+        dial: locators of others; of two processes only one may dial the other.
 
     Raises:
-        BadName: the realm's name cannot be one.
-        RealmUnusable: the meeting place of the realm cannot be used.
+        NetworkUnusable: Zenoh cannot listen there.
     """
-    transport = ZenohTransport(Rendezvous(realm_name(realm), root))
+    transport = ZenohTransport(Session(listen, dial))
     await transport.enter()
     return transport
 
 
 class ZenohTransport:
-    """One process's way to all others of its realm."""
+    """One process's way to all others that it is connected with."""
 
-    def __init__(self, place: Rendezvous) -> None:
-        """Made by `join`."""
-        self.session = Session(place)
+    def __init__(self, session: Session) -> None:
+        """Made by `connect`."""
+        self.session = session
         self._loop = asyncio.get_running_loop()
         # threads of our own: a virtual robot that blocks the loop's default ones must not block renewals
         self._pool = ThreadPoolExecutor(4, thread_name_prefix="zenoh")
@@ -87,10 +83,10 @@ class ZenohTransport:
         """What is declared now. A token that nobody refers to any more is taken back by Zenoh."""
 
     async def enter(self) -> None:
-        """Called once, by `join`. Who is cancelled meanwhile has not entered.
+        """Called once, by `connect`. If it is cancelled, nothing stays open.
 
         Raises:
-            RealmUnusable: the meeting place of the realm cannot be used.
+            NetworkUnusable: Zenoh cannot listen there.
         """
         try:
             await made(self._pool, self.session.open, lambda _: self.session.close())
@@ -102,11 +98,6 @@ class ZenohTransport:
     def closed(self) -> bool:
         """Whether it is closed or about to be."""
         return self._closing is not None
-
-    @property
-    def realm(self) -> str:
-        """The realm's name."""
-        return self.session.realm
 
     async def serve(self, key: str, handler: RequestHandler) -> Registration:
         """See `Transport.serve`."""
@@ -191,8 +182,10 @@ class ZenohTransport:
 
     async def announce(self, key: str) -> Registration:
         """See `Transport.announce`."""
-        self._open(key)
-        return await self._declare(partial(self.session.announce, key), partial(self.session.take_back, key))
+        session = self._open(key)
+        return await self._declare(
+            lambda: session.liveliness().declare_token(key), zenoh.LivelinessToken.undeclare
+        )
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""
@@ -243,15 +236,9 @@ class ZenohTransport:
         return sorted(keys)
 
     async def silent(self, pattern: str) -> list[Silent]:
-        """See `Transport.silent`: the rendezvous knows who lives, whether or not it speaks."""
+        """See `Transport.silent`: Zenoh knows of nobody whom it does not hear."""
         self._open(pattern)
-        held = await self.in_thread(self.session.held)
-        seen = set(await self.present(pattern))
-        return [
-            Silent(key, f"process {pid}", f"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it")
-            for key, pid in sorted(held.items())
-            if matches(pattern, key) and key not in seen
-        ]
+        return []
 
     async def close(self) -> None:
         """See `Transport.close`."""

@@ -1,0 +1,178 @@
+"""One connection between two processes of a machine. Sending never blocks, in any thread."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from robotree.vr.network.frames import Channel, Frame, Unpacker
+
+PIECE = 1 << 16
+"""[bytes] read in one go."""
+
+MOST_WAITING = 64 << 20
+"""[bytes] of requests and replies that may wait for one receiver; it is given up when there are more."""
+
+MOST_SAMPLES = 1 << 20
+"""[bytes] of samples that may wait for one receiver; of more, the newest of each key are kept."""
+
+_CREDENTIALS = struct.Struct("3i")
+_FLAGS = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+
+
+class Overflow(Exception):
+    """The receiver does not read, and no more can wait for it."""
+
+
+class Link:
+    """One end of a connection.
+
+    Frames and samples wait in two queues, frames first. A frame that has begun to leave is finished first.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        *,
+        channel: Channel | None = None,
+        member: str = "",
+        wants_to_write: Callable[[Link], None],
+    ) -> None:
+        """Take a connected socket.
+
+        Args:
+            sock: it is the link's from now on.
+            channel: what it is for; None: the far end dialed, and has yet to say so.
+            member: who is at the far end; empty: as above.
+            wants_to_write: called in any thread when something waits; `flush` sends it on.
+        """
+        sock.setblocking(False)
+        self.socket, self.channel, self.member = sock, channel, member
+        self.dialed = bool(member)
+        """Whether this side dialed."""
+        self.closed = False
+        self._wants_to_write = wants_to_write
+        self._unpacker = Unpacker()
+        self._lock = threading.Lock()
+        self._frames: deque[bytes | memoryview] = deque()
+        self._frames_size = 0
+        self._samples: deque[tuple[str, bytes]] = deque()
+        self._samples_size = 0
+
+    @property
+    def user(self) -> int:
+        """User id of the process at the far end, as the kernel says (SO_PEERCRED, unix(7))."""
+        size = _CREDENTIALS.size
+        packed = self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+        _, user, _ = _CREDENTIALS.unpack(packed)
+        return int(user)
+
+    def send(self, packed: bytes) -> None:
+        """Send a frame, now or when there is room; on a closed link it is lost.
+
+        Raises:
+            Overflow: too much waits already.
+        """
+        with self._lock:
+            if self.closed:
+                return
+            rest = packed if self._frames else self._push(packed)
+            if not rest:
+                return
+            if self._frames_size > MOST_WAITING:
+                raise Overflow(self.member)
+            self._frames.append(rest)
+            self._frames_size += len(rest)
+        self._wants_to_write(self)
+
+    def publish(self, key: str, packed: bytes) -> None:
+        """Send a sample, now or when there is room. A receiver that is too slow misses older ones."""
+        with self._lock:
+            if self.closed:
+                return
+            if not self._frames and not self._samples:
+                rest = self._push(packed)
+                if not rest:
+                    return
+                if len(rest) < len(packed):
+                    self._frames.append(rest)
+                    self._frames_size += len(rest)
+                    packed = b""
+            if packed:
+                self._samples.append((key, packed))
+                self._samples_size += len(packed)
+                if self._samples_size > MOST_SAMPLES:
+                    self._keep_newest()
+        self._wants_to_write(self)
+
+    def flush(self) -> bool:
+        """Send what waits, as far as there is room; returns whether something waits still."""
+        with self._lock:
+            while not self.closed:
+                if not self._frames:
+                    if not self._samples:
+                        return False
+                    _, packed = self._samples.popleft()
+                    self._samples_size -= len(packed)
+                    self._frames.append(packed)
+                    self._frames_size += len(packed)
+                packed = self._frames.popleft()
+                self._frames_size -= len(packed)
+                if rest := self._push(packed):
+                    self._frames.appendleft(rest)
+                    self._frames_size += len(rest)
+                    return True
+            return False
+
+    def receive(self) -> Iterator[Frame]:
+        """Read once what has come; read the iterator to its end.
+
+        Yields:
+            The frames that are complete now.
+
+        Raises:
+            EOFError: the far end has closed, or its process has died.
+            NotAFrame: it speaks nonsense.
+            BlockingIOError: nothing has come.
+        """
+        try:
+            data = self.socket.recv(PIECE)
+        except BlockingIOError:
+            raise
+        except OSError:
+            data = b""
+        if not data:
+            raise EOFError
+        yield from self._unpacker.feed(data)
+
+    def close(self) -> None:
+        """End the connection; what has left arrives, what waits does not. Twice is once."""
+        with self._lock:
+            if not self.closed:
+                self.closed = True
+                self._frames.clear()
+                self._samples.clear()
+                self.socket.close()
+
+    def _push(self, packed: bytes | memoryview) -> bytes | memoryview:
+        """Send what there is room for; return the rest."""
+        try:
+            sent = self.socket.send(packed, _FLAGS)
+        except BlockingIOError:
+            return packed
+        except OSError:  # the far end is gone; whoever reads sees it too
+            return b""
+        return b"" if sent == len(packed) else memoryview(packed)[sent:]
+
+    def _keep_newest(self) -> None:
+        """Keep the newest sample of each key; if these are too many, the half that is newer."""
+        newest = dict(self._samples)
+        for key, _ in list(self._samples):
+            newest[key] = newest.pop(key)  # to the place of its newest sample
+        self._samples = deque(newest.items())
+        self._samples_size = sum(len(packed) for packed in newest.values())
+        while self._samples_size > MOST_SAMPLES // 2 and len(self._samples) > 1:
+            self._samples_size -= len(self._samples.popleft()[1])

@@ -1,0 +1,224 @@
+"""The transport between the processes of one machine: `Mesh`, brought to an event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import logging
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine
+from functools import partial
+from pathlib import Path
+
+from robotree.vr.errors import TransportClosed
+from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.rendezvous import Rendezvous, realm_name
+from robotree.vr.network.replies import Replies
+from robotree.vr.network.turns import Turns
+from robotree.vr.transport import (
+    PresenceHandler,
+    Registration,
+    RequestHandler,
+    Respond,
+    SampleHandler,
+    Silent,
+)
+
+WAITING_SAMPLES = 4096
+"""Samples that may wait for one subscriber before the oldest are lost."""
+
+_log = logging.getLogger(__name__)
+
+
+async def join(realm: str | None = None, *, root: Path | None = None) -> LocalTransport:
+    """Enter a realm.
+
+    Args:
+        realm: its name; None: `$ROBOTREE_REALM`, else `default`.
+        root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
+
+    Returns:
+        A transport that already knows all who are there and answer.
+
+    Raises:
+        BadName: the realm's name cannot be one.
+        RealmUnusable: the realm's folder cannot be used.
+    """
+    mesh = Mesh(Rendezvous(realm_name(realm), root))
+    loop = asyncio.get_running_loop()
+    try:
+        await loop.run_in_executor(None, mesh.open)
+    except BaseException:
+        mesh.close()
+        raise
+    return LocalTransport(mesh)
+
+
+class LocalTransport:
+    """One process's way to all others of its realm."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Made by `join`."""
+        self.mesh = mesh
+        self._loop = asyncio.get_running_loop()
+        self._turns = Turns()
+        self._served: dict[str, RequestHandler] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._asking: set[Replies] = set()
+        self._closing: asyncio.Future[None] | None = None
+        atexit.register(mesh.close)  # else the others remove its files when they next look
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is closed or about to be."""
+        return self._closing is not None
+
+    @property
+    def realm(self) -> str:
+        """The realm's name."""
+        return self.mesh.place.realm
+
+    async def serve(self, key: str, handler: RequestHandler) -> Registration:
+        """See `Transport.serve`."""
+        self._check(key)
+
+        def answer(body: bytes, urgent: bool, respond: Respond, end: Callable[[], None]) -> None:  # noqa: FBT001 # an Answer
+            if not self._turns.put(partial(self._answer, key, body, respond, end), urgent=urgent):
+                end()  # the loop is closed
+
+        self.mesh.serve(key, answer)
+        self._served[key] = handler
+
+        def undo() -> None:
+            self._served.pop(key, None)
+            self.mesh.end_serving(key)
+
+        return _Registration(self, undo)
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        """See `Transport.request`."""
+        self._check(key)
+        replies = Replies(key, timeout)
+        self._asking.add(replies)
+        if key in self._served:
+            done = partial(self._done, replies)
+            self._spawn(self._handle(self._served[key], bytes(body), replies.feed, done, key))
+            return replies
+
+        def hear(reply: bytes | None) -> None:
+            action = partial(self._done, replies) if reply is None else partial(replies.feed, reply)
+            self._turns.put(action, urgent=urgent)
+
+        latest = time.monotonic() + timeout
+        self.mesh.ask(key, bytes(body), latest=latest, urgent=urgent, hear=hear)
+        return replies
+
+    def publish(self, key: str, body: bytes) -> None:
+        """See `Transport.publish`."""
+        self._check(key)
+        self.mesh.publish(key, bytes(body))
+
+    async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
+        """See `Transport.subscribe`."""
+        self._check(pattern)
+        inbox = Inbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
+        number = self.mesh.subscribe(pattern, lambda key, body: inbox.put((key, body)))
+        return _Registration(self, lambda: self.mesh.unsubscribe(number), inbox.close)
+
+    async def announce(self, key: str) -> Registration:
+        """See `Transport.announce`."""
+        self._check(key)
+        self.mesh.announce(key)
+        return _Registration(self, lambda: self.mesh.withdraw(key))
+
+    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
+        """See `Transport.watch`."""
+        self._check(pattern)
+        first: list[str] = []
+        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: handler(*item))
+        watching = False
+
+        def see(key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+            if watching:
+                inbox.put((key, there))
+            else:
+                first.append(key)
+
+        number = self.mesh.watch(pattern, see)
+        watching = True
+        for key in first:
+            handler(key, True)
+        return _Registration(self, lambda: self.mesh.unwatch(number), inbox.close)
+
+    async def present(self, pattern: str) -> list[str]:
+        """See `Transport.present`."""
+        self._check(pattern)
+        return self.mesh.present(pattern)
+
+    async def silent(self, pattern: str) -> list[Silent]:
+        """See `Transport.silent`."""
+        self._check(pattern)
+        return self.mesh.silent(pattern)
+
+    async def close(self) -> None:
+        """See `Transport.close`."""
+        if self._closing is None:
+            self._closing = asyncio.ensure_future(self._close())
+        await asyncio.shield(self._closing)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _close(self) -> None:
+        atexit.unregister(self.mesh.close)
+        for replies in list(self._asking):
+            replies.shut()
+        tasks = self._tasks - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.wrap_future(self.mesh.close())
+
+    def _check(self, key: str) -> None:
+        if self._closing is not None:
+            raise TransportClosed(key=key)
+
+    def _done(self, replies: Replies) -> None:
+        replies.end()
+        self._asking.discard(replies)
+
+    def _spawn(self, work: Coroutine[None, None, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _answer(self, key: str, body: bytes, respond: Respond, end: Callable[[], None]) -> None:
+        handler = self._served.get(key)
+        if handler is None or self._closing is not None:
+            end()
+        else:
+            self._spawn(self._handle(handler, body, respond, end, key))
+
+    async def _handle(
+        self, handler: RequestHandler, body: bytes, respond: Respond, end: Callable[[], None], key: str
+    ) -> None:
+        try:
+            await handler(body, lambda reply: respond(bytes(reply)))
+        except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
+            _log.exception("the handler of %s raised", key)
+        finally:
+            end()
+
+
+class _Registration:
+    """Something declared: `close` takes it back, once."""
+
+    def __init__(self, transport: LocalTransport, *undo: Callable[[], object]) -> None:
+        self._transport = transport
+        self._undo = undo
+
+    async def close(self) -> None:
+        undo, self._undo = self._undo, ()
+        for action in undo:
+            if not self._transport.closed:
+                action()

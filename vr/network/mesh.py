@@ -1,0 +1,707 @@
+"""One process among all others of its realm on one machine: who is there, what they serve, what they say.
+
+Every process has two Unix stream sockets to every other one, urgent and bulk, and one thread that reads them
+all. There is no server. The kernel tells whose user the far end is (SO_PEERCRED), and closes its connections
+the moment its process dies. A process that is stopped or hangs keeps its connections, but its beat in the
+realm's folder stops: after `HANGS` seconds it is *silent*, and present again as soon as it goes on.
+
+Every `TICK` seconds the thread compares with the folder: it registers again if its own name is missing, and
+dials those whom it does not know. So whatever broke is whole again after one tick, a removed folder too.
+
+Callbacks are called in the thread that reads, or in the one that made the change, one at a time, and must
+only hand on what they are given. `local.py` hands it to an event loop.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import selectors
+import socket
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, Final
+
+from robotree.vr.errors import RealmUnusable
+from robotree.vr.network.frames import (
+    VERSION,
+    Ask,
+    Awake,
+    Channel,
+    End,
+    Frame,
+    Hello,
+    News,
+    NotAFrame,
+    Reply,
+    Sample,
+    Topic,
+    pack,
+)
+from robotree.vr.network.link import Link, Overflow
+from robotree.vr.network.pattern import matches
+from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
+from robotree.vr.transport import Silent
+
+TICK: Final = 0.5
+"""[s] between two beats, and between two looks into the folder."""
+
+HANGS: Final = 2.0
+"""[s] without a beat after which a process counts as silent; 1 s is too little on a busy machine."""
+
+GREETING: Final = 0.3
+"""[s] that a newcomer waits at most for the others to say who they are."""
+
+FAREWELL: Final = 0.5
+"""[s] for which a process that leaves tries to send what waits."""
+
+REMEMBERED: Final = 4096
+"""Keys for which it is remembered who wants their samples."""
+
+WAKE: Final = "`kill -CONT {}` wakes it, `kill -9 {}` ends it"
+REPLACE: Final = "process {} runs another version of robotree; start it again with this one"
+"""What a person can do about a process that is not heard."""
+
+Respond = Callable[[bytes], None]
+Answer = Callable[[bytes, bool, Respond, Callable[[], None]], None]
+"""Takes a request: its body, whether it is urgent, how to reply (any number of times), how to end."""
+Hear = Callable[[bytes | None], None]
+"""Takes one reply to a request; None: there are no more."""
+OnSample = Callable[[str, bytes], None]
+OnPresence = Callable[[str, bool], None]
+
+_log = logging.getLogger(__name__)
+
+
+class _Peer:
+    """Another process."""
+
+    def __init__(self, tag: str, now: float) -> None:
+        self.tag = tag
+        self.links: dict[Channel, Link] = {}
+        self.greeted: set[Channel] = set()
+        """On which channels it has said who it is."""
+        self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
+        self.beat: Beat | None = None
+        self.heard = now
+        """[s] The last sign of life."""
+        self.awake = False
+        """Whether it has said who it is and does not hang: only then it is present."""
+        self.exchanges: dict[int, Hear] = {}
+        """Requests that it has yet to answer."""
+
+    @property
+    def met(self) -> bool:
+        """Whether both sides know who the other is, on both channels."""
+        return len(self.greeted) == len(Channel)
+
+
+class Mesh:
+    """See the module. `open` it, then use it from any thread, then `close` it."""
+
+    def __init__(self, place: Rendezvous) -> None:
+        """Prepare to enter at this place."""
+        self.place = place
+        self.closed = False
+        self._lock = threading.RLock()
+        self._peers: dict[str, _Peer] = {}
+        self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
+        """What this process lets the others know."""
+        self._servers: dict[str, Answer] = {}
+        self._subscribers: dict[int, tuple[str, OnSample]] = {}
+        self._watchers: dict[int, tuple[str, OnPresence]] = {}
+        self._holders: Counter[str] = Counter()
+        """How many processes that are awake are present under a key, this one included."""
+        self._where: dict[str, _Peer] = {}
+        """Who serves a key, of the others."""
+        self._listeners: dict[str, list[_Peer]] = {}
+        """Who wants the samples of a key, of the others, as far as somebody asked."""
+        self._strangers: set[str] = set()
+        """Processes in the folder whose frames are not understood."""
+        self._numbers = itertools.count(1)
+        self._selector = selectors.DefaultSelector()
+        self._door: socket.socket | None = None
+        self._nudge, self._nudged = socket.socketpair()
+        self._to_flush: deque[Link] = deque()
+        self._complete = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="mesh", daemon=True)
+        self._takers: dict[type[Frame], Callable[[Link, Any], None]] = {
+            Hello: self._greeted,
+            News: self._told,
+            Ask: self._asked,
+            Reply: self._replied,
+            End: self._answered,
+            Sample: self._published,
+            Awake: self._woke,
+        }
+        self._ended_all: Future[None] = Future()
+        self._ticked = 0.0
+
+    # -- coming and leaving
+
+    def open(self) -> None:
+        """Enter; returns when all others have said who they are, or after `GREETING`.
+
+        Raises:
+            RealmUnusable: the realm's folder cannot be used.
+        """
+        for end in (self._nudge, self._nudged):
+            end.setblocking(False)
+        self._selector.register(self._nudged, selectors.EVENT_READ)
+        self._ticked = time.monotonic()
+        self._register()
+        self._dial_all()
+        self._thread.start()
+        self._check_complete()
+        self._complete.wait(GREETING)
+
+    def close(self) -> Future[None]:
+        """Leave: others see it at once. Twice is once.
+
+        Returns:
+            Done when all is closed.
+        """
+        with self._lock:
+            first, self.closed = not self.closed, True
+        if first:
+            self.place.leave()
+            if self._thread.ident is None:  # it was never opened
+                self._release()
+            self._wake()
+        return self._ended_all
+
+    # -- what others can ask and see
+
+    def serve(self, key: str, answer: Answer) -> None:
+        """Answer the requests to a key.
+
+        Raises:
+            ValueError: this process serves it already.
+        """
+        with self._lock:
+            if key in self._servers:
+                raise ValueError(f"{key} is served already")
+            self._servers[key] = answer
+            self._let_know(Topic.SERVES, key, there=True)
+
+    def end_serving(self, key: str) -> None:
+        """Answer no more requests to a key."""
+        with self._lock:
+            if self._servers.pop(key, None) is not None:
+                self._let_know(Topic.SERVES, key, there=False)
+
+    def announce(self, key: str) -> None:
+        """Be present under a key; as often as `withdraw` is called later."""
+        self.place.hold(key)  # first: a process that cannot be seen must be known of
+        with self._lock:
+            self._let_know(Topic.HOLDS, key, there=True)
+
+    def withdraw(self, key: str) -> None:
+        """Be present under a key no longer."""
+        with self._lock:
+            self._let_know(Topic.HOLDS, key, there=False)
+        self.place.drop(key)
+
+    def subscribe(self, pattern: str, on_sample: OnSample) -> int:
+        """Hear the samples under a pattern; returns a number for `unsubscribe`."""
+        with self._lock:
+            number = next(self._numbers)
+            self._subscribers[number] = (pattern, on_sample)
+            self._let_know(Topic.HEARS, pattern, there=True)
+            return number
+
+    def unsubscribe(self, number: int) -> None:
+        """Hear them no longer."""
+        with self._lock:
+            if (subscriber := self._subscribers.pop(number, None)) is not None:
+                self._let_know(Topic.HEARS, subscriber[0], there=False)
+
+    # -- what one can ask and see
+
+    def present(self, pattern: str) -> list[str]:
+        """Return the keys under which anybody is present now."""
+        with self._lock:
+            return sorted(key for key in self._holders if matches(pattern, key))
+
+    def watch(self, pattern: str, on_presence: OnPresence) -> int:
+        """See keys come and go, those that are there first; returns a number for `unwatch`."""
+        with self._lock:
+            number = next(self._numbers)
+            for key in self.present(pattern):
+                on_presence(key, True)
+            self._watchers[number] = (pattern, on_presence)
+            return number
+
+    def unwatch(self, number: int) -> None:
+        """See them no longer."""
+        with self._lock:
+            self._watchers.pop(number, None)
+
+    def silent(self, pattern: str) -> list[Silent]:
+        """Return what is held present by processes that live and are not heard."""
+        with self._lock:
+            silent = [peer for peer in self._peers.values() if not peer.awake]
+            known = {peer.tag: peer.known[Topic.HOLDS].copy() for peer in silent if peer.met}
+            strangers = list(self._strangers)
+        found: list[Silent] = []
+        for tag in [peer.tag for peer in silent] + strangers:
+            process = process_of(tag)
+            advice = REPLACE.format(process) if tag in strangers else WAKE.format(process, process)
+            keys = known.get(tag) or set(self.place.keys_of(tag))
+            found += [
+                Silent(key, f"process {process}", advice) for key in sorted(keys) if matches(pattern, key)
+            ]
+        return found
+
+    def ask(self, key: str, body: bytes, *, latest: float, urgent: bool, hear: Hear) -> Callable[[], None]:
+        """Ask whoever serves a key.
+
+        Args:
+            key: as served.
+            body: the request.
+            latest: [s, CLOCK_MONOTONIC] until when anybody waits: a process that hung meanwhile and wakes
+                later does not begin with it.
+            urgent: ahead of everything else.
+            hear: takes the replies, and None at the end: at once if nobody serves the key, and when the
+                process that does dies or falls silent.
+
+        Returns:
+            How to hear no more.
+        """
+        number = next(self._numbers)
+        packed = pack(Ask(number, key, latest, body))
+        with self._lock:
+            peer = None if self.closed else self._where.get(key)
+            if peer is not None:
+                peer.exchanges[number] = hear
+        if peer is None:
+            hear(None)
+            return lambda: None
+        try:
+            peer.links[Channel.URGENT if urgent else Channel.BULK].send(packed)
+        except Overflow:
+            self._end_exchange(peer, number)
+        return lambda: peer.exchanges.pop(number, None) and None
+
+    def publish(self, key: str, body: bytes) -> None:
+        """Tell all who want the samples of a key; one that is too slow misses older ones."""
+        with self._lock:
+            peers = self._listeners.get(key)
+            if peers is None:
+                if len(self._listeners) >= REMEMBERED:
+                    self._listeners.clear()
+                peers = self._listeners[key] = [
+                    peer
+                    for peer in self._peers.values()
+                    if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.HEARS])
+                ]
+            own = [hear for pattern, hear in self._subscribers.values() if matches(pattern, key)]
+        if peers:
+            packed = pack(Sample(key, body))
+            for peer in peers:
+                peer.links[Channel.BULK].publish(key, packed)
+        for hear in own:
+            hear(key, body)
+
+    # -- meeting
+
+    def _register(self) -> None:
+        door = self.place.register()
+        if self._door is not None:
+            self._selector.unregister(self._door)
+            self._door.close()
+        self._door = door
+        self._selector.register(door, selectors.EVENT_READ)
+
+    def _dial_all(self) -> None:
+        """Dial those in the folder whom this process does not know."""
+        now = time.monotonic()
+        others = self.place.others()
+        self._strangers.intersection_update(others)
+        for tag in others:
+            if tag in self._peers or tag in self._strangers:
+                continue
+            lines: list[socket.socket] = []
+            try:
+                lines.extend(self.place.dial(tag) for _ in Channel)
+            except OSError as error:
+                for line in lines:
+                    line.close()
+                if isinstance(error, ConnectionRefusedError):
+                    self.place.forget(tag)  # it listened before it could be seen, so it is dead
+                continue
+            with self._lock:
+                peer = self._peers[tag] = _Peer(tag, now)
+                for channel, line in zip(Channel, lines, strict=True):
+                    self._add_link(peer, Link(line, channel=channel, member=tag, wants_to_write=self._later))
+
+    def _accept(self) -> None:
+        while self._door is not None:
+            try:
+                line, _ = self._door.accept()
+            except OSError:
+                return
+            link = Link(line, wants_to_write=self._later)
+            if link.user == os.geteuid():
+                self._selector.register(line, selectors.EVENT_READ, link)
+            else:
+                _log.warning("a process of user %d tried to enter the realm; it was refused", link.user)
+                link.close()
+
+    def _add_link(self, peer: _Peer, link: Link) -> None:
+        """Begin to talk: say who this is, and all that the others are to know. Under the lock."""
+        if link.channel is None:
+            return
+        if link.user != os.geteuid():  # somebody else's socket in our folder
+            link.close()
+            return
+        peer.links[link.channel] = link
+        if link.dialed:
+            self._selector.register(link.socket, selectors.EVENT_READ, link)
+        urgent = link.channel is Channel.URGENT
+        known = {topic: list(keys.elements()) for topic, keys in self._known.items()} if urgent else {}
+        link.send(pack(Hello(VERSION, self.place.tag, link.channel, known)))
+
+    def _greeted(self, link: Link, hello: Hello) -> None:
+        """A process says who it is."""
+        with self._lock:
+            self._take_hello(link, hello)
+
+    def _take_hello(self, link: Link, hello: Hello) -> None:
+        if hello.version != VERSION:
+            link.member = hello.member
+            raise NotAFrame(f"version {hello.version} of the frames; this process has {VERSION}")
+        if not link.dialed:
+            peer = self._settle_who_dialed(hello)
+            if peer is None:
+                self._close_link(link)
+                return
+            link.member, link.channel = hello.member, hello.channel
+            self._add_link(peer, link)
+        peer = self._peers.get(link.member)
+        if peer is None or peer.links.get(hello.channel) is not link:
+            return
+        peer.greeted.add(hello.channel)
+        if hello.channel is Channel.URGENT:
+            for topic in Topic:
+                said = set(hello.known.get(topic, ()))
+                for key in peer.known[topic] - said:
+                    self._learn(peer, News(topic, key, there=False))
+                for key in said:
+                    self._learn(peer, News(topic, key, there=True))
+        if peer.met:
+            self._show(peer)
+        self._check_complete()
+
+    def _settle_who_dialed(self, hello: Hello) -> _Peer | None:
+        """Of two that have dialed each other the one with the smaller tag keeps its own connections."""
+        peer = self._peers.get(hello.member)
+        mine = peer.links.get(hello.channel) if peer is not None else None
+        if peer is not None and mine is not None:
+            if mine.dialed and self.place.tag < hello.member:
+                return None
+            if not mine.dialed:  # it has lost this connection, and comes again
+                self._lose(peer)
+                peer = None
+            else:
+                self._close_link(mine)
+                peer.greeted.discard(hello.channel)
+        if peer is None:
+            peer = self._peers[hello.member] = _Peer(hello.member, time.monotonic())
+        return peer
+
+    def _check_complete(self) -> None:
+        with self._lock:
+            if all(peer.met for peer in self._peers.values()):
+                self._complete.set()
+
+    # -- who is there
+
+    def _show(self, peer: _Peer) -> None:
+        """A process is there and awake. Under the lock."""
+        peer.heard = time.monotonic()
+        if not peer.awake:
+            peer.awake = True
+            self._listeners.clear()
+            for key in peer.known[Topic.SERVES]:
+                self._where[key] = peer
+            for key in sorted(peer.known[Topic.HOLDS]):
+                self._count(key, there=True)
+
+    def _hide(self, peer: _Peer) -> None:
+        """A process has died or hangs: what was asked of it ends. Under the lock."""
+        if peer.awake:
+            peer.awake = False
+            self._listeners.clear()
+            for key in [key for key, server in self._where.items() if server is peer]:
+                del self._where[key]
+            for key in sorted(peer.known[Topic.HOLDS]):
+                self._count(key, there=False)
+        for number in list(peer.exchanges):
+            self._end_exchange(peer, number)
+
+    def _lose(self, peer: _Peer) -> None:
+        """A connection to a process has ended, and with it all. Under the lock."""
+        self._peers.pop(peer.tag, None)
+        for link in peer.links.values():
+            self._close_link(link)
+        if peer.beat is not None:
+            peer.beat.close()
+            peer.beat = None
+        self._hide(peer)
+        self._check_complete()
+
+    def _count(self, key: str, *, there: bool) -> None:
+        before = self._holders[key]
+        self._holders[key] = before + (1 if there else -1)
+        if not self._holders[key]:
+            del self._holders[key]
+        if bool(before) != (key in self._holders):
+            for pattern, on_presence in list(self._watchers.values()):
+                if matches(pattern, key):
+                    on_presence(key, there)
+
+    def _learn(self, peer: _Peer, news: News) -> None:
+        """Note what a process lets others know. Under the lock."""
+        keys = peer.known[news.topic]
+        if (news.key in keys) == news.there:
+            return
+        (keys.add if news.there else keys.discard)(news.key)
+        if news.topic is Topic.HEARS:
+            self._listeners.clear()
+        elif not peer.awake:
+            pass
+        elif news.topic is Topic.HOLDS:
+            self._count(news.key, there=news.there)
+        elif news.there:
+            self._where[news.key] = peer
+        elif self._where.get(news.key) is peer:
+            del self._where[news.key]
+
+    def _let_know(self, topic: Topic, key: str, *, there: bool) -> None:
+        """Change what the others are to know, and tell them. Under the lock."""
+        keys = self._known[topic]
+        before = keys[key]
+        keys[key] += 1 if there else -1
+        if keys[key] <= 0:
+            del keys[key]
+        if bool(before) == (key in keys):
+            return
+        self._say_to_all(News(topic, key, there))
+        if topic is Topic.HOLDS:
+            self._count(key, there=there)
+
+    # -- the thread
+
+    def _run(self) -> None:
+        due = self._ticked + TICK
+        while not self.closed:
+            ready = self._selector.select(max(0.0, due - time.monotonic()))
+            # what is urgent first
+            ready.sort(key=lambda one: isinstance(one[0].data, Link) and one[0].data.channel is Channel.BULK)
+            for key, events in ready:
+                try:
+                    self._serve_socket(key, events)
+                except Exception:  # noqa: BLE001 # what one process says must not end the talk with all others
+                    _log.exception("the mesh could not handle what a socket brought")
+            while self._to_flush:
+                self._flush(self._to_flush.popleft())
+            if (now := time.monotonic()) >= due:
+                due = now + TICK
+                try:
+                    self._tick(now)
+                except (OSError, RealmUnusable) as error:
+                    _log.warning("realm %s: %s", self.place.realm, error)
+        self._release()
+
+    def _serve_socket(self, key: selectors.SelectorKey, events: int) -> None:
+        if isinstance(key.data, Link):
+            if events & selectors.EVENT_WRITE:
+                self._flush(key.data)
+            if events & selectors.EVENT_READ:
+                self._read(key.data)
+        elif key.fileobj is self._door:
+            self._accept()
+        else:
+            with contextlib.suppress(BlockingIOError):
+                while self._nudged.recv(4096):
+                    pass
+
+    def _read(self, link: Link) -> None:
+        if link.closed:
+            return
+        try:
+            for frame in link.receive():
+                self._take(link, frame)
+                if link.closed:
+                    return
+        except BlockingIOError:
+            pass
+        except EOFError:
+            self._ended(link)
+        except NotAFrame as error:
+            _log.warning("process %s is not understood: %s", link.member or "?", error)
+            if link.member:
+                self._strangers.add(link.member)
+            self._ended(link)
+
+    def _ended(self, link: Link) -> None:
+        """The far end has closed. What it said before on the other channel counts."""
+        with self._lock:
+            peer = self._peers.get(link.member)
+            if peer is None or link.channel is None or peer.links.get(link.channel) is not link:
+                self._close_link(link)
+                return
+            others = [other for other in peer.links.values() if other is not link and not other.closed]
+        for other in others:
+            with contextlib.suppress(BlockingIOError, EOFError, NotAFrame):
+                while not other.closed:
+                    for frame in other.receive():
+                        self._take(other, frame)
+        with self._lock:
+            if self._peers.get(link.member) is peer:
+                self._lose(peer)
+
+    def _take(self, link: Link, frame: Frame) -> None:
+        if not (link.member or isinstance(frame, Hello)):
+            raise NotAFrame("it did not say who it is")
+        self._takers[type(frame)](link, frame)
+
+    def _replied(self, link: Link, reply: Reply) -> None:
+        peer = self._peers.get(link.member)
+        if peer is not None and (hear := peer.exchanges.get(reply.number)) is not None:
+            hear(reply.body)
+
+    def _answered(self, link: Link, end: End) -> None:
+        if (peer := self._peers.get(link.member)) is not None:
+            self._end_exchange(peer, end.number)
+
+    def _published(self, _: Link, sample: Sample) -> None:
+        with self._lock:
+            hearers = [hear for pattern, hear in self._subscribers.values() if matches(pattern, sample.key)]
+        for hear in hearers:
+            hear(sample.key, sample.body)
+
+    def _told(self, link: Link, news: News) -> None:
+        with self._lock:
+            if (peer := self._peers.get(link.member)) is not None:
+                self._learn(peer, news)
+
+    def _woke(self, link: Link, _: Awake) -> None:
+        with self._lock:
+            if (peer := self._peers.get(link.member)) is not None and peer.met:
+                self._show(peer)
+
+    def _asked(self, link: Link, ask: Ask) -> None:
+        answer = self._servers.get(ask.key)
+        number = ask.number
+
+        def respond(body: bytes) -> None:
+            self._say(link, pack(Reply(number, body)))
+
+        def end() -> None:
+            self._say(link, pack(End(number)))
+
+        if answer is None or time.monotonic() > ask.latest:
+            end()
+        else:
+            answer(ask.body, link.channel is Channel.URGENT, respond, end)
+
+    def _say_to_all(self, frame: Frame) -> None:
+        packed = pack(frame)
+        for peer in list(self._peers.values()):
+            if (link := peer.links.get(Channel.URGENT)) is not None:
+                self._say(link, packed)
+
+    def _say(self, link: Link, packed: bytes) -> None:
+        """Send what must not be lost; if it would be, disconnect, and all is said anew on the next link."""
+        try:
+            link.send(packed)
+        except Overflow:
+            _log.warning("process %s does not read what it is told; it is disconnected", link.member)
+            with contextlib.suppress(OSError):
+                link.socket.shutdown(socket.SHUT_RDWR)
+
+    def _end_exchange(self, peer: _Peer, number: int) -> None:
+        if (hear := peer.exchanges.pop(number, None)) is not None:
+            hear(None)
+
+    def _tick(self, now: float) -> None:
+        """Give a sign of life, judge the others' signs, and mend what is broken."""
+        slept, self._ticked = now - self._ticked > 2 * TICK + HANGS / 4, now
+        self.place.beat(now)
+        if slept:  # nobody else is to blame
+            self._say_to_all(Awake())
+        else:
+            for peer in list(self._peers.values()):
+                self._judge(peer, now)
+        if not self.place.registered():
+            self._register()
+        self._dial_all()
+
+    def _judge(self, peer: _Peer, now: float) -> None:
+        if peer.beat is not None:
+            peer.heard = max(peer.heard, peer.beat.read())
+        if now - peer.heard > TICK + HANGS / 4:  # it may have made its file anew
+            if peer.beat is not None:
+                peer.beat.close()
+            peer.beat = self.place.beat_of(peer.tag)
+            if peer.beat is not None:
+                peer.heard = max(peer.heard, peer.beat.read())
+        with self._lock:
+            if self._peers.get(peer.tag) is not peer:
+                return
+            if now - peer.heard > HANGS:
+                self._hide(peer)
+            elif peer.met and not peer.awake and now - peer.heard < 2 * TICK:
+                self._show(peer)
+
+    # -- sockets
+
+    def _later(self, link: Link) -> None:
+        """Something waits on a link: have the thread send it on."""
+        self._to_flush.append(link)
+        self._wake()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):  # full: it is awake anyway; closed: it has ended
+            self._nudge.send(b"!")
+
+    def _flush(self, link: Link) -> None:
+        waits = link.flush()
+        if not link.closed:
+            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if waits else 0)
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.modify(link.socket, events, link)
+
+    def _close_link(self, link: Link) -> None:
+        if not link.closed:
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.unregister(link.socket)
+            link.close()
+
+    def _release(self) -> None:
+        """Send what waits, as far as it can be, and close all that is open."""
+        links = [key.data for key in self._selector.get_map().values() if isinstance(key.data, Link)]
+        latest = time.monotonic() + FAREWELL
+        while any([link.flush() for link in links]) and time.monotonic() < latest:  # noqa: C419 # all of them
+            time.sleep(0.005)
+        with self._lock:
+            for peer in self._peers.values():
+                if peer.beat is not None:
+                    peer.beat.close()
+                for number in list(peer.exchanges):
+                    self._end_exchange(peer, number)
+            self._peers.clear()
+        for link in links:
+            link.close()
+        for end in (self._door, self._nudge, self._nudged):
+            if end is not None:
+                end.close()
+        self._selector.close()
+        self._ended_all.set_result(None)

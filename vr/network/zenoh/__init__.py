@@ -1,0 +1,1 @@
+"""The transport between machines, over Eclipse Zenoh. Nothing on one machine imports it."""
