@@ -1,7 +1,7 @@
 """Opening what may take its time: an adapter, a bus. Whoever waits for it may be told to stop waiting.
 
-The agents have the like with threads of their own (`vr/network/zenoh/making.py`). Wire and agents know nothing of
-each other, which is worth more than these lines.
+The agents have the like with threads of their own (`vr/network/zenoh/making.py`). Wire and agents know
+nothing of each other, which is worth more than these lines.
 """
 
 from __future__ import annotations

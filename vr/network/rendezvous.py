@@ -20,7 +20,6 @@ import os
 import re
 import secrets
 import socket
-import stat
 import struct
 import tempfile
 import threading
@@ -28,6 +27,7 @@ import time
 from collections.abc import Generator
 from pathlib import Path
 
+from robotree import files
 from robotree.vr.address import check_name
 from robotree.vr.errors import RealmUnusable
 
@@ -46,8 +46,6 @@ ABANDONED = 60.0
 _SOCKET, _BEAT, _HELD = ".sock", ".beat", ".held"
 _TAG = re.compile(r"(\d{1,10})-[0-9a-f]{8}")
 _MOMENT = struct.Struct("d")
-_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-"""How a file is opened that somebody may have replaced by a link or a pipe."""
 
 
 def runtime_directory() -> Path:
@@ -85,7 +83,7 @@ class Beat:
             OSError: it cannot be opened, or made.
         """
         access = os.O_RDWR | os.O_CREAT if make else os.O_RDONLY
-        self._handle = os.open(path, access | _PLAIN, 0o600)
+        self._handle = files.opened(path, access | os.O_NOFOLLOW)
 
     def write(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
@@ -230,13 +228,9 @@ class Rendezvous:
     def keys_of(self, tag: str) -> list[str]:
         """Return the keys under which another process is present, as it has written them down."""
         try:
-            handle = os.open(self.directory / f"{tag}{_HELD}", os.O_RDONLY | _PLAIN)
+            written = files.read(self.directory / f"{tag}{_HELD}", LONGEST_LIST)
         except OSError:
             return []
-        try:
-            written = os.read(handle, LONGEST_LIST) if stat.S_ISREG(os.fstat(handle).st_mode) else b""
-        finally:
-            os.close(handle)
         return written.decode(errors="replace").splitlines()
 
     def forget(self, tag: str) -> None:
@@ -277,18 +271,7 @@ class Rendezvous:
     def _make_folders(self) -> None:
         for folder in (self._root, self.directory):
             try:
-                _make_private(folder)
+                files.private_folder(folder)
             except OSError as error:
                 reason = f"{error}; set XDG_RUNTIME_DIR to a directory of your own"
                 raise RealmUnusable(realm=self.realm, reason=reason) from None
-
-
-def _make_private(folder: Path) -> None:
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode):
-        raise NotADirectoryError(f"{folder} is not a directory")
-    if found.st_uid != os.geteuid():
-        raise PermissionError(f"{folder} belongs to somebody else (user {found.st_uid})")
-    if found.st_mode & 0o077:
-        folder.chmod(0o700)

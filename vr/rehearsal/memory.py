@@ -1,7 +1,7 @@
 """A network within one process: every member is a transport, and every accident can be caused on purpose.
 
-For tests, and for whoever wants a whole fleet without a network. It behaves as the one between processes does, with
-its accidents at will: a member dies (`kill`), falls silent as a stopped process does (`freeze`), or two lose
+For tests, and for a whole fleet without a network. It behaves as the one between processes does, with its
+accidents at will: a member dies (`kill`), falls silent as a stopped process does (`freeze`), or two lose
 sight of each other (`cut`). Silence is noticed after `lease` seconds; until then presence stands, and what
 is sent is held back as a socket would. Time is the event loop's, chance there is none.
 """

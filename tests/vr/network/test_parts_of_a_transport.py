@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.network.inbox import Inbox
 from robotree.vr.network.pattern import matches
-from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
+from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.rehearsal.promises import replies_of
 from robotree.vr.testing import in_virtual_time
 

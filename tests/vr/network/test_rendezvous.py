@@ -82,12 +82,12 @@ def test_files_that_are_none_of_ours_harm_nobody(tmp_path: Path) -> None:
     for end in (".sock", ".beat", ".held"):
         (place.directory / f"7-0000000{end[1]}{end}").mkdir()
     (place.directory / f"{tag}.sock").symlink_to(tmp_path / "precious")
-    (place.directory / f"{tag}.held").symlink_to(tmp_path / "precious")
-    os.mkfifo(place.directory / f"{tag}.beat")
+    (place.directory / f"{tag}.beat").symlink_to(tmp_path / "precious")
+    os.mkfifo(place.directory / f"{tag}.held")
     Path(os.fsdecode(os.fsencode(place.directory) + b"/\xff\xfe.sock")).touch()
     assert place.others() == [tag]
     assert place.keys_of(tag) == []
-    assert place.beat_of(tag) is None or place.beat_of(tag).read() == 0.0  # type: ignore[union-attr]
+    assert place.beat_of(tag) is None
     with pytest.raises(ConnectionRefusedError):
         place.dial(tag)
     place.forget(tag)
@@ -130,10 +130,6 @@ def test_a_place_that_is_no_directory_is_refused(tmp_path: Path) -> None:
     (tmp_path / "r").write_text("a file")
     with pytest.raises(RealmUnusable, match="set XDG_RUNTIME_DIR"):
         Rendezvous("test", tmp_path / "r")
-    (tmp_path / "target").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / "target")
-    with pytest.raises(RealmUnusable, match="is not a directory"):
-        Rendezvous("test", tmp_path / "link")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a directory away")

@@ -20,10 +20,10 @@ import zenoh
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.zenoh.making import made
-from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
+from robotree.vr.network.zenoh.making import made
+from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
     PresenceHandler,
