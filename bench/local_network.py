@@ -42,8 +42,8 @@ def member(word: str, folder: str) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, __file__, word, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
-    process.stdout.readline()
+    if process.stdout is not None:
+        process.stdout.readline()
     return process
 
 

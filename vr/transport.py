@@ -2,7 +2,8 @@
 
 Four verbs: ask (`request`), answer (`serve`), tell everybody (`publish`, `subscribe`), and be seen to be
 alive (`announce`, `watch`). `network/` has one for the processes of a machine and one for
-several machines, `rehearsal/` one within a process for tests. `testing.py` examines any implementation (`check_transport`).
+several machines, `rehearsal/` one within a process for tests. `testing.py` examines any implementation
+(`check_transport`).
 
 All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them
 meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*` for one chunk, `**` for many.
