@@ -98,7 +98,7 @@ class Awake(msgspec.Struct, frozen=True, array_like=True, tag=6):
 Frame = Hello | News | Ask | Reply | End | Sample | Awake
 
 _encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(Frame).decode
+_decoder: msgspec.msgpack.Decoder[Frame] = msgspec.msgpack.Decoder(Frame)
 
 
 class NotAFrame(ValueError):
@@ -146,6 +146,6 @@ class Unpacker:
 
 def _read(body: bytes) -> Frame:
     try:
-        return _decode(body)
+        return _decoder.decode(body)
     except msgspec.MsgspecError as error:
         raise NotAFrame(str(error)) from None

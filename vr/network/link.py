@@ -119,9 +119,9 @@ class Link:
                     self._samples_size -= len(packed)
                     self._frames.append(packed)
                     self._frames_size += len(packed)
-                packed = self._frames.popleft()
-                self._frames_size -= len(packed)
-                if rest := self._push(packed):
+                frame = self._frames.popleft()
+                self._frames_size -= len(frame)
+                if rest := self._push(frame):
                     self._frames.appendleft(rest)
                     self._frames_size += len(rest)
                     return True
