@@ -16,8 +16,7 @@
 #include <unistd.h>
 
 enum { CLIENTS = MAVLINK_COMM_NUM_BUFFERS, TICK = 20, LONGEST_STEP = 100 };
-static const double ARENA = 1.5, USUAL_SPEED = 0.4;
-static const float SLOWEST = 0.01f, TOP_SPEED = 1.0f; /* float as on the wire, where 0.01 is a bit less */
+static const double ARENA = 1.5, USUAL_SPEED = 0.4, SLOWEST = 0.01, TOP_SPEED = 1.0;
 
 /* -- the robot */
 
@@ -31,8 +30,7 @@ static int robot_objects(int verb, const float *args, const char **text) {
         *text = "This rover knows MOVE and HOLD.";
         return ROBOTREE_REASON_UNKNOWN_VERB;
     }
-    /* NaN, which is neither below nor above, asks for the usual speed. */
-    if (!isfinite(dx) || !isfinite(dy) || args[2] < SLOWEST || args[2] > TOP_SPEED) {
+    if (!isfinite(dx) || !isfinite(dy) || !rules_within(args[2], SLOWEST, TOP_SPEED)) {
         *text = "MOVE takes dx, dy in metres and a speed of 0.01 to 1 m/s.";
         return ROBOTREE_REASON_BAD_ARGUMENT;
     }
@@ -77,13 +75,23 @@ static void say_position(void) { /* NED: y to the right, z down; 0 - y, since -0
 /* -- its socket: several may listen; everything is said to everybody, and a status names whom it is for */
 
 static struct {
-    int fd; /* -1: free */
+    int fd;    /* -1: free */
+    bool left; /* the rules have yet to be told */
     uint64_t heard;
 } clients[CLIENTS];
 
 static void hang_up(int i) {
     close(clients[i].fd);
     clients[i].fd = -1;
+    clients[i].left = true;
+}
+
+static void see_who_left(void) {
+    for (int i = 0; i < CLIENTS; i++) {
+        if (!clients[i].left) continue;
+        clients[i].left = false;
+        rules_link_ended(i);
+    }
 }
 
 static void say(const mavlink_message_t *message) {
@@ -104,7 +112,7 @@ static void read_from(int i) {
     for (ssize_t b = 0; b < count; b++) {
         mavlink_message_t message;
         mavlink_status_t status;
-        if (mavlink_parse_char((uint8_t)i, bytes[b], &message, &status)) rules_hear(&message);
+        if (mavlink_parse_char((uint8_t)i, bytes[b], &message, &status)) rules_hear(&message, i);
     }
 }
 
@@ -114,6 +122,7 @@ static void welcome(int listener) { /* in a free place, else in that of whoever 
     for (int i = 1; i < CLIENTS && clients[place].fd >= 0; i++)
         if (clients[i].fd < 0 || clients[i].heard < clients[place].heard) place = i;
     if (clients[place].fd >= 0) hang_up(place);
+    see_who_left(); /* before another one has its place */
     setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     clients[place].fd = fd;
     clients[place].heard = now;
@@ -162,6 +171,7 @@ int main(int count, char **words) {
         now = clock_ms();
         for (int i = 0; i < CLIENTS; i++)
             if (watched[i + 1].revents && clients[i].fd >= 0) read_from(i);
+        see_who_left();
         if (watched[0].revents) welcome(listener);
         if (now >= last + TICK) {
             uint64_t passed = now - last;

@@ -25,12 +25,14 @@ struct goal {
     mavlink_robotree_goal_t asked;         /* compared when the key comes again */
     mavlink_robotree_goal_status_t status; /* said again when the key comes again; its target is the sender */
     uint64_t deadline;
+    int link;                              /* over which it is commanded */
 };
 static struct goal goals[GOALS];    /* a ring of the newest ones */
 static struct goal *running;        /* at most one */
 static bool stopped, silent;        /* safe stop in force; silence ended the last goal */
 static uint32_t epoch;              /* the highest one obeyed */
 static uint32_t stops = 1;          /* one more with each safe stop that begins */
+static int link_heard;              /* where the message came from that is being heard */
 static uint64_t now, heard, progress_told, mode_due, heartbeat_due;
 
 /* -- how the controller is as a whole: MODE and HEARTBEAT */
@@ -101,7 +103,7 @@ static bool fence(uint32_t asked) { /* false: a newer epoch was obeyed */
 }
 
 static struct goal unheard_of(const mavlink_message_t *from, uint64_t key) { /* UNKNOWN is 0 */
-    struct goal goal = {.asked = {.key = key}, .status = {.key = key}};
+    struct goal goal = {.asked = {.key = key}, .status = {.key = key}, .link = link_heard};
     goal.status.target_system = from->sysid;
     goal.status.target_component = from->compid;
     return goal;
@@ -132,13 +134,14 @@ static bool same(const mavlink_robotree_goal_t *a, const mavlink_robotree_goal_t
 static void on_goal(const mavlink_message_t *from, const mavlink_robotree_goal_t *asked) {
     struct goal *goal = find(from, asked->key), fresh = unheard_of(from, asked->key);
     const char *text = "";
-    if (asked->verb == ROBOTREE_VERB_STATUS) return say_status(goal ? goal : &fresh);
-    if (goal && goal->status.state != ROBOTREE_GOAL_STATE_UNKNOWN) {
+    bool only_asks = asked->verb == ROBOTREE_VERB_STATUS;
+    if (goal && !only_asks && goal->status.state != ROBOTREE_GOAL_STATE_UNKNOWN) {
         if (!same(&goal->asked, asked))
             return refuse(fresh, ROBOTREE_REASON_KEY_REUSED, "The key was used before with other content.");
         fence(asked->epoch);
     }
-    if (goal) return say_status(goal); /* repeated, or cancelled before it came: no movement */
+    if (goal) goal->link = link_heard; /* who has dialled again asks for its goal there, and is heard there */
+    if (goal || only_asks) return say_status(goal ? goal : &fresh); /* no movement */
     if (!asked->key) return refuse(fresh, ROBOTREE_REASON_BAD_ARGUMENT, "The key of a goal must not be 0.");
     if (!fence(asked->epoch))
         return refuse(fresh, ROBOTREE_REASON_STALE_EPOCH, "A newer epoch was already obeyed.");
@@ -189,9 +192,11 @@ static bool for_us(int system, int component) {
     return system == SYSTEM && (component == 0 || component == COMPONENT);
 }
 
-static void rules_hear(const mavlink_message_t *m) {
+static void rules_hear(const mavlink_message_t *m, int link) { /* link: a number of yours */
+    link_heard = link;
     /* While a goal runs, it is its sender who must be heard: another voice must not hide its death. */
-    if (running && running->status.target_system == m->sysid && running->status.target_component == m->compid)
+    if (running && running->link == link && running->status.target_system == m->sysid
+        && running->status.target_component == m->compid)
         heard = now;
     if (m->msgid == MAVLINK_MSG_ID_ROBOTREE_GOAL) {
         mavlink_robotree_goal_t goal;
@@ -206,6 +211,18 @@ static void rules_hear(const mavlink_message_t *m) {
         mavlink_msg_robotree_set_mode_decode(m, &wish);
         if (!wish.target_system || for_us(wish.target_system, wish.target_component)) on_set_mode(&wish);
     }
+}
+
+static void rules_link_ended(int link) { /* what is commanded over it ends now; what others command goes on */
+    if (!running || running->link != link) return;
+    finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_LINK_SILENT, "The link to who commands has ended.");
+    silent = true;
+}
+
+static bool rules_within(float value, double lowest, double highest) {
+    /* The wire has floats: 0.01 arrives as 0.0099999998, so limits are compared as floats. NaN, which asks for
+     * what is usual or as it is now, is within; an infinite value is not. */
+    return value != value || (value >= (float)lowest && value <= (float)highest);
 }
 
 static void rules_progress(double fraction) { /* of the goal that runs */

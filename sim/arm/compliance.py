@@ -96,6 +96,8 @@ class NaturalAdmittance:
         self._critical = gains.damping[0] / math.sqrt(gains.stiffness[0])
         self.stiffness, self.force_limit = gains.stiffness[0], FORCE_LIMIT
         """Of the translational spring: [N/m], and its largest pull [N]. Set them with `tune`."""
+        self.braking = 1.0
+        """By which the damping of translation is multiplied; up to 6 was tried, the step being 1 ms."""
 
     def tune(self, stiffness: float, force_limit: float, dt: float) -> None:
         """Bring the translational spring nearer to what is wanted of it.
@@ -114,6 +116,10 @@ class NaturalAdmittance:
         self.force_limit = _nearer(self.force_limit, force_limit, STRENGTHENING * dt)
         self._stiffness[:3] = self.stiffness
         self._damping[:3] = self._critical * math.sqrt(self.stiffness)
+
+    def begin(self, v: Vector) -> None:
+        """Go on from the velocity (6,) [rad/s] that the arm has, whatever the reference would still do."""
+        self._reference = np.array(v)
 
     def effort(
         self, dynamics: Dynamics, q: Vector, v: Vector, attractor: Reference, wrench: Vector, dt: float
@@ -145,6 +151,7 @@ class NaturalAdmittance:
         slip = jacobian @ v
         slip[:3] -= attractor.velocity[:3]
         slip[5] -= attractor.velocity[3]
+        slip[:3] *= self.braking
         force -= self._damping * slip
         transposed = jacobian.T
         wanted = transposed @ force

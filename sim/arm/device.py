@@ -37,6 +37,10 @@ STILL_FOR: Final = 0.1
 """[s] of standing that ends a move."""
 SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a path by which the tool must be there, or something holds it."""
+BRAKING: Final = 5.0
+"""times the damping of the usual law while the tool is brought to a stand."""
+BRAKED_WITHIN: Final = 0.3
+"""[s] after which a tool that was told to hold and has not come to a stand keeps the place it was told at."""
 AXES: Final = ("x", "y", "z", "twist")
 """Of a tool that points down."""
 
@@ -96,7 +100,10 @@ class Arm:
         self._follower = Follower(self._here())
         self._wrench: Vector = np.zeros(6)
         self._error: Vector = np.zeros(3)
-        self._load = self._waited = self._still = self._peak = 0.0
+        self._velocity: Vector = np.zeros(len(AXES))
+        self._braking: Vector | None = None
+        """The velocity at which it was told to hold, while it brakes."""
+        self._load = self._waited = self._still = self._peak = self._brake_left = 0.0
         self._running: Callable[[], Progress] = ended
         self._pursuit: Pursuit | None = None
         self._plans: Mapping[Verb, Plan] = {
@@ -163,7 +170,9 @@ class Arm:
         return self._running()
 
     def hold(self) -> None:
-        """Drop the movement and rest at the place where the tool is; the fingers keep what they hold."""
+        """Drop the movement, brake, and rest where the tool then stands; the fingers keep what they hold."""
+        self._braking, self._brake_left = np.array(self._velocity), BRAKED_WITHIN
+        self._law.braking = BRAKING
         self._follower.rest(self._here())
         self._gripper.halt(2.0 * float(self._ports.finger[0]))
         self._running, self._pursuit = ended, None
@@ -176,6 +185,10 @@ class Arm:
         ports.finger_limit[:] = -2.0 * tuning.grip_force, 2.0 * tuning.grip_force
         dynamics = self._kinematics.dynamics(ports.q, ports.v)
         self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
+        twist = dynamics.jacobian @ ports.v
+        self._velocity[:3], self._velocity[3] = twist[:3], twist[5]
+        if self._braking is not None:
+            self._brake(self._braking, dt)
         setpoint = self._follower.advance(dt, self._load)
         effort = self._law.effort(dynamics, ports.q, ports.v, setpoint, self._wrench, dt)
         ports.torque[:] = effort.torque
@@ -204,6 +217,27 @@ class Arm:
             peak_force=self._peak,
         )
 
+    def _brake(self, began: Vector, dt: float) -> None:
+        """Once the tool has come to a stand, rest there: the spring, stretched by then, would pull it back.
+
+        Args:
+            began: (4,) velocity at which it was told to hold; cleared for the axes that stand.
+            dt: control period [s].
+        """
+        self._brake_left -= dt
+        rest, here = np.array(self._follower.reference.pose), self._here()
+        for axes in (slice(0, 3), slice(3, 4)):
+            if began[axes].any() and float(self._velocity[axes] @ began[axes]) <= 0.0:
+                rest[axes], began[axes] = here[axes], 0.0
+                self._follower.rest(rest)
+                self._law.begin(self._ports.v)
+        if self._brake_left <= 0.0 or not began.any():
+            self._go_free()
+
+    def _go_free(self) -> None:
+        """Brake no more."""
+        self._braking, self._law.braking = None, 1.0
+
     def _here(self) -> Vector:
         return np.array((*self._position, twist_of(self._rotation)))
 
@@ -218,6 +252,7 @@ class Arm:
         def begin() -> None:
             self._follower.follow(path)
             self._running, self._pursuit = self._travelling, None
+            self._go_free()
 
         return begin
 
@@ -242,6 +277,7 @@ class Arm:
         if self._pursuit is None:
             self._pursuit = Pursuit(self._follower.reference, groups, self._stands)
             self._follower.chase(self._pursuit)
+            self._go_free()
             self._running = pursuing
         self._pursuit.limit(groups)
         return self._pursuit

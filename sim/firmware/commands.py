@@ -1,8 +1,7 @@
 """COMMAND_LONG and COMMAND_INT on the robot: each command of the field's tools, and what it does here.
 
 A command that moves is a goal without a key: it is checked, planned and carried out like one, takes the place
-of whatever runs, and tells its progress. A command whose link has closed goes on, as a goal does, until its
-sender counts as silent.
+of whatever runs, and tells its progress. When the link it came over ends, it ends, as a goal does.
 
 A release is carried out once: its repetition, sent since the answer was lost, knows nothing of a stop that
 came in between. A stop is carried out at every repetition.

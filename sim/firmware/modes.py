@@ -7,6 +7,7 @@ a stop is undone only by somebody who could know of it.
 Pure. `now` is controller time in whole milliseconds.
 """
 
+from collections.abc import Hashable
 from typing import Final
 
 from robotree.protocol.messages import (
@@ -120,8 +121,16 @@ class Modes:
         """Whether the stop in force began after the one that the release is meant for."""
         return self._movement.stopped and release.stops not in {0, self._movement.stops}
 
+    def lose_link(self, via: Hashable, now: int) -> list[Outgoing]:
+        """A link has ended: what is commanded over it ends, too; what others command goes on."""
+        return self._desert(self._movement.lose_link(via), now)
+
     def _watch(self, now: int) -> list[Outgoing]:
-        if not (text := self._movement.fall_silent(now)):
+        return self._desert(self._movement.fall_silent(now), now)
+
+    def _desert(self, text: str, now: int) -> list[Outgoing]:
+        """End what runs, for its commander is gone; `text` says why, empty: it is not."""
+        if not text:
             return []
         out = self._movement.interrupt(Reason.LINK_SILENT, text, now)
         return out + self._herald.tell(MavSeverity.WARNING, f"{text} Holding, compliant.")

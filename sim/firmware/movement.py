@@ -1,4 +1,4 @@
-"""What moves the robot now: one job at a time, the newest; and what ends it: a stop, a hold, silence.
+"""What moves the robot now: one job at a time, the newest, and what ends it: stop, hold, silence, lost link.
 
 A job is a goal, a command or a stream of set-points; each has a service of its own that tells its sender how
 it goes. Every mode the controller can be in follows from three facts: is a stop in force, does a job run, did
@@ -147,6 +147,13 @@ class Movement:
             return ""
         self._silent = True
         return f"Who commands was not heard for {self.watchdog.patience / 1000:g} s."
+
+    def lose_link(self, via: Hashable) -> str:
+        """Why to `interrupt` now that a link has ended; empty: the job is not commanded over it."""
+        if self._job is None or self._job.speaker.via != via:
+            return ""
+        self._silent = True
+        return "The link to who commands has ended."
 
     def _finish(self, state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
         job = self._job

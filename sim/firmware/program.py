@@ -156,15 +156,18 @@ class Firmware:
         self._schedule.open(via)
         return [Outgoing(self._modes.heartbeat(), via), Outgoing(self._modes.mode(now), via)]
 
-    def leave(self, via: Hashable, now: int) -> None:
-        """The link `via` has ended: its rates, lists and control are free.
+    def leave(self, via: Hashable, now: int) -> list[Outgoing]:
+        """The link `via` has ended: so has what is commanded over it; its rates, lists and control are free.
 
-        What it moves goes on until the watchdog misses the one who asked, who may come back on another link
-        and ask for it there.
+        A commander who has asked for its goal on another link meanwhile is heard there, and the goal goes on.
+
+        Returns:
+            What to say.
         """
         self._schedule.close(via)
         self._parameters.link_closed(via)
         self._rights.link_closed(via, now)
+        return self._modes.lose_link(via, now) + self._modes.news(now)
 
     def tick(self, now: int) -> list[Outgoing]:
         """Do what is due; call it after every batch of steps.

@@ -62,7 +62,7 @@ class Controller:
             elif isinstance(event, Opened):
                 out += self.firmware.greet(event.via, now)
             else:
-                self.firmware.leave(event.via, now)
+                out += self.firmware.leave(event.via, now)
         self.firmware.gauges.overrun = self._intake.dropped
         self.cell.advance()
         out += self.firmware.tick(self.cell.time_ms)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -117,6 +118,58 @@ def test_another_voice_does_not_hide_that_the_commander_has_died(arm: ArmBench) 
 
 
 SLOWLY = (*AWAY, 0.02)
+
+
+def test_a_link_that_ends_takes_only_the_motion_of_its_own_commander_with_it(arm: ArmBench) -> None:
+    """The commander's own link: at once, and its new link begins nothing by itself."""
+    listener, back = arm.operator.another(system=77), arm.operator.another(component=190, system=255)
+    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
+    listener.wait(0.5)
+    listener.leave()
+    back.wait(0.1)
+    assert back.mode()[0] == ModeKind.ACTIVE, "a listener has left, not who commands"
+    arm.operator.leave()
+    back.wait(0.02)
+    assert back.mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
+    back.ask(Verb.STATUS, key=running)
+    back.wait(0.02)
+    ended = back.status_of(running)
+    assert (ended.state, ended.reason) == (GoalState.CANCELLED, Reason.LINK_SILENT)
+    assert "link" in ended.text
+    assert back.mode()[0] == ModeKind.HOLD
+    back.ask(Verb.GO_TO, *SLOWLY, key=running + 1)
+    back.wait(0.1)
+    assert back.mode()[0] == ModeKind.ACTIVE, "it may ask again"
+
+
+def test_who_has_asked_for_its_goal_on_another_link_already_may_let_the_old_one_end(arm: ArmBench) -> None:
+    back = arm.operator.another(component=190, system=255)
+    running = arm.operator.ask(Verb.GO_TO, *SLOWLY)
+    back.wait(0.1)
+    back.ask(Verb.STATUS, key=running)
+    back.wait(0.1)
+    arm.operator.leave()
+    back.wait(0.5)
+    assert back.status_of(running).state == GoalState.ACTIVE
+
+
+def test_the_arm_stands_within_100_ms_and_5_mm_of_a_hold_at_its_top_speed(arm: ArmBench) -> None:
+    operator, watcher = arm.operator, arm.operator.another(system=77)
+    operator.succeed(Verb.GO_TO, 0.45, -0.3, 0.35, 0.0, 0.25)
+    operator.ask(Verb.GO_TO, 0.45, 0.3, 0.35, 0.0, 0.25)
+    operator.wait(1.5)
+    before = arm.world.arm.state().position
+    operator.step()
+    track = [began := arm.world.arm.state().position]
+    assert np.linalg.norm(began - before) / 0.005 > 0.2, "[m/s] it is under way"
+    operator.leave()
+    for _ in range(60):
+        watcher.step()
+        track.append(arm.world.arm.state().position)
+    way = [float(np.linalg.norm(place - began)) for place in track]
+    steps = [float(np.linalg.norm(b - a)) / 0.005 for a, b in itertools.pairwise(track)]
+    assert max(way) < 0.005
+    assert max(steps[20:]) < 0.01, "[m/s] after 100 ms it neither moves on nor swings back"
 
 
 def test_the_same_ids_on_another_link_do_not_hide_that_the_commander_has_died(arm: ArmBench) -> None:

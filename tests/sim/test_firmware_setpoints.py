@@ -190,8 +190,8 @@ def test_a_stream_whose_pilot_is_gone_ends_though_others_are_heard(arm: ArmBench
     arm.operator.another(system=9)
     stick.steer(0.5, 0.0, 0.1, 0.0, 0.0)
     arm.operator.leave()
-    arm.operator._crowd[0].wait(0.4)
-    assert arm.operator._crowd[0].mode() == (ModeKind.READY, Reason.NONE)
+    arm.operator._crowd[0].wait(0.02)
+    assert arm.operator._crowd[0].mode() == (ModeKind.HOLD, Reason.LINK_SILENT)
 
 
 def test_joints_are_not_followed_by_an_arm_that_hangs_on_its_tool(arm: ArmBench) -> None:

@@ -155,6 +155,43 @@ def test_a_goal_that_is_not_reached_in_time_expires(operator: Operator) -> None:
     assert operator.place() == standing
 
 
+def test_a_link_that_ends_takes_the_movement_of_its_commander_with_it_and_no_other(
+    port: int, make_operator: type[Operator]
+) -> None:
+    with make_operator(port, system=254) as listener:
+        with make_operator(port) as operator:
+            operator.ask(7, FAR, 0.0, SLOW)
+            with make_operator(port, system=253) as passer_by:
+                passer_by.say(LIFE)
+            operator.place()
+            assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE, "another link has ended"
+        began = time.monotonic()
+        mode = listener.hear(Mode, lambda it: it.mode == ModeKind.HOLD)
+        assert mode.reason == Reason.LINK_SILENT
+        assert time.monotonic() - began < 1.0, "not only when the silence was too long"
+        with make_operator(port) as back:
+            assert back.ask(7, verb=Verb.STATUS).reason == Reason.LINK_SILENT
+            assert back.ask(8, FAR, 0.0, SLOW).state == GoalState.ACTIVE, "it may ask again"
+
+
+def test_a_movement_goes_on_when_its_commander_has_asked_for_it_on_another_link_before(
+    port: int, make_operator: type[Operator]
+) -> None:
+    with make_operator(port) as back:
+        with make_operator(port) as operator:
+            operator.ask(7, FAR, 0.0, SLOW)
+            assert back.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
+        back.place()
+        assert back.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
+
+
+@pytest.mark.parametrize(("speed", "state"), [(0.01, GoalState.ACTIVE), (0.00999, GoalState.REFUSED)])
+def test_a_limit_is_met_by_the_float_that_the_wire_makes_of_it(
+    operator: Operator, speed: float, state: GoalState
+) -> None:
+    assert operator.ask(7, FAR, 0.0, speed).state == state
+
+
 def test_a_silent_sender_loses_its_movement_whoever_else_speaks(
     port: int, operator: Operator, make_operator: type[Operator]
 ) -> None:

@@ -1,0 +1,167 @@
+"""How soon the arm stands when its proxy is killed, or its line unplugged, while it moves at top speed."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import os
+import signal
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotree.protocol import Endpoint, Frame
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import (
+    AnyMessage,
+    CommandLong,
+    Goal,
+    Heartbeat,
+    MavAutopilot,
+    MavCmd,
+    MavState,
+    MavType,
+    Mode,
+    ModeKind,
+    Reason,
+    Tool,
+    Verb,
+)
+from robotree.sim.serving.server import serving
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.vr.testing import until
+
+pytestmark = pytest.mark.e2e
+
+REALM = "lost"
+FAST = 0.25
+"""[m/s] The fastest that the arm goes."""
+STANDING = 0.01
+"""[m/s]"""
+LATEST, FARTHEST = 0.15, 0.025
+"""[s], [m] from the end to the arm standing."""
+BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+
+
+class Track:
+    """Where the arm was, and when, in its own time, told 200 times a second."""
+
+    def __init__(self) -> None:
+        self.places: list[tuple[float, tuple[float, float, float]]] = []
+        self.mode: Mode | None = None
+
+    def hear(self, frame: Frame) -> None:
+        message: AnyMessage = frame.message
+        if isinstance(message, Tool):
+            self.places.append((message.time_boot_ms / 1000, (message.x, message.y, message.z)))
+        elif isinstance(message, Mode):
+            self.mode = message
+
+    def speed(self) -> float:
+        """[m/s] over the last moment."""
+        if len(self.places) < 2:
+            return 0.0
+        (then, there), (now, here) = self.places[-2:]
+        return math.dist(there, here) / max(now - then, 0.001)
+
+    def stood(self, since: float) -> tuple[float, float]:
+        """How long [s] after a moment it still moved, and how far [m] it was then from where it was."""
+        after = [each for each in self.places if each[0] >= since]
+        moving = [
+            now
+            for (then, there), (now, here) in itertools.pairwise(after)
+            if math.dist(there, here) / (now - then) >= STANDING
+        ]
+        way = max(math.dist(after[0][1], place) for _, place in after)
+        return (moving[-1] - since if moving else 0.0), way
+
+
+@asynccontextmanager
+async def watching(address: str) -> AsyncIterator[Track]:
+    """Listen on a link of its own."""
+    track = Track()
+    endpoints: list[Endpoint] = []
+
+    def accept(link: Any) -> Endpoint:
+        endpoints.append(Endpoint(link, system=77, component=1, on_frame=track.hear))
+        return endpoints[0]
+
+    link = await connect(address, accept)
+    often = (float(Tool.codec.definition.id), 5000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    endpoints[0].send(BEAT)
+    endpoints[0].send(CommandLong(1, 1, MavCmd.SET_MESSAGE_INTERVAL, 0, *often))
+    try:
+        yield track
+    finally:
+        link.close()
+
+
+async def under_way(track: Track) -> None:
+    await until(lambda: track.speed() > 0.9 * FAST, "the arm moves at its top speed")
+
+
+async def test_the_arm_stands_within_150_ms_of_a_kill_of_its_proxy_over_tcp(
+    place: Path, record_property: Callable[[str, object], None]
+) -> None:
+    async with Crew(REALM, place) as crew:
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
+        proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
+        async with joined(REALM) as fleet, watching(arm.address) as track:
+            await fleet.call("arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST})
+            to = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0, "speed": FAST}
+            call = asyncio.create_task(fleet.call("arm-1", "go_to", to, deadline=20))
+            await under_way(track)
+            killed = track.places[-1][0]
+            os.kill(proxy.pid, signal.SIGKILL)
+            await until(lambda: track.mode is not None and track.mode.mode == ModeKind.HOLD, "the arm holds")
+            await until(lambda: track.places[-1][0] > killed + 0.6, "and is watched")
+            call.cancel()
+            await asyncio.gather(call, return_exceptions=True)
+    seconds, metres = track.stood(killed)
+    record_property("standing after [ms], [mm]", (round(1e3 * seconds), round(1e3 * metres, 1)))
+    assert track.mode is not None
+    assert track.mode.reason == Reason.LINK_SILENT
+    assert seconds < LATEST, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
+    assert metres < FARTHEST, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
+
+
+async def test_the_arm_stands_within_150_ms_of_the_end_of_its_serial_line(
+    make_cable: Callable[[], Any],
+) -> None:
+    cable = make_cable()
+    track = Track()
+    async with serving("arm", cable.url(1, "?baud=921600")) as server:
+        firmware, cell = server._controller.firmware, server._controller.cell
+        endpoints: list[Endpoint] = []
+
+        def accept(link: Any) -> Endpoint:
+            endpoints.append(Endpoint(link, system=255, component=190, on_frame=track.hear))
+            return endpoints[0]
+
+        await connect(cable.url(0, "?baud=921600"), accept)
+        await until(lambda: track.mode is not None, "the controller is heard")
+
+        def ask(key: int, y: float) -> None:
+            endpoints[0].send(Goal(key, 1, 0, (0.45, y, 0.35, 0.0, FAST, *(math.nan,) * 2), Verb.GO_TO, 1, 1))
+
+        async def beat() -> None:
+            while True:
+                endpoints[0].send(BEAT)
+                await asyncio.sleep(0.2)
+
+        beating = asyncio.create_task(beat())
+        ask(1, -0.3)
+        await until(lambda: firmware.mode == ModeKind.ACTIVE, "it moves")
+        await until(lambda: firmware.mode == ModeKind.READY, "it is there")
+        ask(2, 0.3)
+        await under_way(track)
+        beating.cancel()
+        cut = cell.time_ms / 1000
+        cable.pull()
+        await until(lambda: firmware.mode == ModeKind.HOLD, "it holds")
+        assert cell.time_ms / 1000 - cut < LATEST - 0.1, "braking takes 0.1 s more, see test_firmware_modes"
