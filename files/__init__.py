@@ -9,7 +9,7 @@ Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "
 The other rooms turn it into errors of their own. This room knows none of them, and all of them may use it.
 """
 
-from robotree.files.opening import opened, overwrite, read, text
+from robotree.files.opening import opened, overwrite, own, read, text
 from robotree.files.private import private_file, private_folder
 
-__all__ = ["opened", "overwrite", "private_file", "private_folder", "read", "text"]
+__all__ = ["opened", "overwrite", "own", "private_file", "private_folder", "read", "text"]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import shutil
 import tempfile
 import traceback
 import warnings
@@ -21,6 +20,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import pymavlink
 
+from robotree.files import read
 from robotree.protocol.dialect.errors import NotWritten, UnknownBase, writing
 from robotree.protocol.dialect.examine import problems
 from robotree.protocol.dialect.table import Definition, Field
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 DIALECT = Path(__file__).with_name("robotree_full.xml")
 LARGEST_PAYLOAD = 255
 LARGEST_NESTING = 8
+LARGEST = 4_000_000
+"""[bytes] of one XML; MAVLink's largest has 0.5 MB."""
 
 
 def base_directory() -> Path:
@@ -49,17 +51,23 @@ def workspace(xml: Path) -> Generator[Path]:
         The copy of `xml`.
 
     Raises:
-        DialectError: there is no `xml`.
+        DialectError: there is no `xml`, or it cannot be read.
         NotWritten: the temporary folder has no room.
     """
-    if not xml.is_file():
-        raise DialectError(str(xml), "there is no such file")
+    try:
+        read(xml, LARGEST)
+    except FileNotFoundError:
+        raise DialectError(str(xml), "there is no such file") from None
+    except OSError as error:
+        raise DialectError(str(xml), f"it cannot be read: {error.strerror}") from error
     with tempfile.TemporaryDirectory(prefix="robotree-dialect-") as name:
         folder = Path(name)
         for source in (base_directory(), DIALECT.parent, xml.parent):  # the nearest file of a name is taken
             for each in source.glob("*.xml"):
-                with writing(folder):
-                    shutil.copy(each, folder)
+                with contextlib.suppress(OSError):  # no ordinary file: it is missed only where it is included
+                    content = read(each, LARGEST)
+                    with writing(folder):
+                        (folder / each.name).write_bytes(content)
         yield folder / xml.name
 
 
@@ -104,7 +112,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
     """
     from pymavlink.generator import mavparse
 
-    def read(path: Path, seen: dict[Path, MAVXML], depth: int = 0) -> None:
+    def include_in(seen: dict[Path, MAVXML], path: Path, depth: int = 0) -> None:
         if path in seen:
             return
         if depth > LARGEST_NESTING:
@@ -117,12 +125,12 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
             raise DialectError(str(xml.with_name(path.name)), problem)
         parsed = seen[path] = mavparse.MAVXML(str(path), mavparse.PROTOCOL_2_0)
         for include in parsed.include:
-            read(path.parent / include, seen, depth + 1)
+            include_in(seen, path.parent / include, depth + 1)
 
     said, seen = io.StringIO(), dict[Path, "MAVXML"]()
     with workspace(xml) as copy, contextlib.redirect_stdout(said):
         try:
-            read(copy, seen)
+            include_in(seen, copy)
             every = list(seen.values())
             wrong = mavparse.check_duplicates(every) or mavparse.check_missing_enum(every)
         except DialectError:

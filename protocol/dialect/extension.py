@@ -45,7 +45,8 @@ def _built(xml: Path, _versions: frozenset[tuple[str, int]]) -> tuple[Definition
 
 def _versions(xml: Path) -> frozenset[tuple[str, int]]:
     """Tells one state of an XML, and of those beside it that it may include, from another."""
-    return frozenset((str(each.resolve()), each.stat().st_mtime_ns) for each in xml.parent.glob("*.xml"))
+    beside = (each for each in xml.parent.glob("*.xml") if each.exists())
+    return frozenset((str(each.resolve()), each.stat().st_mtime_ns) for each in beside)
 
 
 def _is_known(wanted: Definition, xml: Path) -> bool:

@@ -6,12 +6,12 @@ TypeScript has wrong types, and its Lua leaves the file open.
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 
 import msgspec
 
+from robotree.files import overwrite
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage, writing
 
@@ -92,7 +92,8 @@ def _place(made: Path, target: Path) -> list[Path]:
 def _copy(made: Path, target: Path) -> Path:
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        return Path(shutil.copyfile(made, target))
+        overwrite(target, made.read_bytes())
+        return target
 
 
 def _write_xml(target: Path, dialect: Path) -> list[Path]:

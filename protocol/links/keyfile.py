@@ -9,6 +9,7 @@ import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
+from robotree.files import opened, own
 from robotree.protocol.errors import KeyFileError
 from robotree.protocol.signing import KEY_BYTES, Key
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Generator
     from pathlib import Path
 
+LARGEST = 1_000_000
+"""[bytes] of a key file: ten thousand keys."""
 _LOOK = 0.002
 """[s] between two attempts to lock a file."""
 
@@ -80,13 +83,15 @@ def read(path: Path) -> Content:
     """
     try:
         # What is no UTF-8 in a comment, and how lines end, must come back when the file is written again.
-        with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
+        with os.fdopen(opened(own(path)), encoding="utf-8", errors="surrogateescape", newline="") as file:
             status = os.fstat(file.fileno())
             if stat.S_IMODE(status.st_mode) & 0o077:
                 raise KeyFileError(path, "others can read it; run chmod 600 on it and change the keys")
             if status.st_uid != os.geteuid():
                 raise KeyFileError(path, "it belongs to somebody else; make one of your own")
-            return Content(file.read(), _state(status))
+            if status.st_size > LARGEST:
+                raise KeyFileError(path, f"it is larger than {LARGEST // 1000} kB; this is no key file")
+            return Content(file.read(LARGEST), _state(status))
     except OSError as error:
         raise KeyFileError(path, f"cannot be read: {error.strerror}") from error
 
@@ -124,7 +129,7 @@ def alone(path: Path, patience: float) -> Generator[None]:
     """
     ends = time.monotonic() + patience
     while True:
-        with path.open("rb") as ours:
+        with os.fdopen(opened(path), "rb") as ours:
             if not _lock(ours.fileno(), ends):  # let go when the file is closed, or we are killed
                 problem = f"another program has held it for {patience:g} s; let that go on, or end it"
                 raise KeyFileError(path, f"{problem} (fuser {path} names it)")
@@ -155,7 +160,7 @@ def replace(path: Path, text: str) -> None:
     draft = path.with_name(f"{path.name}.new")
     draft.unlink(missing_ok=True)  # of a program that was killed
     try:
-        write(draft, text, os.O_EXCL)
+        write(draft, text)
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
@@ -167,18 +172,13 @@ def replace(path: Path, text: str) -> None:
             os.close(folder)
 
 
-def write(path: Path, text: str, flag: int) -> None:
-    """Write a file that nobody else can read, for good.
-
-    Args:
-        path: of the file.
-        text: its content.
-        flag: O_EXCL: it must be new; O_TRUNC: it may be there.
+def write(path: Path, text: str) -> None:
+    """Write a new file that nobody else can read, for good.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written, or there is something of this name.
     """
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | flag, 0o600)
+    descriptor = opened(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
     with os.fdopen(descriptor, "w", encoding="utf-8", errors="surrogateescape", newline="") as file:
         file.write(text)
         file.flush()

@@ -13,7 +13,6 @@ replaced, by one of them or by an editor, all find the new one at the next link 
 from __future__ import annotations
 
 import hashlib
-import os
 import secrets
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
@@ -49,13 +48,18 @@ class Keyring:
 
     def __init__(self, path: Path, patience: float = PERSIST_PATIENCE) -> None:
         self._path, self._patience = path, patience
-        self._time_path = path.with_name(f"{path.name}.time")
         content = read(path)
         self._state = content.state
         self.keys = [(line.pattern, line.key) for line in key_lines(path, content.text)]
         """Patterns and keys, in the order of the file."""
         if not self.keys:
             raise KeyFileError(path, "holds no key; make another file with `robotree wire key FILE`")
+
+    @property
+    def _time_path(self) -> Path:
+        """Beside the file itself, so that all links to one file find one time."""
+        real = self._path.resolve()
+        return real.with_name(f"{real.name}.time")
 
     def key_for(self, address: str) -> Key | None:
         """The key of a link; None: no line matches."""
@@ -156,9 +160,7 @@ class Keyring:
 
     def _keep(self, last: int) -> None:
         if last > self.persisted():
-            draft = self._time_path.with_name(f"{self._time_path.name}.new")
-            write(draft, f"{last}\n", os.O_TRUNC)
-            draft.replace(self._time_path)
+            replace(self._time_path, f"{last}\n")
 
     def __repr__(self) -> str:
         return f"<Keyring {self._path}: {', '.join(pattern for pattern, _ in self.keys)}>"
@@ -179,7 +181,7 @@ def create(path: Path, pattern: str = "*", passphrase: str | None = None) -> Non
         raise KeyFileError(path, f"{pattern!r} is no pattern of addresses; write for example tcp:127.0.0.1:*")
     secret = secrets.token_bytes(KEY_BYTES) if passphrase is None else secret_of(passphrase)
     try:
-        write(path, f"{pattern} {secret.hex()}\n", os.O_EXCL)
+        write(path, f"{pattern} {secret.hex()}\n")
     except FileExistsError as error:
         raise KeyFileError(path, "exists already; a key is never overwritten") from error
     except OSError as error:

@@ -6,6 +6,7 @@ import fcntl
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -241,6 +242,45 @@ def test_a_symbolic_link_to_the_file_stays_one(path: Path) -> None:
     ring.replace(TCP, key_of(ring, TCP), NEW, 5)
     assert link.is_symlink()
     assert fingerprint(Keyring(path), TCP) == Key(NEW).fingerprint
+
+
+def test_all_links_to_a_file_find_one_signing_time(path: Path) -> None:
+    """Else what was signed by way of one name could be played again to who uses another."""
+    link = path.parent / "elsewhere" / "link"
+    link.parent.mkdir()
+    link.symlink_to(path)
+    Keyring(path).persist(1234)
+    assert Keyring(link).persisted() == 1234
+    Keyring(link).persist(1300)
+    assert Keyring(path).persisted() == 1300
+    assert [each.name for each in link.parent.iterdir()] == ["link"]
+
+
+@pytest.mark.timeout(10)
+@pytest.mark.parametrize("name", ["wire.keys", "wire.keys.time", "wire.keys.time.new"])
+def test_what_somebody_puts_in_the_place_of_a_file_neither_holds_us_up_nor_is_written_to(
+    path: Path, name: str
+) -> None:
+    precious, spot = path.with_name("precious"), path.with_name(name)
+    precious.touch(mode=0o600)
+    precious.write_text("kept")
+    if name != "wire.keys":
+        Keyring(path).persist(7)
+    for leads_to in ("", precious, "/dev/zero"):
+        spot.unlink(missing_ok=True)
+        spot.symlink_to(leads_to) if leads_to else os.mkfifo(spot)
+        with suppress(KeyFileError):
+            Keyring(path).persist(9)
+    assert precious.read_text() == "kept"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
+def test_nobody_else_chooses_the_key_by_a_link(path: Path) -> None:
+    link = path.with_name("link")
+    link.symlink_to(path)
+    os.lchown(link, 12345, -1)
+    with pytest.raises(KeyFileError, match="a link that user 12345 made"):
+        Keyring(link)
 
 
 def test_a_key_that_somebody_else_has_changed_is_not_replaced(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,6 +92,11 @@ def test_a_script_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="cannot read the session"):
         read_file(str(tmp_path / "none.session"))
     (tmp_path / "bytes.session").write_bytes(b"\xff\xfe")
+    os.mkfifo(tmp_path / "fifo.session")
+    with pytest.raises(SessionError, match="it is a FIFO"):
+        read_file(str(tmp_path / "fifo.session"))
+    with pytest.raises(SessionError, match="it is a device"):
+        read_file("/dev/zero")
     with pytest.raises(SessionError, match="not UTF-8"):
         read_file(str(tmp_path / "bytes.session"))
 

@@ -11,6 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
+from robotree.files import overwrite
 from robotree.tui.errors import OldList, SupervisorError
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
@@ -134,7 +135,7 @@ async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     picture = await fleet.look(view, camera=camera, width=width, height=height, quality=85)
     # a camera's name comes from afar: it names a file here, never a way to another folder
     path = Path(line.text("FILE") or Path(f"{view}-{picture.camera}.jpg".replace("/", "-")).name)
-    await asyncio.to_thread(path.write_bytes, picture.jpeg)
+    await asyncio.to_thread(overwrite, path, picture.jpeg)
     data = {"file": str(path), "camera": picture.camera, "width": picture.width, "height": picture.height}
     return Outcome(data, f"{path}  {picture.width}x{picture.height} from camera {picture.camera}")
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from robotree.files import private_folder
 from robotree.tui.terminal import note
 
 NOWHERE = "none"
-"""What is given instead of a file by who wants nothing kept."""
-
+"""What is given instead of a file when nothing shall be kept."""
 
 SPACE_FILE = "space.sqlite"
 
@@ -39,13 +39,18 @@ def space_file(given: str, realm: str) -> Path | None:
 
 
 def state_file(realm: str, name: str) -> Path | None:
-    """Return a file of this name in the realm's folder, which is there then; None: it cannot be made."""
-    folder = _home() / "robotree" / realm
+    """Return a file of this name in the realm's folder, which is there then; None: it cannot be made.
+
+    What was open to others, as earlier versions made it, is closed to them, and the user is told.
+    """
+    top = _home() / "robotree"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        opened = [folder for folder in (top, top / realm) if private_folder(folder)]
     except OSError:
         return None
-    return folder / name
+    for folder in opened:
+        note(f"{folder} was open to other users of this machine; from now on only you can enter it")
+    return top / realm / name
 
 
 def _home() -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import sys
 import time
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robotree.files import text
 from robotree.tui import exit_codes
 from robotree.tui.errors import SessionError
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
@@ -29,6 +31,9 @@ if TYPE_CHECKING:  # a script is read before the agents are needed
 
 LOOK_AGAIN = 0.1
 """[s] between two looks at a condition that does not hold yet."""
+
+LARGEST = 1_000_000
+"""[bytes] of a script; more is none."""
 
 STDIN = "-"
 """What is given instead of a file to read standard input."""
@@ -178,11 +183,19 @@ def read_file(path: str) -> Script:
         SessionError: the file cannot be read.
     """
     try:
-        text = sys.stdin.read() if path == STDIN else Path(path).read_text(encoding="utf-8")
-        return read(text, path)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise SessionError(f"cannot read the session {path}: {reason}") from None
+        return read(_standard_input() if path == STDIN else text(Path(path), LARGEST), path)
+    except OSError as error:
+        raise SessionError(f"cannot read the session {path}: {error.strerror}") from None
+
+
+def _standard_input() -> str:
+    try:
+        given = sys.stdin.read(LARGEST + 1)
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "it is not UTF-8 text") from None
+    if len(given) > LARGEST:
+        raise OSError(errno.EFBIG, f"it is larger than {LARGEST // 1000} kB")
+    return given
 
 
 async def play_file(path: str, realm: str, *, as_json: bool) -> int:

@@ -9,6 +9,7 @@ from typing import Self
 
 import msgspec
 
+from robotree.files import text
 from robotree.vr.bundle.choice import choose
 from robotree.vr.bundle.loader import LIMIT, forget, keep_with, load_module, make
 from robotree.vr.errors import BrokenSource, NoSuchFile
@@ -37,16 +38,11 @@ class Bundle(msgspec.Struct, frozen=True):
             wanted: name of the class; empty: the only one.
 
         Raises:
-            NoSuchFile: it cannot be read, is too large, or is no text.
+            NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.
         """
-        file = Path(path).expanduser()
         try:
-            if file.stat().st_size > LARGEST:
-                raise NoSuchFile(path=str(path), reason=_TOO_LARGE)
-            return cls(file.read_text(encoding="utf-8"), str(path), wanted)
-        except UnicodeDecodeError:
-            raise NoSuchFile(path=str(path), reason="it is not UTF-8 text") from None
-        except (OSError, ValueError) as error:
+            return cls(text(Path(path).expanduser(), LARGEST), str(path), wanted)
+        except (OSError, RuntimeError) as error:  # RuntimeError: nobody has the home that ~NAME means
             reason = getattr(error, "strerror", None) or str(error)
             raise NoSuchFile(path=str(path), reason=reason) from None
 

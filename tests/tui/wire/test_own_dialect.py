@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import socket
 import struct
 import subprocess
@@ -152,3 +153,30 @@ def test_a_message_that_is_ours_and_another_one_at_once_is_refused(tmp_path: Pat
 def test_a_dialect_that_is_not_there_is_named(tmp_path: Path) -> None:
     said = say("wire", "dissector", "--xml", tmp_path / "mine.xml")
     assert "mine.xml does not compile; correct the XML: there is no such file" in said.stderr.decode()
+
+
+def test_an_xml_that_never_ends_is_refused_and_what_lies_beside_one_is_left_alone(tmp_path: Path) -> None:
+    mine = dialect(tmp_path, PROBE.format(57700, "PROBE", FIELDS), ALONE)
+    os.mkfifo(tmp_path / "fifo.xml")
+    (tmp_path / "zero.xml").symlink_to("/dev/zero")
+    (tmp_path / "gone.xml").symlink_to("nowhere")
+    assert (
+        "no frame in it that we know" in say("wire", "decode", "-", "--xml", mine, input=b"").stderr.decode()
+    )
+    for name, reason in (("fifo.xml", "it is a FIFO"), ("zero.xml", "it is a device")):
+        said = say("wire", "decode", "-", "--xml", tmp_path / name, input=b"")
+        assert said.returncode == exit_codes.REFUSED
+        assert (
+            f"{name} does not compile; correct the XML: it cannot be read: {reason}" in said.stderr.decode()
+        )
+
+
+def test_a_dialect_is_not_written_through_a_link_of_somebody_else(tmp_path: Path) -> None:
+    (tmp_path / "precious").symlink_to(tmp_path / "nowhere")
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a link away")
+    os.lchown(tmp_path / "precious", 65534, 65534)
+    said = say("wire", "dialect", "--lang", "python", tmp_path / "precious")
+    assert said.returncode == exit_codes.REFUSED
+    assert "it is a link that user 65534 made" in said.stderr.decode()
+    assert not (tmp_path / "nowhere").exists()

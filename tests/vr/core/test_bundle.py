@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 import linecache
+import os
 import sys
 import threading
 import traceback
@@ -202,12 +203,18 @@ def test_a_source_that_does_not_end_is_interrupted(place: str) -> None:
     assert "load robot.py" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_file_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+@pytest.mark.timeout(10)
+def test_a_file_that_cannot_be_read_says_why_at_once(tmp_path: Path) -> None:
+    """Not after somebody has written into a FIFO, nor after /dev/zero has filled the memory."""
+    os.mkfifo(tmp_path / "fifo.py")
+    (tmp_path / "zero.py").symlink_to("/dev/zero")
     (tmp_path / "picture.py").write_bytes(b"\xff\xd8\xff")
     (tmp_path / "large.py").write_bytes(b"#" * 1_000_001)
     for name, reason in {
         "missing.py": "No such file or directory",
-        "": "Is a directory",
+        "": "it is a folder, not a file",
+        "fifo.py": "it is a FIFO, not a file",
+        "zero.py": "it is a device, not a file",
         "picture.py": "it is not UTF-8 text",
         "large.py": "it is larger than 1000 kB",
         "nul\0.py": "embedded null byte",

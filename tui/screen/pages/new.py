@@ -13,6 +13,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input, Label, Static
 
+from robotree.files import text as text_of
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.pages.page import Page
@@ -21,10 +22,8 @@ from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
 from robotree.vr.address import check_name
+from robotree.vr.bundle import LARGEST
 from robotree.vr.errors import BadName
-
-LARGEST = 200_000
-"""Bytes of a source that are looked into."""
 
 ANY_HOST = "*"
 
@@ -119,12 +118,13 @@ class NewPage(Page):
         """Look into a file without running it."""
         found: list[ClassOutline] = []
         try:
-            with path.open("rb") as file:
-                found = outline(file.read(LARGEST).decode())
+            found = outline(text_of(path, LARGEST))
             trouble = "" if found else "It defines no virtual robot: no class derives from VirtualRobot."
         except SyntaxError as error:
             trouble = f"It is no Python that can be read: line {error.lineno}: {error.msg}"
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            trouble = f"It cannot be read: {error.strerror}"
+        except ValueError as error:
             trouble = f"It cannot be read: {error}"
         self.app.call_from_thread(self._offer, path, found, trouble)
 
