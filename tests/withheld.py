@@ -26,6 +26,6 @@ class Withheld:
     def _waited(self) -> Iterator[tuple[Path, int]]:
         """Each thread, and how long it has waited in its life [ns]; see the kernel's sched-stats.rst."""
         for pid in self._pids:
-            for task in Path(f"/proc/{pid}/task").iterdir():
+            for task in Path(f"/proc/{pid}/task").glob("*"):
                 with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has just ended
                     yield task, int((task / "schedstat").read_text().split()[1])

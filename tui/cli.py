@@ -17,7 +17,7 @@ from robotree.tui.line import grammar, manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import complain, forget_the_reader, put, until_the_reader_leaves
+from robotree.tui.terminal import complain, forget_the_reader, no_screen, note, put, until_the_reader_leaves
 
 if TYPE_CHECKING:
     from robotree.tui.processes.serving import Ready
@@ -86,21 +86,17 @@ def _start(line: Line) -> int:
     tether = line.flag("--tether")
     match line.verb:
         case "supervise":
-            return _run(_supervise(realm))
+            return _run(_supervise(realm), on_screen=True)
         case "demo":
-            from robotree.tui import demo
-
-            over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
-            headless, pictures = line.flag("--headless"), line.text("--pictures")
-            return _run(
-                demo.demo(headless=headless, realm=line.text("--realm"), pictures=pictures, wire=over)
-            )
+            return _demo(line)
         case "run":
             from robotree.tui.session.playing import play_file
 
             return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json")))
         case "sim" | "proxy" | "view" | "host" | "lookup":
-            return _run(_agent(line, realm, tether=tether))
+            import asyncio
+
+            return asyncio.run(_agent(line, realm, tether=tether))
         case verb if verb.startswith("wire "):
             from robotree.tui import wire
 
@@ -111,37 +107,67 @@ def _start(line: Line) -> int:
             return _run(once(line, realm), listening=verb == "watch")
 
 
-def _run(work: Coroutine[Any, Any, int], *, listening: bool = False) -> int:
+def _demo(line: Line) -> int:
+    """Play the demo: on the full screen where there is a terminal for it, else as its script."""
+    from robotree.tui import demo
+
+    headless, without = line.flag("--headless"), no_screen()
+    if without and not headless:
+        note(
+            f"the full screen needs a terminal, and {without}; the demo plays its script (`demo --headless`)"
+        )
+    over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
+    work = demo.demo(
+        headless=headless or bool(without),
+        realm=line.text("--realm"),
+        pictures=line.text("--pictures"),
+        wire=over,
+    )
+    return _run(work, on_screen=not headless)
+
+
+def _run(work: Coroutine[Any, Any, int], *, listening: bool = False, on_screen: bool = False) -> int:
     """Run to the end. SIGTERM and SIGHUP end it as Ctrl-C does: what it began on robots ends too.
 
     Args:
         work: what is done.
         listening: it does nothing but tell, and so ends when nobody reads it any more.
+        on_screen: it is for the person at the terminal, and so ends when the terminal closes.
     """
     import asyncio
     import signal
 
+    from robotree.tui.processes.ending import CREW_LAST_WORDS, Ending
+
     async def obeying() -> int:
         loop, task = asyncio.get_running_loop(), asyncio.ensure_future(work)
-        for one in (signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(one, task.cancel)
+
+        def end() -> None:
+            if not task.cancelling():  # Ctrl-C may have come first
+                task.cancel()
+
         unread = until_the_reader_leaves(loop, task.cancel) if listening else None
-        try:
-            return await task
-        except asyncio.CancelledError:
-            if unread is not None and unread():
-                forget_the_reader()
-                return exit_codes.DONE
-            complain("interrupted")
-            return exit_codes.INTERRUPTED
+        with Ending(end, CREW_LAST_WORDS) as ending:
+            ending.at(signal.SIGTERM, signal.SIGHUP)
+            if on_screen:
+                ending.with_terminal()
+            try:
+                return await task
+            except asyncio.CancelledError:
+                if unread is not None and unread():
+                    forget_the_reader()
+                    return exit_codes.DONE
+                complain("interrupted")
+                return exit_codes.INTERRUPTED
 
     return asyncio.run(obeying())
 
 
 async def _supervise(realm: str) -> int:
     """Join the realm and show the full screen."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        complain("the full screen needs a terminal; here use verbs, for example `robotree ls`")
+    without = no_screen()
+    if without:
+        complain(f"the full screen needs a terminal, and {without}; use verbs, for example `robotree ls`")
         return exit_codes.USAGE
     from robotree.tui.processes.realm import joined
     from robotree.tui.screen.supervise import supervise

@@ -11,7 +11,7 @@ import re
 import stat
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from robotree.tui.errors import sentence
 
@@ -53,9 +53,12 @@ def put(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Write something that is not a result."""
-    sys.stderr.write(f"{harmless(text)}\n")
-    sys.stderr.flush()
+    """Write something that is not a result; to nobody, where the terminal has gone."""
+    try:
+        sys.stderr.write(f"{harmless(text)}\n")
+        sys.stderr.flush()
+    except OSError:
+        forget_the_reader(sys.stderr)
 
 
 def complain(error: Exception | str) -> None:
@@ -74,9 +77,26 @@ def clear() -> None:
     sys.stdout.write("\x1b[H\x1b[J")
 
 
-def forget_the_reader() -> None:
-    """Write results nowhere from now on: Python would complain of a broken pipe at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def no_screen() -> str:
+    """Say why no full screen can be shown here, behind the word *terminal*; empty: it can.
+
+    Keys come from standard input, and Textual draws on standard error; who has sent standard output
+    elsewhere wants a result there.
+    """
+    names = ("standard input", "standard output", "standard error")
+    for name, stream in zip(names, (sys.stdin, sys.stdout, sys.stderr), strict=True):
+        if not stream.isatty():
+            return f"{name} is none"
+    return "this one cannot place text (TERM=dumb)" if os.environ.get("TERM") == "dumb" else ""
+
+
+def forget_the_reader(stream: IO[str] | None = None) -> None:
+    """Write what goes to a stream nowhere from now on: Python would complain at its end, or try again.
+
+    Args:
+        stream: a standard one; None: standard output.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def until_the_reader_leaves(

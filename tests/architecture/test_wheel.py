@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(540)]
 def run(*words: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
         [str(word) for word in words],
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         check=False,
@@ -59,7 +60,7 @@ def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path
     lock = ROOT / "requirements.lock"
     run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel)
     done = run(
-        *(tmp_path / "env" / "bin" / "robotree", "demo", "--headless", "--pictures", tmp_path),
+        *(tmp_path / "env" / "bin" / "robotree", "demo", "--pictures", tmp_path),  # without a terminal
         XDG_RUNTIME_DIR=str(place),
         PYTHONPATH="",
     )

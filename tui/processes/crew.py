@@ -26,7 +26,7 @@ READY = "ready"
 START_LIMIT = 30.0
 """[s] allowed for a member to come up: importing the simulator on a loaded machine takes several seconds."""
 
-STOP_LIMIT = 4.0
+STOP_LIMIT = 2.5
 """[s] allowed for a polite end, before the process is killed."""
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from textual import work
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
+from textual.driver import Driver
 from textual.events import Event, Key
 from textual.filter import LineFilter
 from textual.screen import Screen
@@ -24,6 +25,7 @@ from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
+from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
@@ -106,6 +108,10 @@ class Supervisor(Fenced, Unasked[int]):
         """Errors that the fence held back."""
         self.fatal: Exception | None = None
         """The error that ended the screen, if one did."""
+
+    def get_driver_class(self) -> type[Driver]:
+        """Return what draws on the terminal, and goes on when that has gone."""
+        return outliving(super().get_driver_class())
 
     @staticmethod
     def now() -> float:

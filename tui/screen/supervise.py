@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Generator
@@ -61,10 +62,12 @@ async def supervise(fleet: Fleet, realm: str, *, farewell: str = "") -> int:
 
 
 async def _show(fleet: Fleet, realm: str, farewell: str) -> int:
-    store, ends = Store(), list[float]()
+    task, store, ends = asyncio.current_task(), Store(), list[float]()
     while True:
         app = Supervisor(fleet, realm=realm, store=store, farewell=farewell)
         code = await app.run_async()
+        if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
+            raise asyncio.CancelledError
         if app.fatal is None:
             return code or exit_codes.DONE
         now = time.monotonic()

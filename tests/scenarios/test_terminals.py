@@ -1,0 +1,184 @@
+"""Terminals that close, stall or are missing: what was started for a person ends with the person's screen."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import pty
+import select
+import shutil
+import signal
+import struct
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.withheld import Withheld
+
+pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
+
+ROBOTREE = (sys.executable, "-m", "robotree.tui")
+LED_BY_MAKE = "make"
+"""The session's leader is `make`, as in `xterm -e make demo`: it alone is told of a hang-up, and waits."""
+END = 3.0
+"""[s] in which everything has to be gone; what threads waited for a processor is forgiven."""
+CREW = 8
+"""Processes of the demo: two controllers, two proxies, a view, two lookup services, a host."""
+STARTED = b"starting the demo"
+SCREEN = b"\x1b[?1049h"
+"""Textual turns to the terminal's other screen: it is there, and draws."""
+LISTED = b"arm-1"
+
+
+class Terminal:
+    """A terminal, and the session in it."""
+
+    def __init__(self, *words: str) -> None:
+        """Start a program as the leader of a session whose terminal this is."""
+        self.pid, self._master = pty.fork()
+        if self.pid == 0:
+            os.execvp(words[0], words)  # noqa: S606 # pty.fork is how a session gets its terminal
+        fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", 44, 140, 0, 0))
+        self.shown = b""
+
+    def shows(self, text: bytes, within: float = 60.0) -> None:
+        """Read what is shown until this is there."""
+        began = time.monotonic()
+        while text not in self.shown:
+            assert time.monotonic() < began + within, self.shown[-2000:]
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.shown += os.read(self._master, 65536)
+
+    def stalls(self) -> None:
+        """Take nothing more, as after Ctrl-S, or at the far end of a link that hangs."""
+        inside = os.open(Path(f"/proc/{self.pid}/fd/0").readlink(), os.O_RDWR | os.O_NOCTTY)
+        termios.tcflow(inside, termios.TCOOFF)
+        os.close(inside)
+
+    def close(self) -> None:
+        """Close it, as a window is closed whose program asks nobody; again: nothing."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+
+    def family(self) -> list[int]:
+        """The leader and everything that it and its children have started."""
+        found = [self.pid]
+        for one in found:
+            found += children(one)
+        return found
+
+    def is_over(self) -> bool:
+        """Whether the leader has ended."""
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(self.pid, os.WNOHANG)
+        return not living(self.pid)
+
+
+def living(pid: int) -> bool:
+    """Whether a process exists and is not a zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def children(pid: int) -> list[int]:
+    """The processes that any thread of this one has started."""
+    found = list[int]()
+    for task in Path(f"/proc/{pid}/task").glob("*"):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            found += [int(one) for one in (task / "children").read_text().split()]
+    return found
+
+
+@pytest.fixture
+def open_terminal() -> Iterator[type[Terminal]]:
+    opened = list[Terminal]()
+
+    class Opened(Terminal):
+        def __init__(self, *words: str) -> None:
+            super().__init__(*words)
+            opened.append(self)
+
+    yield Opened
+    for one in opened:
+        family = one.family()
+        one.close()
+        for pid in family:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        one.is_over()
+
+
+def led_by(leader: str, folder: Path, *words: str) -> tuple[str, ...]:
+    """Return the line that starts `robotree WORDS…`, beneath a leader if one is wanted."""
+    if leader != LED_BY_MAKE:
+        return (*ROBOTREE, *words)
+    if not shutil.which(LED_BY_MAKE):
+        pytest.skip("without make there is nobody to lead the session")
+    makefile = folder / "Makefile"
+    makefile.write_text(f"it:\n\t@{' '.join((*ROBOTREE, *words))}\n")
+    return (LED_BY_MAKE, "-f", str(makefile), "it")
+
+
+def gone(terminal: Terminal, family: list[int]) -> None:
+    """Hold that nobody of the family lives after `END`."""
+    began, withheld, lost = time.monotonic(), Withheld(*family), 0.0
+    while left := [pid for pid in family if living(pid)]:
+        terminal.is_over()
+        lost = max(lost, withheld.seconds)
+        assert time.monotonic() < began + END + lost, f"{len(left)} of {len(family)} still live"
+        time.sleep(0.02)
+
+
+def test_a_demo_ends_with_its_terminal_and_leaves_nobody(
+    tmp_path: Path, open_terminal: type[Terminal]
+) -> None:
+    terminal = open_terminal(*led_by(LED_BY_MAKE, tmp_path, "demo", "--realm", "closed"))
+    terminal.shows(LISTED)
+    family = terminal.family()
+    assert len(family) == 2 + CREW, "make, the demo, and its crew"
+    terminal.close()
+    gone(terminal, family)
+
+
+def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_signals(
+    tmp_path: Path, open_terminal: type[Terminal]
+) -> None:
+    terminal = open_terminal(*led_by(LED_BY_MAKE, tmp_path, "demo", "--realm", "closed"))
+    terminal.shows(STARTED)
+    family = terminal.family()
+    terminal.close()
+    for one in (signal.SIGHUP, signal.SIGTERM, signal.SIGHUP):
+        os.killpg(terminal.pid, one)  # as a window's program and a tidy shell do
+    gone(terminal, family)
+
+
+@pytest.mark.parametrize("leader", ["", LED_BY_MAKE])
+def test_the_plain_screen_ends_with_its_terminal(
+    leader: str, tmp_path: Path, open_terminal: type[Terminal]
+) -> None:
+    terminal = open_terminal(*led_by(leader, tmp_path, "--realm", "closed"))
+    terminal.shows(SCREEN)
+    family = terminal.family()
+    terminal.close()
+    gone(terminal, family)
+
+
+def test_a_screen_whose_terminal_takes_nothing_more_still_ends_when_it_is_told_to(
+    open_terminal: type[Terminal],
+) -> None:
+    terminal = open_terminal(*ROBOTREE, "--realm", "stalled")
+    terminal.shows(SCREEN)
+    terminal.stalls()
+    os.kill(terminal.pid, signal.SIGTERM)
+    began = time.monotonic()
+    while not terminal.is_over():
+        assert time.monotonic() < began + 20, "SIGTERM has no effect"
+        time.sleep(0.1)

@@ -1,0 +1,55 @@
+"""Textual's driver, for terminals that vanish: what is drawn then is drawn nowhere.
+
+Textual writes in a thread and hands texts over in a bounded queue. An error in that thread, such as that of a
+terminal that was closed, ends it; then the queue fills up, and the event loop waits at it for ever, deaf to
+every signal (Textual 8.2.8, `textual/drivers/_writer_thread.py`).
+"""
+
+from __future__ import annotations
+
+from typing import IO, Any, cast
+
+from textual.driver import Driver
+from textual.drivers.linux_driver import LinuxDriver
+
+from robotree.tui.terminal import forget_the_reader
+
+
+class Outliving:
+    """A standard stream whose writing never fails."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        """Write to `stream` as long as somebody can read it."""
+        self._stream = stream
+
+    def write(self, text: str) -> None:
+        """Write, or do not."""
+        try:
+            self._stream.write(text)
+        except OSError:
+            forget_the_reader(self._stream)
+
+    def flush(self) -> None:
+        """Have it written, or not."""
+        try:
+            self._stream.flush()
+        except OSError:
+            forget_the_reader(self._stream)
+
+    def fileno(self) -> int:
+        """Return the stream's file descriptor."""
+        return self._stream.fileno()
+
+
+class OutlivingDriver(LinuxDriver):
+    """Goes on when its terminal has gone. What ends the program then is `processes.ending`."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        """Take what Textual gives."""
+        super().__init__(*given, **named)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
+        self._file = cast("Any", Outliving(cast("IO[str]", self._file)))
+
+
+def outliving(chosen: type[Driver]) -> type[Driver]:
+    """Return the driver to be used where Textual has chosen this one."""
+    return OutlivingDriver if chosen is LinuxDriver else chosen
