@@ -79,6 +79,9 @@ class Action:
     """Word beside the key in the footer; empty: not shown there."""
     danger: bool = False
     """It takes something away or makes something move: the full screen asks first."""
+    while_busy: bool = False
+    """Its keys work while the form in front carries something out. All other keys are dropped then, and that
+    is told: this is true of every form, and said nowhere else."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

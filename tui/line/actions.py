@@ -128,6 +128,7 @@ ACTIONS: tuple[Action, ...] = (
         key="space",
         typing_key="ctrl+s",
         scope=Scope.PROGRAM,
+        while_busy=True,
         examples=("stop", "stop arm-1"),
     ),
     Action(

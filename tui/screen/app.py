@@ -147,6 +147,10 @@ class Supervisor(Fenced, Unasked[int]):
         log.error("the screen ended", exc_info=error)
         super()._handle_exception(error)
 
+    def tell_dropped(self, what: str, why: str) -> None:
+        """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
+        self.tell(f"{what}: {why}", "warning")
+
     # -- verbs -------------------------------------------------------------------------------------
 
     def progress(self, fraction: float, text: str) -> None:

@@ -57,10 +57,13 @@ class KeysInOrder(App[ReturnType]):
         del key, before
         return False
 
-    def heeds(self, event: Event) -> bool:
-        """Whether what a person did shall have any effect, now that its turn has come."""
+    def drops(self, event: Event) -> str:
+        """Return why a key or click shall have no effect, now that its turn has come; empty: it shall."""
         del event
-        return True
+        return ""
+
+    def dropped(self, event: Event, why: str) -> None:
+        """Take note that a key or click had no effect."""
 
     async def on_event(self, event: Event) -> None:
         """Take what a person does, or hold it back until its turn comes; everything else is as it was.
@@ -86,7 +89,9 @@ class KeysInOrder(App[ReturnType]):
             self._send(taken)
 
     async def _hand_over(self, event: Event) -> None:
-        if self.heeds(event):
+        if why := self.drops(event):
+            self.dropped(event, why)
+        else:
             await super().on_event(event)
 
     @property

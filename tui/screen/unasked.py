@@ -14,7 +14,7 @@ from textual.events import Event, Key
 from textual.widgets import Input
 
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.screen.keys_in_order import KeysInOrder
+from robotree.tui.screen.busy import BusyForms, carried_out
 
 if TYPE_CHECKING:
     from textual.screen import Screen
@@ -28,7 +28,7 @@ LINES = {BY_VERB["prompt"].key, BY_VERB["filter"].key}
 _STOPS = {BY_VERB["stop"].key, BY_VERB["stop"].typing_key}
 
 
-class Unasked(KeysInOrder[ReturnType]):
+class Unasked(BusyForms[ReturnType]):
     """An app that drops what was typed before its screen could be seen; never the stop."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class Unasked(KeysInOrder[ReturnType]):
     @property
     def typing(self) -> bool:
         """Whether keys are letters now."""
-        return bool(self.screen_stack) and isinstance(self.focused, Input)
+        return bool(self.screen_stack) and isinstance(self.focused, Input) and not carried_out(self.focused)
 
     async def on_event(self, event: Event) -> None:
         """Notice who types on and has not looked yet; stops overtake the letters before them."""
@@ -75,10 +75,12 @@ class Unasked(KeysInOrder[ReturnType]):
             self._seen = max(self._seen, event.time + LOOK)
         await super().on_event(event)
 
-    def heeds(self, event: Event) -> bool:
-        """Drop what was meant for what was in front before (`KeysInOrder.heeds`)."""
+    def drops(self, event: Event) -> str:
+        """Drop what was meant for what was in front before (`KeysInOrder.drops`)."""
         if event.time >= self._seen:
-            return True
+            return super().drops(event)
         if not isinstance(event, Key) or event.key not in _STOPS:
-            return False
-        return not self._typed or event.key == BY_VERB["stop"].typing_key
+            return "what is in front now had just come"
+        if not self._typed or event.key == BY_VERB["stop"].typing_key:
+            return ""
+        return "it was a letter for what was in front before"

@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING
 
 import pytest
 from textual.binding import Binding
+from textual.screen import Screen
 from textual.widgets import Button, Input
 
 from robotree.tui.line.action import About, Scope, Where
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.line.manual import spell
+from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.asking import ASK
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
-from robotree.tui.screen.pages.help import help_text, page_keys
+from robotree.tui.screen.pages.enslave import EnslaveDialog
+from robotree.tui.screen.pages.help import help_text, page_rows
 from robotree.tui.screen.pages.main import PANES, MainPage
+from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
@@ -52,14 +56,33 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
     assert all(one.scope is Scope.PAGE for one in ACTIONS if one.about is not About.NOTHING)
 
 
-@pytest.mark.parametrize("page", [PanelPage, TeleopPage])
-def test_every_key_of_a_page_is_explained(page: type[Page]) -> None:
-    rows = page_keys(page)
-    assert all(meaning.endswith(".") for _, meaning in rows), "a binding without a tooltip"
-    shown = " ".join(told for told, _ in rows)
-    for one in page.BINDINGS:
-        assert isinstance(one, Binding)
-        assert (one.key_display or spell(one.key)) in shown
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [
+        ("panel", PanelPage),
+        ("teleop", TeleopPage),
+        ("new", NewPage),
+        ("question", Confirm),
+        ("question", EnslaveDialog),
+        ("text", Reading),
+    ],
+)
+def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(name: str, page: type[Screen]) -> None:
+    bound = {(one.id, one.key) for one in page.BINDINGS if isinstance(one, Binding)}
+    assert bound == {(one.id, one.key) for one in page_keys(name)}
+    assert all(one.help.endswith(".") for one in page_keys(name))
+
+
+def test_one_letter_has_one_meaning_in_the_whole_program() -> None:
+    meanings: dict[str, set[str]] = {}
+    for action in ACTIONS:
+        meanings.setdefault(action.key, set()).add(action.verb)
+    for one in PAGE_KEYS:
+        for key in one.key.split(","):
+            meanings.setdefault(key, set()).add(one.verb or one.id)
+    letters = {key: told for key, told in meanings.items() if len(key) == 1}
+    assert {key: told for key, told in letters.items() if len(told) > 1} == {}
+    assert letters["c"] == {"cancel"}
 
 
 async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
@@ -69,7 +92,7 @@ async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
         lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
         wanted = [f"{spell(one.key)} {one.help}" for one in ACTIONS if one.key and not one.typing_key]
         wanted += [
-            f"{told} {meaning}" for page in (PanelPage, TeleopPage) for told, meaning in page_keys(page)
+            f"{told} {meaning}" for page in ("panel", "teleop", "new") for told, meaning in page_rows(page)
         ]
         assert [one for one in wanted if " ".join(one.split()) not in lines] == []
 
@@ -83,9 +106,8 @@ async def test_the_programs_keys_work_beside_a_button_and_are_letters_in_a_field
         page = await operator.at(PanelPage)
         await operator.until(lambda: bool(page.query(Input)), "the form")
         field = page.query(Input).first()
-        field.value = ""
         field.focus()
-        await operator.press("R", "question_mark", "space")
+        await operator.press("ctrl+u", "R", "question_mark", "space")
         assert field.value == "R? "
         assert operator.app.store.stopped == ()
         page.query_one("#run", Button).focus()

@@ -8,11 +8,12 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.screen import ModalScreen
-from textual.widgets import Button, Static
+from textual.screen import ModalScreen, ScreenResultType
+from textual.widgets import Button, Footer, Static
 
+from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.leaving import Leaving
 
@@ -23,14 +24,32 @@ LOOK = 0.25
 """[s] between two looks whether a question is still one."""
 
 
-class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
-    """Asks before something is taken away. The harmless answer comes first and has the focus."""
+class Modal(Fenced, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
+    """A box over a page: it dims the page, and has its own keys in the line at the bottom."""
 
     VERTICAL_BREAKPOINTS = LOW
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,n", "answer(False)", "Cancel"),
-        Binding("left,right", "other", "Other button", show=False),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = bindings("question")
+
+    def compose(self) -> ComposeResult:
+        """The box and its keys."""
+        yield from self.box()
+        yield Footer(show_command_palette=False, compact=True)
+
+    def box(self) -> ComposeResult:
+        """Yield the box."""
+        yield from ()
+
+    def action_other(self) -> None:
+        """Go to the other button or list."""
+        self.focus_next()
+
+    def action_answer(self, _answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
+        """Leave without an answer."""
+        self.dismiss(None)
+
+
+class Confirm(Modal[bool]):
+    """Asks before something is taken away. The harmless answer comes first and has the focus."""
 
     def __init__(
         self, question: str, consequence: str, yes: str, outlived: Callable[[], str] = lambda: ""
@@ -47,14 +66,14 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
         self._question, self._consequence, self._yes = question, consequence, yes
         self._outlived = outlived
 
-    def compose(self) -> ComposeResult:
+    def box(self) -> ComposeResult:
         """Question, consequence, buttons."""
         with Vertical(classes="dialog -danger"):
             yield Static(self._question, classes="dialog-title", markup=False)
             yield Static(self._consequence, classes="dialog-text", markup=False)
             with Horizontal(classes="buttons"):
-                yield Button("Cancel", id="no", variant="default")
-                yield Button(self._yes, id="yes", variant="error")
+                yield Button("Cancel", id="no", compact=True)
+                yield Button(self._yes, id="yes", variant="error", compact=True)
 
     def on_mount(self) -> None:
         """Focus the harmless answer."""
@@ -68,10 +87,6 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
             self.dismiss(False)  # the answer
             self.app.comes_unasked(self.app.screen, typed=False)
 
-    def action_other(self) -> None:
-        """Go to the other button."""
-        self.focus_next()
-
     def action_answer(self, answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
         """Answer."""
         self.dismiss(answer)
@@ -81,17 +96,17 @@ class Confirm(Fenced, ModalScreen[bool], Leaving[bool]):
         self.dismiss(event.button.id == "yes")
 
 
-class Reading(Fenced, ModalScreen[None], Leaving[None]):
+class Reading(Modal[None]):
     """Shows a longer text, as the command line would print it."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q,enter", "dismiss", "Close")]
+    BINDINGS: ClassVar[list[BindingType]] = bindings("text")
 
     def __init__(self, title: str, text: str | Text) -> None:
         """Show `text` under `title`; neither is markup."""
         super().__init__()
         self._heading, self._text = title, text
 
-    def compose(self) -> ComposeResult:
+    def box(self) -> ComposeResult:
         """Title and text."""
         with VerticalScroll(classes="dialog reading") as box:
             box.border_title = Text(self._heading)

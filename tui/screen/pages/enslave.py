@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
-from textual.screen import ModalScreen
 from textual.widgets import Button, Label, OptionList
 from textual.widgets.option_list import Option
 
 from robotree.tui.line.grammar import Line
-from robotree.tui.screen.fence import Fenced
-from robotree.tui.screen.leaving import Leaving
+from robotree.tui.screen.pages.dialogs import Modal
 from robotree.tui.seen import wording
 
 if TYPE_CHECKING:
@@ -57,20 +54,15 @@ def openings(store: Store, name: str) -> list[Opening]:
     return own or [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
 
 
-class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
+class EnslaveDialog(Modal[Line | None]):
     """Choose a slot, choose a robot for it."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "Cancel"),
-        Binding("left,right", "other", "Other list", show=False),
-    ]
 
     def __init__(self, store: Store, places: Sequence[Opening], child: str = "") -> None:
         """Offer these slots; `child` is the robot that was pointed at."""
         super().__init__()
         self._store, self._openings, self._child = store, list(places), child
 
-    def compose(self) -> ComposeResult:
+    def box(self) -> ComposeResult:
         """Slots on the left, robots on the right."""
         with Vertical(classes="dialog enslave"):
             yield Label("Enslave", classes="dialog-title", markup=False)
@@ -79,8 +71,8 @@ class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
                 yield OptionList(id="children", markup=False)
             yield Label("", id="enslave-note", markup=False)
             with Horizontal(classes="buttons"):
-                yield Button("Cancel", id="no")
-                yield Button("Enslave", id="yes", variant="primary")
+                yield Button("Cancel", id="no", compact=True)
+                yield Button("Enslave", id="yes", variant="primary", compact=True)
 
     def _slot_option(self, opening: Opening) -> Option:
         return Option(Text.assemble((opening.path, "bold"), f"  takes {opening.kind}"), id=opening.path)
@@ -115,10 +107,6 @@ class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
         self.query_one("#enslave-note", Label).update(note)
         self.query_one("#yes", Button).disabled = not names
 
-    def action_other(self) -> None:
-        """Go to the other list."""
-        self.focus_next()
-
     @on(OptionList.OptionSelected, "#slots")
     def _on_to_children(self) -> None:
         self.query_one("#children", OptionList).focus()
@@ -136,17 +124,15 @@ class EnslaveDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
         self.dismiss(None)
 
 
-class ReleaseDialog(Fenced, ModalScreen[Line | None], Leaving[Line | None]):
+class ReleaseDialog(Modal[Line | None]):
     """Choose which of several children to let go."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "Cancel")]
 
     def __init__(self, slots: Sequence[tuple[str, str]]) -> None:
         """Offer these pairs of `PARENT.SLOT` and child."""
         super().__init__()
         self._slots = list(slots)
 
-    def compose(self) -> ComposeResult:
+    def box(self) -> ComposeResult:
         """A list."""
         with Vertical(classes="dialog"):
             yield Label("Release which child?", classes="dialog-title", markup=False)

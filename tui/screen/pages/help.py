@@ -11,10 +11,9 @@ from textual.binding import Binding
 from robotree.tui.line.action import Action, Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB, groups
 from robotree.tui.line.manual import spell
+from robotree.tui.line.page_keys import page_keys
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.marks import MOODS, tint
 
 if TYPE_CHECKING:
@@ -39,8 +38,11 @@ def help_text(app: Supervisor) -> Text:
     _stop(app, text)
     block("On every page, but not in a field that you type in", _actions(app, Scope.PROGRAM))
     block("On the main page", [*_actions(app, Scope.PAGE), *_own(MainPage)])
-    block("In the panel of a robot", page_keys(PanelPage))
-    block("In the tele-operation of an arm", page_keys(TeleopPage))
+    block("In the panel of a robot", page_rows("panel"))
+    block("In the tele-operation of an arm", page_rows("teleop"))
+    block("On the page for new robots", page_rows("new"))
+    block("In a question", page_rows("question"))
+    block("In a text", page_rows("text"))
     text.append("Verbs", strong)
     text.append("  at the `:` prompt, on the command line after `robotree`, and in session scripts\n", muted)
     for actions in groups(Where.PROMPT).values():
@@ -52,19 +54,19 @@ def help_text(app: Supervisor) -> Text:
     return text
 
 
-def page_keys(page: type[Page]) -> list[tuple[str, str]]:
-    """Return the keys that a page binds, with what they do; those that do the same share a line."""
+def page_rows(page: str) -> list[tuple[str, str]]:
+    """Return the keys of a page with what they do; those that do the same share a line."""
     found: dict[str, list[str]] = {}
-    for one in page.BINDINGS:
-        if isinstance(one, Binding):
-            found.setdefault(one.tooltip, []).append(one.key_display or spell(one.key))
+    for one in page_keys(page):
+        found.setdefault(one.help, []).append(one.shown or " ".join(map(spell, one.key.split(","))))
     return [(" ".join(keys), meaning) for meaning, keys in found.items()]
 
 
 def _own(page: type[Page]) -> list[tuple[str, str]]:
-    """Return what a page binds beside the registry."""
+    """Return what the main page binds beside the registry."""
     told = {action.help for action in ACTIONS}
-    return [row for row in page_keys(page) if row[1] not in told]
+    bound = [one for one in page.BINDINGS if isinstance(one, Binding)]
+    return [(spell(one.key), one.tooltip) for one in bound if one.tooltip not in told]
 
 
 def _stop(app: Supervisor, text: Text) -> None:

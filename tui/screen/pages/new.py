@@ -9,12 +9,14 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input, Label, Static
 
 from robotree.files import text as text_of
 from robotree.tui.line.grammar import Line
+from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.busy import Form
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
@@ -63,11 +65,12 @@ def places() -> list[tuple[str, Path]]:
     return [("examples", examples), *found] if examples.is_dir() else found
 
 
-class NewPage(Page):
+class NewPage(Form, Page):
     """The file picker, and what is in the file."""
 
     PAGE: ClassVar[str] = "new virtual robot"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "Back")]
+    KEYS_OF: ClassVar[str] = "new"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
     def __init__(self) -> None:
         """Nothing is chosen yet."""
@@ -189,7 +192,9 @@ class NewPage(Page):
     @on(Input.Submitted, "#name")
     @on(Button.Pressed, "#create")
     def create(self) -> None:
-        """Ask for the robot of the file."""
+        """Ask for the robot of the file; until the answer the page takes nothing."""
+        if self.carrying:
+            return
         chosen = self._chosen
         if not (self._judge() and chosen and self.path):
             return
@@ -198,12 +203,24 @@ class NewPage(Page):
         if host != ANY_HOST:
             values["HOST"] = host
         self.query_one("#create", Button).disabled = True
-        self._ask_for(Line("create", values))
+        self.carrying = f"{values['NAME']} is being made"
+        self.query_one("#new-complaint", Label).update(f"… {self.carrying}")
+        self.set_focus(None)  # a field would take letters, and the space that stops
+        making = self._ask_for(Line("create", values))  # the page may be left meanwhile
+        self.app.run_worker(making, group="create", exit_on_error=False)
 
-    @work(exclusive=True, exit_on_error=False)
+    def action_back(self) -> None:
+        """Leave; say what goes on."""
+        if self.carrying:
+            self.app.tell(f"{self.carrying} all the same; the log will say what comes of it", "warning")
+        self.dismiss()
+
     async def _ask_for(self, line: Line) -> None:
         """Create; go back to where the robot appears, or stay and say what was wrong."""
         refusal = await self.app.attempt(line)
+        self.carrying = ""
+        if not self.is_attached:
+            return
         if not refusal:
             typed, in_front = self.app.typing, self.is_current
             self.dismiss()
@@ -212,6 +229,7 @@ class NewPage(Page):
             return
         self.query_one("#new-complaint", Label).update(f"✗ {refusal}")
         self.query_one("#create", Button).disabled = False
+        self.query_one("#name", Input).focus()
 
 
 def _short(path: Path) -> str:

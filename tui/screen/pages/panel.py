@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import ContentSwitcher, OptionList
 from textual.widgets.option_list import Option
 
+from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.command_form import CommandForm
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
 
-ENTER = "Into the form, and on to the next field."
-AT_REST = "at the list of commands"
-"""Where letters are keys: nobody types there."""
 LETTERS = {"teleoperate", "cancel", "about"}
 """Actions whose keys are letters."""
 
@@ -34,14 +32,8 @@ LETTERS = {"teleoperate", "cancel", "about"}
 class PanelPage(Page):
     """Commands on the left, the form of the chosen one on the right."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "back", "Back", tooltip="Out of the form to the list of commands, and back."),
-        Binding("enter", "fill_in", "Form", show=False, tooltip=f"{ENTER} It never runs anything."),
-        Binding("ctrl+r", "run", "Run", tooltip="Run the command as it is filled in."),
-        Binding("x", "teleoperate", "Tele-operate", tooltip=f"Tele-operate, {AT_REST}."),
-        Binding("c", "cancel", "Cancel", tooltip=f"Cancel all that the robot does, {AT_REST}."),
-        Binding("i", "about", "About", show=False, tooltip=f"Describe the robot in full, {AT_REST}."),
-    ]
+    KEYS_OF: ClassVar[str] = "panel"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
     def __init__(self, robot: RobotDescription) -> None:
         """Open the panel of a robot as it described itself."""
@@ -144,8 +136,12 @@ class PanelPage(Page):
         return super().check_action(action, parameters)
 
     def _at_rest(self, action: str) -> bool:
-        """Whether a letter is a key: at the list of commands; `c` also on the button that says the same."""
+        """Whether a letter is a key: at the list of commands; `c` also in a form that runs."""
         focused = self.focused
+        if action == "cancel" and any(
+            one.running and one.has_focus_within for one in self.query(CommandForm)
+        ):
+            return True
         return focused is not None and focused.id in {"commands", action}
 
     def action_teleoperate(self) -> None:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.containers import Grid, Horizontal, Vertical
 from textual.widgets import Button, Static
 
+from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.jog import AXES, Bounds, Jog
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
@@ -48,34 +49,11 @@ JOGS = {
 }  # fmt: skip
 
 
-ALONG = {
-    "x": "Move forward, back.",
-    "y": "Move left, right.",
-    "z": "Move up, down.",
-    "twist": "Twist the gripper.",
-}
-"""What the keys of an axis do."""
-
-
 class TeleopPage(Page):
     """One robot, by hand."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", "jog('x', 1)", "x", show=False, tooltip=ALONG["x"]),
-        Binding("down", "jog('x', -1)", "x", show=False, tooltip=ALONG["x"]),
-        Binding("left", "jog('y', 1)", "y", show=False, tooltip=ALONG["y"]),
-        Binding("right", "jog('y', -1)", "y", show=False, tooltip=ALONG["y"]),
-        Binding("pageup", "jog('z', 1)", "z", show=False, tooltip=ALONG["z"]),
-        Binding("pagedown", "jog('z', -1)", "z", show=False, tooltip=ALONG["z"]),
-        Binding("comma", "jog('twist', 1)", "twist", show=False, tooltip=ALONG["twist"]),
-        Binding("full_stop", "jog('twist', -1)", "twist", show=False, tooltip=ALONG["twist"]),
-        Binding("plus,equals_sign", "resize(1)", "Step", key_display="+", tooltip="Larger steps."),
-        Binding("minus", "resize(-1)", "Step", key_display="-", tooltip="Smaller steps."),
-        Binding("o", "grip('open')", "Open", tooltip="Open the gripper."),
-        Binding("c", "grip('close')", "Close", tooltip="Close the gripper."),
-        Binding("v", "camera", "Camera", tooltip="Look through the next camera."),
-        Binding("escape", "dismiss", "Back", tooltip="Back to the panel."),
-    ]
+    KEYS_OF: ClassVar[str] = "teleop"
+    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
     def __init__(self, robot: RobotDescription, bounds: Bounds) -> None:
         """Tele-operate a robot within the bounds of its `go_to`."""
@@ -129,6 +107,11 @@ class TeleopPage(Page):
         """Choose a larger or a smaller step."""
         self.jog.resize(by)
         self.draw()
+
+    def action_cancel(self) -> None:
+        """Cancel all that the robot does, and what was still wished."""
+        self.jog.drop()
+        self.app.do("cancel", NAME=self.robot.name)
 
     def action_camera(self) -> None:
         """Look through the next camera."""

@@ -10,11 +10,14 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, VerticalScroll
+from textual.dom import DOMNode
+from textual.events import Event, Key
 from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Button, Label, ProgressBar, Static
 
-from robotree.tui.screen import entry
+from robotree.tui.screen import entry, unasked
+from robotree.tui.screen.busy import Form
 from robotree.tui.screen.fence import Fenced
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
@@ -24,7 +27,7 @@ from robotree.vr.description import CommandSpec
 HOW_TO_RUN = "ctrl+r runs it, or the button"
 
 
-class CommandForm(Fenced, VerticalScroll):
+class CommandForm(Form, Fenced, VerticalScroll):
     """Draws one command; asks the screen to run or to cancel it."""
 
     class Run(Message):
@@ -43,10 +46,22 @@ class CommandForm(Fenced, VerticalScroll):
         super().__init__(classes="form", can_focus=False)
         self.spec = spec
         self._readings = dict(readings)
-        self.running = False
         self.gone = False
+        self._began = 0.0
+        """[s] When the command was sent, on the clock of events."""
         self._came_from: Widget | None = None
         """What had the focus when the command was sent."""
+
+    @property
+    def running(self) -> bool:
+        """Whether the command is being carried out."""
+        return bool(self.carrying)
+
+    def lets(self, node: DOMNode | None, event: Event) -> bool:
+        """Let what runs be cancelled by a person who has seen that it runs (`Form.lets`)."""
+        seen = self.app.now() - self._began >= unasked.LOOK
+        pressed = not isinstance(event, Key) or event.key == "enter"
+        return node is not None and node.id == "cancel" and pressed and seen
 
     def compose(self) -> ComposeResult:
         """Documentation, fields, buttons, progress, result."""
@@ -98,7 +113,10 @@ class CommandForm(Fenced, VerticalScroll):
     @on(Button.Pressed, "#run")
     def send(self) -> None:
         """Ask for the command, if the form is filled in well; else explain beside the fields."""
-        if self.running or self.gone or not self.spec.available:
+        if self.running:
+            self.app.tell(f"{self.carrying} already; cancel it, or wait until it has ended", "warning")
+            return
+        if self.gone or not self.spec.available:
             return
         rows = {row.spec.name: row for row in self.query(FieldRow)}
         read = entry.read(self.spec, {name: row.text for name, row in rows.items()})
@@ -107,6 +125,9 @@ class CommandForm(Fenced, VerticalScroll):
         if read.complaints:
             rows[next(iter(read.complaints))].focus_entry()
             return
+        self.carrying, self._began = f"{self.spec.name} is running", self.app.now()
+        self._came_from = self.screen.focused
+        self._enable()
         self.post_message(self.Run(self, read.arguments))
 
     @on(Button.Pressed, "#cancel")
@@ -117,13 +138,10 @@ class CommandForm(Fenced, VerticalScroll):
 
     def began(self) -> None:
         """The command was sent."""
-        self.running = True
-        self._came_from = self.screen.focused
         bar = self.query_one(ProgressBar)
         bar.display = True
         bar.update(total=None, progress=0)
         self._say("…", "accent", "sent")
-        self._enable()
 
     @property
     def _left(self) -> bool:
@@ -161,7 +179,7 @@ class CommandForm(Fenced, VerticalScroll):
         self._enable()
 
     def _ended(self) -> None:
-        self.running = False
+        self.carrying = ""
         self.query_one(ProgressBar).display = False
         if self.query_one("#cancel", Button).has_focus and self._came_from is not None:
             self._came_from.focus()  # a button that can no longer be pressed would keep the keys
@@ -171,7 +189,7 @@ class CommandForm(Fenced, VerticalScroll):
         usable = self.spec.available and not self.gone
         self.query_one("#run", Button).disabled = self.running or not usable
         self.query_one("#cancel", Button).disabled = not self.running
-        if self.running:
+        if self.running and self.has_focus_within:
             self.query_one("#cancel", Button).focus()
 
     def _say(self, sign: str, colour: str, text: str, body: str = "") -> None:

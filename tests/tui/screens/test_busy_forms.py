@@ -1,0 +1,176 @@
+"""A form that is carrying something out takes nothing, and keys that have no effect are told."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Button, Input
+
+from robotree.tui.screen import unasked
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.robot_tree import Place
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+    from robotree.vr.description import RobotDescription
+
+GOOD = '''
+"""A file."""
+from robotree.vr import VirtualRobot
+
+class Painter(VirtualRobot):
+    """Paints."""
+
+class Finisher(Painter):
+    """Finishes."""
+'''
+ENTER, ESCAPE, CTRL_R, CTRL_U = "\r", "\x1b\x1b", "\x12", "\x15"
+
+
+@pytest.fixture
+def slow_host(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> asyncio.Event:
+    """Let robots be made only after this is set."""
+    go_on, create = asyncio.Event(), realm.fleet.create
+
+    async def wait(path: str, name: str, *, host: str = "", wanted: str = "") -> RobotDescription:
+        await go_on.wait()
+        return await create(path, name, host=host, wanted=wanted)
+
+    monkeypatch.setattr(realm.fleet, "create", wait)
+    return go_on
+
+
+@pytest.fixture(autouse=True)
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    file = tmp_path / "good.py"
+    file.write_text(GOOD)
+    monkeypatch.setattr("robotree.tui.screen.pages.new.places", lambda: [("here", tmp_path)])
+    return file
+
+
+def row(form: CommandForm, name: str) -> FieldRow:
+    return {one.spec.name: one for one in form.query(FieldRow)}[name]
+
+
+@asynccontextmanager
+async def go_to_form(
+    realm: Realm, operate: Operate
+) -> AsyncIterator[tuple[Operator, PanelPage, CommandForm]]:
+    """Open the panel of the arm; the cursor is in field x of go_to."""
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        operator.app.ask_for("panel", Place("arm-1"))
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        form = page.query(CommandForm).first()
+        row(form, "x").focus_entry()
+        await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
+        yield operator, page, form
+
+
+async def create_finisher(operator: Operator) -> NewPage:
+    """Ask for a robot; it is just being made."""
+    await operator.until(lambda: bool(operator.app.store.hosts), "a host")
+    await operator.press("n")
+    page = await operator.at(NewPage)
+    await operator.sees("good.py")
+    await operator.press("home", "enter")
+    await operator.until(lambda: page.query_one("#name", Input).has_focus, "its name")
+    await operator.press("enter")
+    await operator.until(lambda: bool(page.carrying), "it is being made")
+    return page
+
+
+async def test_quick_keys_after_create_make_no_other_robots(
+    realm: Realm, operate: Operate, slow_host: asyncio.Event
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await create_finisher(operator)
+        operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
+        await operator.sees("8 keys (z enter w enter tab n e enter)", "finisher is being made")
+        await operator.click("#create")
+        assert page.query_one("#name", Input).value == "finisher"
+        slow_host.set()
+        await operator.at(MainPage)
+        await operator.until(lambda: "finisher" in operator.app.store.robots, "it is listed")
+        assert set(operator.app.store.robots) == {"arm-1", "rover-1", "finisher"}
+
+
+async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
+    realm: Realm, operate: Operate, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unasked, "LOOK", 0.5)
+    async with operate(realm.fleet) as operator:
+        await create_finisher(operator)
+        slow_host.set()
+        await operator.at(MainPage)
+        operator.burst("n")
+        await operator.sees("the key n was dropped: what is in front now had just come")
+        assert isinstance(operator.app.screen, MainPage)
+
+
+async def test_the_stop_and_the_way_out_work_while_a_robot_is_being_made(
+    realm: Realm, operate: Operate, slow_host: asyncio.Event
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await create_finisher(operator)
+        operator.burst(" ")
+        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
+        operator.burst(ESCAPE)
+        await operator.at(MainPage)
+        await operator.sees("finisher is being made all the same")
+        slow_host.set()
+        await operator.sees("finisher (Finisher) runs on host-1")
+
+
+async def test_a_running_command_takes_neither_values_nor_another_run(realm: Realm, operate: Operate) -> None:
+    async with go_to_form(realm, operate) as (operator, page, form):
+        realm.arm.under_way = True
+        operator.burst(f"{CTRL_U}0.45{CTRL_R}9{CTRL_R}8")
+        await operator.until(lambda: form.running, "it runs")
+        await operator.sees("3 keys (9 ctrl+r 8) were dropped: go_to is running")
+        assert row(form, "x").text == "0.45"
+        page.query_one("#commands").focus()
+        await operator.press("ctrl+r")
+        await operator.sees("go_to is running already")
+        realm.arm.under_way = False
+        await operator.sees("done in")
+        assert realm.arm.calls == ["go_to"]
+
+
+async def test_hasty_enters_do_not_cancel_what_has_just_begun(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unasked, "LOOK", 60.0)
+    async with go_to_form(realm, operate) as (operator, _page, form):
+        realm.arm.under_way = True
+        operator.app._seen = 0.0
+        await operator.press("ctrl+r")
+        await operator.until(lambda: form.query_one("#cancel", Button).has_focus, "it runs")
+        await operator.press("enter")
+        await operator.sees("the key enter was dropped: go_to is running")
+        assert form.running
+        monkeypatch.setattr(unasked, "LOOK", 0.0)
+        await operator.press("enter")
+        await operator.sees("was cancelled")
+
+
+async def test_c_cancels_what_the_form_in_front_runs(realm: Realm, operate: Operate) -> None:
+    async with go_to_form(realm, operate) as (operator, _page, form):
+        realm.arm.under_way = True
+        await operator.press("ctrl+r")
+        await operator.until(lambda: form.running, "it runs")
+        await operator.press("c")
+        await operator.sees("was cancelled")

@@ -1,0 +1,209 @@
+"""The keys of the pages beside the main one: the other half of the registry (`actions`). Pure.
+
+Pages make their bindings from it, the help page its rows, a keymap file finds the names here. A letter has
+one meaning in the whole program: on a page it is either the verb of that letter, or belongs to this page
+alone (a test compares).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ENTER = "Into the form, and on to the next field. It never runs anything."
+AT_REST = "at the list of commands"
+"""Where the letters of a panel are keys: nobody types there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageKey:
+    """One key of one page."""
+
+    page: str
+    """`panel`, `teleop`, `new`, `question`, `text`."""
+    name: str
+    """What it does, in a word; `page.name` is its name in a keymap file."""
+    key: str
+    """As Textual names it; several are separated by commas."""
+    action: str
+    """The action of the page that Textual calls."""
+    help: str
+    """One sentence; keys with the same one share a line of the help page."""
+    label: str = ""
+    """Word beside the key in the footer; empty: not shown there."""
+    shown: str = ""
+    """How the footer and the help page write the key; empty: as it is printed on keyboards."""
+    verb: str = ""
+    """The verb of the registry that it is on this page; empty: it belongs to this page alone."""
+    while_busy: bool = False
+    """It works while the form in front carries something out (see `Action.while_busy`)."""
+
+    @property
+    def id(self) -> str:
+        """Its name in a keymap file."""
+        return f"{self.page}.{self.name}"
+
+
+def _jog(name: str, key: str, axis: str, direction: int, sentence: str) -> PageKey:
+    return PageKey(page="teleop", name=name, key=key, action=f"jog('{axis}', {direction})", help=sentence)
+
+
+PAGE_KEYS: tuple[PageKey, ...] = (
+    # -- the panel of a robot
+    PageKey(
+        page="panel",
+        name="back",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Leave the panel; what runs goes on.",
+        while_busy=True,
+    ),
+    PageKey(page="panel", name="form", key="enter", action="fill_in", help=ENTER),
+    PageKey(
+        page="panel",
+        name="run",
+        key="ctrl+r",
+        action="run",
+        label="Run",
+        help="Run the command as it is filled in.",
+    ),
+    PageKey(
+        page="panel",
+        name="now",
+        key="ctrl+n",
+        action="follow",
+        help="Let the field follow the robot again, after something was typed into it.",
+    ),
+    PageKey(
+        page="panel",
+        name="copy",
+        key="ctrl+y",
+        action="copy",
+        label="Copy line",
+        help="Copy the command line that does the same as the form.",
+        while_busy=True,
+    ),
+    PageKey(
+        page="panel",
+        name="teleoperate",
+        key="x",
+        action="teleoperate",
+        label="Tele-operate",
+        help=f"Tele-operate, {AT_REST}.",
+    ),
+    PageKey(
+        page="panel",
+        name="cancel",
+        key="c",
+        action="cancel",
+        label="Cancel",
+        help=f"Cancel all that the robot does, {AT_REST} or while the form in front runs.",
+        verb="cancel",
+        while_busy=True,
+    ),
+    PageKey(
+        page="panel",
+        name="about",
+        key="i",
+        action="about",
+        help=f"Describe the robot in full, {AT_REST}.",
+        verb="show",
+    ),
+    # -- tele-operation: x is forward, y to the left, z up, as the robot's frame has them
+    _jog("forward", "up", "x", 1, "Move forward, back."),
+    _jog("back", "down", "x", -1, "Move forward, back."),
+    _jog("left", "left", "y", 1, "Move left, right."),
+    _jog("right", "right", "y", -1, "Move left, right."),
+    _jog("up", "pageup", "z", 1, "Move up, down."),
+    _jog("down", "pagedown", "z", -1, "Move up, down."),
+    _jog("twist-left", "comma", "twist", 1, "Twist the gripper."),
+    _jog("twist-right", "full_stop", "twist", -1, "Twist the gripper."),
+    PageKey(
+        page="teleop",
+        name="larger",
+        key="plus,equals_sign",
+        action="resize(1)",
+        label="Step",
+        shown="+",
+        help="Larger steps.",
+    ),
+    PageKey(
+        page="teleop",
+        name="smaller",
+        key="minus",
+        action="resize(-1)",
+        label="Step",
+        shown="-",
+        help="Smaller steps.",
+    ),
+    PageKey(
+        page="teleop", name="open", key="o", action="grip('open')", label="Open", help="Open the gripper."
+    ),
+    PageKey(
+        page="teleop", name="shut", key="s", action="grip('close')", label="Shut", help="Close the gripper."
+    ),
+    PageKey(
+        page="teleop",
+        name="cancel",
+        key="c",
+        action="cancel",
+        label="Cancel",
+        help="Cancel all that the robot does; it holds where it is.",
+        verb="cancel",
+    ),
+    PageKey(
+        page="teleop",
+        name="camera",
+        key="v",
+        action="camera",
+        label="Camera",
+        help="Look through the next camera.",
+        verb="views",
+    ),
+    PageKey(
+        page="teleop", name="leave", key="escape", action="dismiss", label="Back", help="Back to the panel."
+    ),
+    # -- the page for new robots
+    PageKey(
+        page="new",
+        name="leave",
+        key="escape",
+        action="back",
+        label="Back",
+        help="Leave the page; a robot that is just being made is made nevertheless.",
+        while_busy=True,
+    ),
+    # -- questions and texts over a page
+    PageKey(
+        page="question",
+        name="cancel",
+        key="escape",
+        action="answer(False)",
+        label="Cancel",
+        help="Do nothing, and go back.",
+    ),
+    PageKey(
+        page="question",
+        name="other",
+        key="left,right",
+        action="other",
+        label="Choose",
+        shown="← →",
+        help="Go to the other button or list.",
+    ),
+    PageKey(
+        page="text",
+        name="close",
+        key="escape,q,enter",
+        action="dismiss",
+        label="Close",
+        shown="esc",
+        help="Close the text.",
+        verb="quit",
+    ),
+)
+
+
+def page_keys(page: str) -> tuple[PageKey, ...]:
+    """Return the keys of a page, in the order of the registry."""
+    return tuple(one for one in PAGE_KEYS if one.page == page)

@@ -1,0 +1,112 @@
+"""A form that is carrying something out takes nothing; and what is dropped is told.
+
+Hasty keys after the one that sends a form would fill it in anew and send it again: robots nobody asked for.
+So while a form carries something out, only the keys work of which the registry says so (`while_busy`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+
+from textual.app import ReturnType
+from textual.dom import DOMNode
+from textual.errors import NoWidget
+from textual.events import Event, Key, MouseDown, MouseUp, Paste
+
+from robotree.tui.line.actions import ACTIONS
+from robotree.tui.line.manual import spell
+from robotree.tui.line.page_keys import page_keys
+from robotree.tui.screen.keys_in_order import KeysInOrder
+
+SOON = 0.2
+"""[s] after the last dropped key until all of them are told at once."""
+
+LISTED = 8
+"""Dropped keys that are told by name."""
+
+
+class Form:
+    """Something that a person fills in and has carried out; mixed into a Textual class."""
+
+    carrying: str = ""
+    """What is being carried out, as a sentence; empty: nothing."""
+
+    def lets(self, node: DOMNode | None, event: Event) -> bool:
+        """Whether a part of the form takes a key or click even while it carries something out."""
+        del node, event
+        return False
+
+
+def carried_out(node: DOMNode | None, event: Event | None = None) -> str:
+    """Return what the form around a widget is carrying out; empty: nothing, or it takes this event."""
+    forms = [] if node is None else [one for one in node.ancestors_with_self if isinstance(one, Form)]
+    busy = [form for form in forms if form.carrying and not (event and form.lets(node, event))]
+    return next((form.carrying for form in busy), "")
+
+
+class BusyForms(KeysInOrder[ReturnType]):
+    """An app whose forms take nothing while they carry something out."""
+
+    def __init__(self) -> None:
+        """Begin with nothing dropped."""
+        super().__init__()
+        self._lost: list[str] = []
+        """Keys that were dropped and are still to be told."""
+
+    def drops(self, event: Event) -> str:
+        """Drop what is meant for a form that is carrying something out (`KeysInOrder.drops`)."""
+        if isinstance(event, Key) and event.key in self.keys_while_busy():
+            return ""
+        return carried_out(self._meant(event), event)
+
+    def keys_while_busy(self) -> set[str]:
+        """Return the keys that work while the form in front carries something out."""
+        keys = {key for one in ACTIONS if one.while_busy for key in (one.key, one.typing_key)}
+        page = getattr(self.screen, "KEYS_OF", "") if self.screen_stack else ""
+        return keys.union(*(one.key.split(",") for one in page_keys(page) if one.while_busy))
+
+    def _meant(self, event: Event) -> DOMNode | None:
+        if not self.screen_stack:
+            return None
+        if isinstance(event, MouseDown | MouseUp):
+            try:
+                return self.get_widget_at(event.x, event.y)[0]
+            except NoWidget:
+                return None
+        return self.focused or self.screen
+
+    def dropped(self, event: Event, why: str) -> None:
+        """Tell what was dropped, together with what is dropped right after it."""
+        if isinstance(event, MouseUp):
+            return  # its button's way down has been told
+        self._lost.append(_spelled(event))
+        self.set_timer(SOON, partial(self._tell_lost, len(self._lost), why))
+
+    def _tell_lost(self, count: int, why: str) -> None:
+        """Tell what was dropped, unless more was dropped meanwhile."""
+        if count == len(self._lost):
+            self.tell_dropped(_together(self._lost), why)
+            self._lost.clear()
+
+    def tell_dropped(self, what: str, why: str) -> None:
+        """Tell a person which keys had no effect."""
+        raise NotImplementedError
+
+
+def _spelled(event: Event) -> str:
+    match event:
+        case Key():
+            letter = event.character if event.is_printable and event.key != "space" else None
+            return letter or spell(event.key)
+        case Paste():
+            return "paste"
+        case _:
+            return "click"
+
+
+def _together(keys: Iterable[str]) -> str:
+    """Return keys as a sentence says them: `the key n`, `5 keys (n e w z ⏎)`."""
+    every = list(keys)
+    shown = " ".join(every[:LISTED]) + (" …" if len(every) > LISTED else "")
+    return f"the key {shown} was dropped" if len(every) == 1 else f"{len(every)} keys ({shown}) were dropped"
