@@ -1,6 +1,9 @@
 # Everything a person or CI needs: `make demo`, `make test`. Both set up what they need by themselves.
 PYTHON ?= python3
-VENV := .venv
+# Everything happens in .venv; an interpreter that is named on the command line has an environment of its own.
+NAMED = $(or $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'),$(error $(PYTHON) cannot be run))
+VENV := .venv$(if $(filter command,$(origin PYTHON)),-$(NAMED))
+INTERPRETERS := 3.11 3.12 3.13
 BIN := $(VENV)/bin
 LOCK := requirements.lock
 STAMP := $(VENV)/.ready
@@ -9,7 +12,7 @@ INTEROP_LOCK := requirements-interop.lock
 SUBPACKAGES := files protocol sim vr proxy tui
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check soak interop lock format clean
+.PHONY: help setup demo test interpreters check soak interop lock format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -31,8 +34,23 @@ $(STAMP): $(LOCK) pyproject.toml
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
 	@$(BIN)/robotree demo
 
-test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores)
+test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
+interpreters:  ## the test suite on every interpreter that the project supports and this machine has
+	@said=; code=0; \
+	for version in $(INTERPRETERS); do \
+	  found=; \
+	  for one in python$$version $$HOME/.pyenv/versions/$$version.*/bin/python \
+	      $$HOME/.local/share/uv/python/cpython-$$version.*/bin/python; do \
+	    $$one -c "import sys; sys.exit(sys.version_info[:2] != ($$(echo $$version | tr . ,)))" 2>/dev/null && found=$$one && break; \
+	  done; \
+	  if [ -z "$$found" ]; then said="$$said\n$$version not found"; continue; fi; \
+	  if $(MAKE) --no-print-directory test PYTHON=$$found; then said="$$said\n$$version passed"; \
+	  else said="$$said\n$$version FAILED"; code=1; fi; \
+	done; \
+	printf "$$said\n"; exit $$code
 
 soak: $(STAMP)  ## the slow tests
 	$(BIN)/python -m pytest -m soak
@@ -72,4 +90,4 @@ $(BIN)/uv:
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.lock
 
 clean:  ## remove what setup and the tests made
-	rm -rf $(VENV) $(INTEROP) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-3.* $(INTEROP) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

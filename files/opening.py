@@ -107,8 +107,8 @@ def own(path: Path) -> Path:
         found = path.lstat()
     except FileNotFoundError:
         return path
-    except ValueError as error:  # a name with a zero byte
-        raise OSError(errno.EINVAL, str(error), str(path)) from None
+    except ValueError:
+        raise _no_name(path) from None
     if not stat.S_ISLNK(found.st_mode):
         return path
     if found.st_uid not in {os.geteuid(), 0}:
@@ -119,8 +119,15 @@ def own(path: Path) -> Path:
 def _open(path: Path, flags: int, mode: int) -> int:
     try:
         return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
-    except ValueError as error:  # a name with a zero byte, or that the file system's encoding cannot write
-        raise OSError(errno.EINVAL, str(error), str(path)) from None
+    except ValueError:
+        raise _no_name(path) from None
+
+
+def _no_name(path: Path) -> OSError:
+    """Make the error for a name that no file can have; how Python words it changes with its version."""
+    zero = "\0" in str(path)
+    reason = "its name contains a zero byte" if zero else "its name cannot be encoded by the file system"
+    return OSError(errno.EINVAL, reason, str(path))
 
 
 def _kind(mode: int) -> str:

@@ -58,7 +58,7 @@ def test_an_ordinary_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="larger than 14 bytes"):
         read(path, 14)
     for name in ("a\0b", "\ud800"):
-        with pytest.raises(OSError, match=r"null|encode"):
+        with pytest.raises(OSError, match=r"zero byte|encoded"):
             read(tmp_path / name, 1)
 
 

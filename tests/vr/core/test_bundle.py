@@ -217,7 +217,7 @@ def test_a_file_that_cannot_be_read_says_why_at_once(tmp_path: Path) -> None:
         "zero.py": "it is a device, not a file",
         "picture.py": "it is not UTF-8 text",
         "large.py": "it is larger than 1000 kB",
-        "nul\0.py": "embedded null byte",
+        "nul\0.py": "its name contains a zero byte",
     }.items():
         with pytest.raises(VrError, match=f"cannot read .*{reason}"):
             Bundle.read(f"{tmp_path}/{name}")
