@@ -6,7 +6,8 @@ timestamp. Three things are done otherwise than in the tools around us, each bec
 * the hash is verified before the timestamp is believed, else one forged frame from the far future locks the
   honest speaker out for ever;
 * our own time starts at the wall clock or at the time that was persisted, whichever is later, never at zero,
-  and no stream begins before the time that was persisted, else a fresh receiver accepts an old recording;
+  and no stream begins before the moment at which we were started, else a fresh receiver accepts a recording
+  of what was said to the one before it;
 * one table of streams serves all links, else a recording of one link can be played on another.
 """
 
@@ -70,16 +71,15 @@ class SigningTime:
     Args:
         clock: the wall clock, Unix time in [s].
         persisted: the `last` of an earlier run.
-        heard: up to this timestamp an earlier run may have heard frames; what is left of it after the wall
-            clock, if that was set back, locks nobody out.
     """
 
-    __slots__ = ("_clock", "_passed", "heard", "last")
+    __slots__ = ("_clock", "_passed", "last", "start")
 
-    def __init__(self, clock: Callable[[], float], persisted: int = 0, heard: int = 0) -> None:
+    def __init__(self, clock: Callable[[], float], persisted: int = 0) -> None:
         self._clock = clock
-        self.heard = min(heard, self._wall())
-        """No stream that is new to us begins as early as this."""
+        self.start = self._wall()
+        """What the wall clock showed when we were started. No stream begins earlier: whatever was said before
+        may have been heard by the one before us, however that ended."""
         self._passed = 0.0
         """[s] of Unix time; before it the wall clock shows no timestamp that is later than `last`."""
         self.last: int = persisted
@@ -159,8 +159,14 @@ class VerifierStatistics(msgspec.Struct, frozen=True):
     """Frames without a signature, MAVLink 1 among them, that were refused."""
     forged: int
     """Signatures that do not belong to the key."""
+    late: int
+    """Good signatures that would begin a stream more than a minute ago, or before we were started."""
+    behind: float
+    """[s] by which the timestamp of the last of these lay behind our clock."""
     replayed: int
-    """Good signatures with a timestamp that is not new."""
+    """Good signatures with a timestamp that is not later than the one before in its stream."""
+    repeated: int
+    """Those among them that have the very timestamp of the one before."""
 
 
 def nothing_unsigned(frame: Frame) -> bool:  # noqa: ARG001  the strictest allow-list
@@ -189,7 +195,9 @@ class Verifier:
         """Whose signatures pass."""
         self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
-        self._passed = self._allowed = self._unsigned = self._forged = self._replayed = 0
+        self._passed = self._allowed = self._unsigned = self._forged = 0
+        self._late = self._replayed = self._repeated = 0
+        self._behind = 0.0
 
     @property
     def statistics(self) -> VerifierStatistics:
@@ -199,7 +207,10 @@ class Verifier:
             allowed=self._allowed,
             unsigned=self._unsigned,
             forged=self._forged,
+            late=self._late,
+            behind=self._behind,
             replayed=self._replayed,
+            repeated=self._repeated,
         )
 
     def verify(self, frame: Frame, said: bytes) -> bool:
@@ -223,14 +234,21 @@ class Verifier:
             return False
         stream, timestamp = said[5:7] + signature[:1], int.from_bytes(signature[1:7], "little")
         newest = self._newest.get(stream)
-        if self._is_old(timestamp) if newest is None else timestamp <= newest:
+        if newest is not None and timestamp <= newest:
             self._replayed += 1
+            self._repeated += timestamp == newest
+            return False
+        if newest is None and self._is_late(timestamp):
             return False
         self._newest[stream] = timestamp
         self._passed += 1
         return True
 
-    def _is_old(self, timestamp: int) -> bool:
+    def _is_late(self, timestamp: int) -> bool:
         """Whether a stream that we do not know may not begin with this timestamp."""
-        oldest = max(self._time.now() - OLDEST_STREAM, self._time.heard + 1)
-        return timestamp < oldest or len(self._newest) >= LARGEST_CROWD
+        now = self._time.now()
+        late = timestamp < max(now - OLDEST_STREAM, self._time.start)
+        if late:
+            self._late += 1
+            self._behind = (now - timestamp) / UNITS
+        return late or len(self._newest) >= LARGEST_CROWD

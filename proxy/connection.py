@@ -62,7 +62,8 @@ class Connection:
         self.session = session
         self._security = security
         self._seals = Seals(signer=None, verifier=None)
-        self._signed = 0
+        self._signed = self._believed = self._refused = 0
+        self._doubt = ""
         self._on_event = on_event
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
@@ -135,7 +136,9 @@ class Connection:
         endpoints: list[Endpoint] = []
 
         def accept(link: Link) -> Handler:
-            self._seals, self._signed = self._security.seals(link.address), 0
+            self._seals = self._security.seals(link.address)
+            self._signed = self._believed = self._refused = 0
+            self._doubt = ""
             endpoint = Endpoint(
                 link,
                 system=SUPERVISOR_SYSTEM,
@@ -179,11 +182,17 @@ class Connection:
             await asyncio.sleep(TICK)
 
     def _disbelief(self, endpoint: Endpoint) -> str:
-        """Why what comes over the present link is not heard."""
-        refused = endpoint.statistics.refused
-        if refused and self._security.renewed(endpoint.link.address, self._seals):
+        """Why what came last over the present link is not heard; empty: it is, or nothing came."""
+        heard = endpoint.statistics
+        if heard.refused and self._security.renewed(endpoint.link.address, self._seals):
             return KEY_CHANGED
-        return disbelief(refused=refused, keyless=self._signed)
+        believed, refused = heard.received - self._signed, heard.refused + self._signed
+        if believed > self._believed:
+            self._doubt = ""
+        elif refused > self._refused:
+            self._doubt = disbelief(self._seals["verifier"], keyless=self._signed)
+        self._believed, self._refused = believed, refused
+        return self._doubt
 
     def _send(self, message: AnyMessage) -> None:
         if self._endpoint is None:

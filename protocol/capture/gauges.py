@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from robotree.protocol.frame import Frame
     from robotree.protocol.messages import AnyMessage
-    from robotree.protocol.parser import ParserStatistics, Verifier
+    from robotree.protocol.parser import ParserStatistics
+    from robotree.protocol.signing import Verifier
 
 WINDOW = 2.0
 """[s] over which rates are taken; longer where that does not hold two arrivals."""
@@ -155,7 +156,7 @@ class LinkGauge:
 
     def __init__(self, address: str, verifier: Verifier | None = None) -> None:
         self._address = address
-        self._parser = Parser(verifier)
+        self._parser, self._verifier = Parser(verifier), verifier
         self._keyless = 0
         self._synchroniser = Synchroniser()
         self._bytes, self._frames, self._loss = Rate(), Rate(), Loss()
@@ -169,7 +170,7 @@ class LinkGauge:
         frames = self._parser.feed(data)
         for frame in frames:
             self._frames.add(now)
-            self._keyless += frame.signed and self._parser.verifier is None
+            self._keyless += frame.signed and self._verifier is None
             message = frame.message
             self._attendance.receive(frame, now)
             if isinstance(message, Timesync):
@@ -191,7 +192,7 @@ class LinkGauge:
     def _disbelief(self, parser: ParserStatistics) -> str:
         if self._keyless:
             return f"{self._keyless} frames are signed while this link has no key: nobody vouches for them"
-        return "" if parser.received else disbelief(refused=parser.refused, keyless=0)
+        return "" if parser.received else disbelief(self._verifier)
 
     def reading(self, now: float) -> LinkReading:
         """The gauges now."""

@@ -2,19 +2,68 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
 
-def disbelief(*, refused: int, keyless: int) -> str:
+from robotree.protocol.signing import OLDEST_STREAM, UNITS
+
+if TYPE_CHECKING:
+    from robotree.protocol.signing import Verifier
+
+BORNE = OLDEST_STREAM / UNITS
+"""[s] by which a clock may be behind ours."""
+_STRANGE = "frames arrive but none is signed with our key"
+_UNTIMELY = "frames arrive that are signed with our key but not new"
+_WHAT = {"forged": _STRANGE, "unsigned": _STRANGE, "late": _UNTIMELY, "replayed": _UNTIMELY}
+
+
+class Doubt(NamedTuple):
+    """What most of the frames that were refused have in common."""
+
+    kind: str
+    refused: int
+    why: str
+    """And what to do, as two clauses that either end can be told."""
+
+
+def doubt(verifier: Verifier) -> Doubt | None:
+    """Return the most frequent cause of refusals; None: nothing was refused."""
+    seen = verifier.statistics
+    worst = max(
+        Doubt("forged", seen.forged, "they have the signature of another key; give both ends the same key"),
+        Doubt("unsigned", seen.unsigned, "they have no signature; sign them with the key of this link"),
+        Doubt("late", seen.late, _late(seen.behind)),
+        Doubt("replayed", seen.replayed, _replayed(seen.replayed, seen.repeated)),
+        key=lambda each: each.refused,
+    )
+    return worst if worst.refused else None
+
+
+def disbelief(verifier: Verifier | None, *, keyless: int = 0) -> str:
     """One clause, or nothing.
 
     Args:
-        refused: frames that our key did not fit.
+        verifier: has refused frames; None: the link has no key.
         keyless: frames that were signed while the link has no key: who signs obeys nobody without it.
 
     Returns:
-        The clause; empty: there is nothing to say.
+        The clause: which it is, by how much, and what to do; empty: there is nothing to say.
     """
     if keyless:
         return f"its controller signs what it says and this link has no key ({keyless} refused)"
-    if refused:
-        return f"frames arrive but none is signed with our key ({refused} refused)"
-    return ""
+    worst = None if verifier is None else doubt(verifier)
+    return "" if worst is None else f"{_WHAT[worst.kind]} ({worst.refused} refused): {worst.why}"
+
+
+def _late(behind: float) -> str:
+    if behind > BORNE:
+        return f"their clock is {behind:.0f} s behind, and {BORNE:.0f} s are borne; set both clocks right"
+    return (
+        f"their clock is {behind:.1f} s behind, so that they seem older than this program; "
+        f"wait {behind:.0f} s, or set both clocks right"
+    )
+
+
+def _replayed(replayed: int, repeated: int) -> str:
+    if 2 * repeated > replayed:
+        return "several have the same time; let it grow by 10 us with each frame"
+    return "their time is not later than one that was heard; they are a recording, or came out of order"

@@ -110,10 +110,10 @@ class Security:
     def __init__(self, keyring: Keyring, clock: Callable[[], float], *, first_link: int = 0) -> None:
         self._keyring = keyring
         persisted = keyring.persisted()
-        self._time = SigningTime(clock, heard=persisted)
+        self._time = SigningTime(clock)
         if persisted > self._time.now():
             # The wall clock was set back. Go on ahead of all that may have been signed before.
-            self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS), heard=persisted)
+            self._time = SigningTime(clock, persisted + int(PERSIST_PERIOD * UNITS))
         self._streams = StreamTable()
         self._links = first_link
         self._nobodys = Key(secrets.token_bytes(KEY_BYTES))

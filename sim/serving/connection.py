@@ -13,6 +13,7 @@ from typing import Final
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import KeyRefused, LinkError
 from robotree.protocol.frame import Frame
+from robotree.protocol.links.disbelief import disbelief, doubt
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
@@ -71,7 +72,7 @@ class Connection:
         self._over = False
         self._wanted: dict[int, PictureRequest] = {}
         self._drawing: asyncio.Task[None] | None = None
-        self._keys_refused = 0
+        self._keys_refused = self._refused = 0
         self._said: set[str] = set()
         controller.greet(self.endpoint)
 
@@ -90,6 +91,9 @@ class Connection:
         """Bytes came; where they waited, how many stops had arrived when they began to."""
         self._stops = stops
         self.endpoint.received(data)
+        if (refused := self.endpoint.statistics.refused) > self._refused:
+            self._refused = refused
+            self._explain()
 
     def closed(self, reason: LinkError) -> None:
         """The link has ended."""
@@ -113,6 +117,14 @@ class Connection:
         """Tell the client a sentence."""
         for chunk in Speaker().say(severity, text):
             self.endpoint.send(chunk)
+
+    def _explain(self) -> None:
+        """Tell the client once why its frames are refused: it may hear us, though we do not hear it."""
+        verifier = self._seals["verifier"]
+        why = None if verifier is None else doubt(verifier)
+        if why is not None and why.kind not in self._said:
+            self._said.add(why.kind)
+            self.say(MavSeverity.WARNING, f"Your frames are refused: {why.why}.")
 
     def _hear(self, frame: Frame) -> None:
         self.heard = asyncio.get_running_loop().time()
@@ -178,9 +190,5 @@ class Connection:
             self._drawing.cancel()
         self._controller.leave(self.endpoint)
         self._leave(self)
-        if refused := self.endpoint.statistics.refused:
-            _log.warning(
-                "%s: %d frames were refused, for they were not signed with our key",
-                self.endpoint.link.address,
-                refused,
-            )
+        if doubt := disbelief(self._seals["verifier"]):
+            _log.warning("%s: %s", self.endpoint.link.address, doubt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import sealed
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
@@ -109,10 +111,11 @@ def test_attack_1_a_forged_frame_from_the_far_future_locks_nobody_out() -> None:
 
 
 def test_attack_2_an_old_recording_is_refused_by_a_fresh_receiver() -> None:
-    recording = _signed(at=NOW - 61)
-    verifier = _verifier(WallClock())
-    assert Parser(verifier).feed(recording) == []
-    assert verifier.statistics.replayed == 1
+    """However young it is: the receiver before it may have heard it, and have been killed."""
+    for age in (0.001, 5, 61):
+        verifier = _verifier(WallClock())
+        assert Parser(verifier).feed(_signed(at=NOW - age)) == []
+        assert (verifier.statistics.late, verifier.statistics.behind) == (1, pytest.approx(age, abs=1e-4))
 
 
 def test_attack_2_also_where_the_wall_clock_was_set_back() -> None:
@@ -177,7 +180,42 @@ def test_streams_are_told_apart_by_key_link_system_and_component() -> None:
     ("behind", "passes"), [(-3600, True), (0, True), (60, True), (60.1, False), (3600, False)]
 )
 def test_a_new_stream_may_lie_a_minute_behind_us(behind: float, passes: bool) -> None:  # noqa: FBT001  a case
-    assert len(Parser(_verifier(WallClock())).feed(_signed(at=NOW - behind))) == passes
+    clock = WallClock(NOW - 86400)
+    verifier = _verifier(clock)
+    clock.now = NOW
+    assert len(Parser(verifier).feed(_signed(at=NOW - behind))) == passes
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (
+            [_signed(FALSE_KEY)] * 2,
+            r"our key \(2 refused\): they have the signature of another key; give",
+        ),
+        ([Frame.of(BEAT).raw], r"our key \(1 refused\): they have no signature; sign them"),
+        (
+            [_signed(at=NOW - 120)],
+            r"\(1 refused\): their clock is 120 s behind, and 60 s are borne; set",
+        ),
+        ([_signed(at=NOW - 5)], r"\(1 refused\): their clock is 5\.0 s behind, so .* wait 5 s, or set both"),
+        ([_signed(at=NOW + 1), _signed()], r"\(1 refused\): their time is not later than .* a recording"),
+        ([_signed()] * 20, r"not new \(19 refused\): several have the same time; let it grow by 10 us"),
+    ],
+)
+def test_what_is_refused_is_explained_which_it_is_by_how_much_and_what_to_do(
+    said: list[bytes], words: str
+) -> None:
+    """The last is what gomavlib 3.1 sends within 10 us."""
+    verifier = _verifier(WallClock())
+    Parser(verifier).feed(b"".join(said))
+    assert re.search(words, disbelief(verifier))
+
+
+def test_where_nothing_is_refused_there_is_nothing_to_say() -> None:
+    verifier = _verifier(WallClock())
+    Parser(verifier).feed(_signed())
+    assert disbelief(verifier) == disbelief(None) == ""
 
 
 def test_forged_streams_do_not_fill_the_table() -> None:

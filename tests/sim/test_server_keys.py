@@ -258,3 +258,31 @@ async def test_a_file_that_cannot_be_written_keeps_the_key_and_its_holder_is_tol
         await client.ping()  # with the old key
         assert "The key file was changed, or cannot be written; the old key stays." in client.sentences
         assert server.rotations == 0
+
+
+@pytest.mark.parametrize(
+    ("late", "key", "words"),
+    [
+        (120.0, OLD, "Your frames are refused: their clock is 120 s behind, and 60 s are borne"),
+        (0.0, NEW, "Your frames are refused: they have the signature of another key"),
+    ],
+)
+async def test_a_client_whose_frames_are_refused_is_told_once_why(
+    keys: Path, late: float, key: bytes, words: str
+) -> None:
+    class Seal(Punctual):
+        def __init__(self) -> None:
+            super().__init__(key)
+            self.time = SigningTime(lambda: time.time() - late)
+
+        def seals(self, _: str) -> Seals:
+            return Seals(signer=Signer(self.key, self.time, 200), verifier=None)
+
+    async with serving("arm", ANY, security=holding(keys)) as server:
+        client = await Client(9, Seal()).dial(server.address)
+        client.say(Ping(0, 1))
+        await client.until(lambda: any(words in each for each in client.sentences))
+        for _ in range(5):
+            client.say(Ping(0, 1))
+        await until(lambda: garbled(server) >= 6)
+        assert sum("refused" in each for each in client.sentences) == 1

@@ -144,8 +144,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
             await here.wait(every if asked < count else PATIENCE)
         here.end()
         link.close()
-    heard = mouth[0].statistics
-    doubt = disbelief(refused=0 if heard.received else heard.refused, keyless=keyless)
+    doubt = disbelief(None if mouth[0].statistics.received else seals["verifier"], keyless=keyless)
     missing = f"nobody at {line.text('--connect')} answers: {doubt}" if doubt else _missing(line, speakers)
     return _result(line, summary(asked, list(times.values())), here.exit_code(), missing)
 

@@ -39,13 +39,13 @@ class Tape:
         self._here, self._early = here, bytearray()
         self._recorder: Recorder | None = None
         seals = security.seals(link.address)
+        self._verifier = seals["verifier"]
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **seals)
 
     @property
     def disbelief(self) -> str:
         """What is wrong with the keys; empty: nothing."""
-        heard = self._mouth.statistics
-        return "" if heard.received else disbelief(refused=heard.refused, keyless=0)
+        return "" if self._mouth.statistics.received else disbelief(self._verifier)
 
     def begin(self, recorder: Recorder) -> None:
         """Record from now on, and what came before."""
