@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import pty
 import select
 import shutil
 import signal
 import struct
+import subprocess
 import sys
 import termios
 import time
@@ -35,15 +35,31 @@ SCREEN = b"\x1b[?1049h"
 LISTED = b"arm-1"
 
 
+LEADER = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
+"""Makes standard input the terminal of its session, and is what it is told from then on."""
+
+
 class Terminal:
     """A terminal, and the session in it."""
 
     def __init__(self, *words: str) -> None:
         """Start a program as the leader of a session whose terminal this is."""
-        self.pid, self._master = pty.fork()
-        if self.pid == 0:
-            os.execvp(words[0], words)  # noqa: S606 # pty.fork is how a session gets its terminal
-        fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", 44, 140, 0, 0))
+        self._master, inside = os.openpty()
+        fcntl.ioctl(inside, termios.TIOCSWINSZ, struct.pack("HHHH", 44, 140, 0, 0))
+        self._leader = subprocess.Popen(
+            [sys.executable, "-c", LEADER, *words],
+            stdin=inside,
+            stdout=inside,
+            stderr=inside,
+            start_new_session=True,
+        )
+        self.pid = self._leader.pid
+        self._inside = os.ttyname(inside)
+        os.close(inside)
         self.shown = b""
 
     def shows(self, text: bytes, within: float = 60.0) -> None:
@@ -56,7 +72,7 @@ class Terminal:
 
     def stalls(self) -> None:
         """Take nothing more, as after Ctrl-S, or at the far end of a link that hangs."""
-        inside = os.open(Path(f"/proc/{self.pid}/fd/0").readlink(), os.O_RDWR | os.O_NOCTTY)
+        inside = os.open(self._inside, os.O_RDWR | os.O_NOCTTY)
         termios.tcflow(inside, termios.TCOOFF)
         os.close(inside)
 
@@ -73,11 +89,13 @@ class Terminal:
             found += children(one)
         return found
 
+    def wait(self) -> None:
+        """Wait until the leader has ended."""
+        self._leader.wait(30)
+
     def is_over(self) -> bool:
         """Whether the leader has ended."""
-        with contextlib.suppress(ChildProcessError):
-            os.waitpid(self.pid, os.WNOHANG)
-        return not living(self.pid)
+        return self._leader.poll() is not None
 
 
 def living(pid: int) -> bool:
@@ -113,7 +131,7 @@ def open_terminal() -> Iterator[type[Terminal]]:
         for pid in family:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-        one.is_over()
+        one.wait()
 
 
 def led_by(leader: str, folder: Path, *words: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import os
@@ -117,6 +118,14 @@ class Supervisor(Fenced, Unasked[int]):
     def now() -> float:
         """[s] on the store's clock, which is that of events."""
         return time.monotonic()
+
+    def on_load(self) -> None:
+        """Let tasks begin when the loop comes to them, on every Python alike.
+
+        From 3.12 on Textual (8.2.8, `App.run_async`) has every task of the loop begin inside `create_task`;
+        the realm was joined on this loop before, and nothing of ours is written for that.
+        """
+        asyncio.get_running_loop().set_task_factory(None)
 
     async def on_mount(self) -> None:
         """Show the main page and begin to listen."""
