@@ -347,6 +347,10 @@ class State(_Message, frozen=True, kw_only=True):
     """Commands that were ended and whose code still runs."""
     readings: dict[str, float] = {}
     """What a panel draws: `x`, `y`, `z`, `fx`, `width`, `progress` … in SI units."""
+    caller: str = ""
+    """Who asked for the command that runs, for people to read."""
+    note: str = ""
+    """What the command that runs says last of how far it is, for people to read."""
 
 
 Request = (

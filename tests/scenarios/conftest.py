@@ -44,7 +44,9 @@ class Stage:
 
     async def press(self, *keys: str) -> None:
         """Press keys, as a person who has seen what is in front."""
-        await self.until(lambda: self.app.now() >= self.app._seen)
+        await self.until(
+            lambda: self.app.now() >= self.app._seen and not self.app.selection.refusal(self.app.now())
+        )
         await self.play(self._pilot.press(*keys))
 
     async def until(self, holds: Callable[[], bool], within: float = 60.0) -> None:
@@ -83,9 +85,8 @@ class Stage:
     async def select(self, name: str) -> None:
         """Move the cursor of the list to a robot."""
         await self.main_page()
-        await self.until(lambda: name in self.listed)
         table = self.app.screen.query_one(RobotTable)
-        await self.until(lambda: table.row_count == len(self.listed))
+        await self.until(lambda: name in table.names)
         await self.press("ctrl+home")
         for _ in range(table.row_count):
             if table.selected == name:

@@ -56,7 +56,7 @@ def test_only_calm_robots_need_no_word(state: State, share: float | None) -> Non
     ("state", "one", "beside_a_sign", "alone"),
     [
         (State(), "free", "free", "free"),
-        (State(busy="go_to", waiting=2), "busy", "go_to 40% +2", "busy: go_to +2"),
+        (State(busy="go_to", waiting=2), "busy", "go_to 40 % +2", "busy: go_to +2"),
         (State(busy="go_to", abandoned=("defy",)), "abandoned", *["ABANDONED: defy still runs"] * 2),
         (State(stopped=True, abandoned=("defy",)), "stopped", "stopped", "STOPPED"),
         (State(online=False, stopped=True), "offline", "offline", "offline"),

@@ -10,6 +10,7 @@ from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.requests import State
+from robotree.vr.transport import Silent
 
 
 def address(name: str, incarnation: str = "1") -> Address:
@@ -47,15 +48,32 @@ def test_arrivals_and_departures_tell_themselves_once(store: Store) -> None:
     assert texts(store) == ["arm-2 (Arm) is listed", "arm-1 (Arm) left the list"]
 
 
-def test_who_is_seen_nowhere_any_more_is_missed_and_does_not_calmly_leave(store: Store) -> None:
+def test_who_is_seen_nowhere_any_more_has_not_calmly_left(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
     store.take_lists([], [], 2.0, {address("arm-2")})
-    assert texts(store)[1:] == ["arm-2 (Arm) left the list"]
-    assert set(store.missed) == {address("arm-1")}
-    for now in (3.0, 4.0):
-        store.tell_missed(address("arm-1"), "has gone", now)
-    assert texts(store)[2:] == ["arm-1 (Arm): its process has gone"], "told once"
-    assert store.happenings[-1].weight == "error"
+    assert texts(store)[1:] == [], "why is to be found out"
+    assert set(store.missed) == {address("arm-1"), address("arm-2")}
+    store.departed(address("arm-1"), 3.0)
+    store.departed(address("arm-2"), 3.0)
+    assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
+    assert set(store.absent) == {"arm-1"}, "who took its leave is not kept"
+
+
+def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) -> None:
+    store.take_lists([], [], 1.0, {address("arm-1")})
+    bond = BondSpec(parent=address("mover"), slot="arm", epoch=1, remaining=5)
+    store.take_descriptions([robot("arm-1", bond=bond)], 1.0)
+    store.found(address("arm-1"), 1.0)
+    assert texts(store) == ["arm-1 (Arm) obeys mover.arm now"]
+
+
+def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
+    """Its listing expires while its presence still stands."""
+    store.take_lists([], [], 1.0, {address("arm-1")})
+    store.take_silent([Silent("robot/arm-1/1", "process 31555", "`kill -9 31555` ends it")], 2.0)
+    assert texts(store) == ["arm-1 (Arm): its process hangs, it answers nobody; `kill -9 31555` ends it"]
+    assert store.doing("arm-1", 3.0) == "HANGS (pid 31555)"
+    assert store.missed == {}
 
 
 def test_who_was_never_listed_leaves_no_list(store: Store) -> None:
@@ -71,8 +89,8 @@ def test_who_was_never_listed_leaves_no_list(store: Store) -> None:
 
 def test_a_newcomer_stands_out_for_a_moment(store: Store) -> None:
     store.take_lists([listing("arm-1"), listing("arm-2")], [], 1.0)
-    assert [row.fresh for row in store.rows("", 1.5)] == [False, True]
-    assert [row.fresh for row in store.rows("", 1.0 + FLASH)] == [False, False]
+    assert [store.came(name, 1.5) for name in ("arm-1", "arm-2")] == [False, True]
+    assert not store.came("arm-2", 1.0 + FLASH)
 
 
 def test_another_incarnation_is_a_newcomer(store: Store) -> None:
@@ -86,7 +104,7 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
         (State(abandoned=("defy",)), "abandoned", "ABANDONED: defy still runs"),
         (State(), "free", "free"),
         (State(busy="go_to"), "busy", "go_to"),
-        (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40% +2"),
+        (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40 % +2"),
         (State(busy="go_to", readings={"progress": float("nan")}), "busy", "go_to"),
         (State(stopped=True, busy="go_to"), "stopped", "stopped"),
         (State(online=False, stopped=True), "offline", "offline"),
@@ -175,11 +193,31 @@ def test_candidates_are_of_the_right_kind_and_never_above_the_parent(store: Stor
     assert store.lineage("arm-1") == ("arm-1", "mover", "lever")
 
 
-def test_a_filter_looks_at_the_whole_row_and_not_at_case(store: Store) -> None:
-    store.take_lists([listing("arm-1"), listing("rover-1", ("Rover", "Robot"))], [], 1.0)
-    assert [row.name for row in store.rows("ROVER", 1.0)] == ["rover-1"]
-    assert [row.name for row in store.rows("an arm", 1.0)] == ["arm-1", "rover-1"]
-    assert store.rows("[/x]", 1.0) == []
+def test_who_commands_is_the_parent_or_who_asked(store: Store) -> None:
+    assert store.by("arm-1") == ""
+    store.take_state("arm-1", State(busy="go_to", caller="operator"), 1.0)
+    assert store.by("arm-1") == "operator"
+    store.take_state("arm-1", State(busy="go_to", caller="operator", bond=address("mover")), 2.0)
+    assert store.by("arm-1") == "mover"
+
+
+def test_a_command_tells_how_long_and_how_far(store: Store) -> None:
+    store.take_state("arm-1", State(), 1.0)
+    store.take_state("arm-1", State(busy="move", note="3 cm to go"), 2.0)
+    assert store.doing("arm-1", 2.5) == "move 3 cm to go"
+    store.take_state("arm-1", State(busy="move", readings={"progress": 0.5}), 12.0)
+    assert store.doing("arm-1", 14.0) == "move 50 % 12 s"
+
+
+def test_the_largest_force_of_the_selected_robot_is_remembered(store: Store) -> None:
+    store.take_descriptions(family())
+    store.take_state("arm-1", State(), 1.0)
+    store.attend("mover")
+    for now, force in ((2.0, 3.0), (3.0, 20.0), (4.0, 6.8)):
+        store.take_state("arm-1", State(readings={"fx": 0.0, "fz": -force}), now)
+    assert [round(force, 1) for _, force in store.forces] == [3.0, 20.0, 6.8]
+    store.attend("lever")
+    assert not store.forces
 
 
 def test_a_robot_that_has_gone_is_forgotten(store: Store) -> None:

@@ -77,7 +77,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         found = fleet.views() if what == "view" else fleet.robots()
     if what == "view":
         return _listed(found, what, doubt)
-    told = {robot.name: mood.words(robot) for robot in await fleet.tree()}
+    told = {robot.name: mood.words(robot, robot.slots) for robot in await fleet.tree()}
     return _listed(found, what, doubt, {one.name: told.get(one.name, MUTE) for one in found})
 
 

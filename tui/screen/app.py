@@ -27,17 +27,18 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.themes import DARK, LIGHT
 from robotree.tui.screen.unasked import LINES, Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
-from robotree.tui.screen.widgets.robot_tree import NOWHERE, Place
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
+from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.errors import VrError
 
@@ -104,6 +105,10 @@ class Supervisor(Fenced, Unasked[int]):
         self.fleet, self.realm, self.farewell = fleet, realm, farewell
         self.store = store or Store()
         self.feed = Feed(fleet, self.store, self.now)
+        self.selection = Selection()
+        """The robot that keys are about, whatever page is in front."""
+        self.marks: frozenset[str] = frozenset()
+        """Robots that an action may take together."""
         self._harmless = Harmless()
         self.mended: list[Exception] = []
         """Errors that the fence held back."""
@@ -159,6 +164,24 @@ class Supervisor(Fenced, Unasked[int]):
     def tell_dropped(self, what: str, why: str) -> None:
         """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
         self.tell(f"{what}: {why}", "warning")
+    # -- the selection -----------------------------------------------------------------------------
+
+    def choose(self, name: str) -> None:
+        """A person selects a robot."""
+        self.selection = self.selection.choose(name)
+        self.main.draw()
+
+    @property
+    def asked(self) -> float:
+        """[s] when the key was pressed that is being dealt with; now, where there is none."""
+        return self.now() if self._under_way is None else self._under_way.event.time
+
+    def certain(self) -> bool:
+        """Whether a key is meant for the robot that is selected now; else it is told why nothing is done."""
+        refusal = self.selection.refusal(self.asked)
+        if refusal:
+            self.tell(refusal, "warning")
+        return not refusal
 
     # -- verbs -------------------------------------------------------------------------------------
 
@@ -193,6 +216,8 @@ class Supervisor(Fenced, Unasked[int]):
             return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
+        if line.verb == "create":
+            self.selection = self.selection.go_to(line.text("NAME"), self.now())
         return outcome.text, ""
 
     @work(exit_on_error=False, group="verbs")

@@ -15,8 +15,8 @@ from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import PANES
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
-from robotree.tui.screen.widgets.robot_tree import Place
 from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
@@ -181,6 +181,18 @@ def _consequence(app: Supervisor, line: Line) -> str:
             return BY_VERB[line.verb].help
 
 
+def _dismiss(app: Supervisor, place: Place) -> None:
+    if app.store.dismiss(place.name):
+        app.tell(f"{place.name} is off the list; it is back as soon as it answers")
+    else:
+        app.tell(
+            f"{place.name} is there: only who hangs or has gone can be dismissed"
+            if place.name
+            else "no robot is selected",
+            "warning",
+        )
+
+
 def _pane(name: str) -> Ask:
     return lambda app, _place: app.main.show_pane(name)
 
@@ -203,6 +215,13 @@ ASK: Mapping[str, Ask] = {
     "quit": _quit,
     "filter": _line("filter"),
     "prompt": _line("verb"),
+    "tree": lambda app, _place: app.main.sort("tree"),
+    "sort": lambda app, _place: app.main.sort(),
+    "wide": lambda app, _place: app.main.widen(),
+    "mark": lambda app, place: app.main.mark(place.name),
+    "unmark": lambda app, _place: app.main.unmark(),
+    "dismiss": _dismiss,
+    "camera": lambda app, _place: app.main.turn(),
     **{name: _pane(name) for name in PANES},
 }
 """By verb: what each key of the registry does first (a test compares)."""

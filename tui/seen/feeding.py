@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
-from robotree.vr.address import everyone
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -42,8 +41,10 @@ class Feed:
         self._watching: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._patrol: asyncio.Task[None] | None = None
-        self._silent: set[Address] = set()
-        """Who is missed and did not answer at the last look, although its process lives."""
+        self._silent: set[str] = set()
+        """Keys of those who lived in processes that hang, at the last look."""
+        self._woken: set[str] = set()
+        """Keys of those who had hung and neither hung nor answered at the last look."""
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -108,27 +109,32 @@ class Feed:
     async def _tell_of_the_missed(self) -> None:
         """Tell whose process has gone, and whose hangs.
 
-        Who was killed a moment ago looks as if it hung: that is told when it is still so at the next look.
+        Who was killed a moment ago, or comes just now, looks as if it hung; who wakes up looks gone. So both
+        are believed when they are still so at the next look.
         """
-        for address in list(self.store.missed):
-            if address in self._present:
-                del self.store.missed[address]
-            elif not await self.fleet.directory.hanging(everyone(address.role, address.name)):
-                self.store.tell_missed(address, "has gone", self.clock())
-                del self.store.missed[address]
-            elif address in self._silent:
-                self.store.tell_missed(address, "hangs, it answers nobody", self.clock())
-            else:
-                self._silent.add(address)
-                self._hint.set()
-        self._silent.intersection_update(self.store.missed)
+        store, now = self.store, self.clock()
+        silent = {one.key: one for one in await self.fleet.silent()}
+        living = {one.address for one in store.descriptions.values()}
+        for address in list(store.missed):
+            if address in living:
+                store.found(address, now)
+            elif address not in self._present and address.key not in silent:
+                store.departed(address, now)
+        woken = {one.key for one in store.hanging if one not in living} - silent.keys()
+        store.take_silent([silent[key] for key in silent.keys() & self._silent], now)
+        for address in store.hanging:
+            if address.key in woken & self._woken:
+                store.fade(address, now)
+        if silent.keys() - self._silent or woken - self._woken or store.missed:
+            self._hint.set()
+        self._silent, self._woken = set(silent), woken
 
     async def _look(self) -> None:
         try:
             tree = await self.fleet.tree()
-            self.store.take_descriptions(tree)
-            await self._tell_of_the_missed()
+            self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
+            await self._tell_of_the_missed()
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
         except VrError as error:

@@ -108,7 +108,7 @@ def structure(branch: Branch) -> dict[str, object]:
     facts: dict[str, object] = {
         "name": branch.name,
         "kind": branch.robot.kind if branch.robot else "",
-        "state": mood.words(branch.robot) if branch.robot else "",
+        "state": mood.words(branch.robot, branch.robot.slots) if branch.robot else "",
     }
     if branch.slot:
         facts |= {"slot": branch.slot.name, "takes": branch.slot.kind}

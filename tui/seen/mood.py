@@ -1,15 +1,26 @@
-"""How a robot is, what matters most first: one ladder for command line, tree and full screen. Pure."""
+"""How a robot is, what matters most first: one ladder for command line and full screen. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-Mood = Literal["free", "busy", "enslaved", "stopped", "offline", "abandoned", "silent"]
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.description import SlotSpec
+
+Mood = Literal[
+    "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
+]
+"""The worst first. `hangs` and `gone` are found out by others; a robot does not tell them."""
+
+MOODS: tuple[Mood, ...] = get_args(Mood)
 
 CALM: frozenset[Mood] = frozenset({"free", "enslaved"})
 """Moods that need no word beside a robot that is drawn in its place."""
+
+LONG = 120.0
+"""[s] from which on a time is told in minutes."""
 
 
 class Condition(Protocol):
@@ -46,8 +57,8 @@ class Condition(Protocol):
         ...
 
 
-def mood(robot: Condition) -> Mood:
-    """Return how a robot says it is, in one word."""
+def mood(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Mood:
+    """Return how a robot says it is, in one word; one of its slots may be empty."""
     if not robot.online:
         return "offline"
     if robot.stopped:
@@ -56,32 +67,67 @@ def mood(robot: Condition) -> Mood:
         return "abandoned"
     if robot.busy:
         return "busy"
+    if needs(slots):
+        return "needs"
     return "enslaved" if robot.bond is not None else "free"
 
 
-def doing(robot: Condition, share: float | None = None) -> str:
-    """Return how it is where the sign of its mood stands beside: `go_to 40% +2`.
+def needs(slots: Iterable[SlotSpec]) -> str:
+    """Return what must be enslaved before all commands can be used: `arm: Arm`; empty: nothing."""
+    return ", ".join(f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None)
+
+
+def span(seconds: float) -> str:
+    """Write how long something takes or how old it is: `12 s`, `3 min`, `2 h`."""
+    if seconds < LONG:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes < LONG else f"{minutes / 60:.0f} h"
+
+
+def doing(
+    robot: Condition,
+    share: float | None = None,
+    *,
+    slots: Iterable[SlotSpec] = (),
+    seconds: float = 0.0,
+    note: str = "",
+) -> str:
+    """Return how it is where the sign of its mood stands beside: `go_to 40 % 12 s +2`.
 
     Args:
         robot: what it tells of itself.
         share: of the running command that is done, 0 to 1; None or not finite: it does not say.
+        slots: of a virtual robot: an empty one is what it needs.
+        seconds: for which the command has been running, as far as that was seen.
+        note: what the command says itself of how far it is.
     """
-    match mood(robot):
+    slots = tuple(slots)
+    match mood(robot, slots):
         case "abandoned":
             return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
         case "busy":
-            done = f" {share:.0%}" if share is not None and isfinite(share) else ""
-            return f"{robot.busy}{done}" + (f" +{robot.waiting}" if robot.waiting else "")
+            parts = [
+                robot.busy,
+                f"{share:.0%}".replace("%", " %") if share is not None and isfinite(share) else "",
+                span(seconds) if seconds >= 1.0 else "",
+                f"+{robot.waiting}" if robot.waiting else "",
+                note,
+            ]
+            return " ".join(filter(None, parts))
+        case "needs":
+            return f"needs {needs(slots)}"
         case calm:
             return calm
 
 
-def words(robot: Condition) -> str:
+def words(robot: Condition, slots: Iterable[SlotSpec] = ()) -> str:
     """Return how it is where no sign stands beside: `busy: go_to +2`."""
-    match mood(robot):
+    slots = tuple(slots)
+    match mood(robot, slots):
         case "busy":
             return f"busy: {doing(robot)}"
         case "stopped":
             return "STOPPED"
         case _:
-            return doing(robot)
+            return doing(robot, slots=slots)

@@ -12,15 +12,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from robotree.tui.seen import mood, wording
+from robotree.tui.seen import instruments, mood
 from robotree.tui.seen.mood import Condition, Mood
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
-from robotree.vr.description import Listing, RobotDescription
+from robotree.vr.description import Listing, RobotDescription, SlotSpec
 from robotree.vr.requests import State
+from robotree.vr.transport import Silent
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
+
+FORCES = 600
+"""Forces of the selected robot that are remembered: a minute at ten states a second."""
 
 FLASH = 2.5
 """[s] that an arrival stays highlighted."""
@@ -30,6 +34,9 @@ MEMORY = 500
 
 PROGRESS = "progress"
 """The reading that tells how far the running command is."""
+
+OLD: frozenset[Mood] = frozenset({"hangs", "gone", "silent", "offline"})
+"""Moods in which readings are old."""
 
 Weight = Literal["good", "plain", "warning", "error"]
 
@@ -45,20 +52,37 @@ class Happening:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One robot as the list shows it."""
+class Absent:
+    """A robot that is seen no more and did not take its leave: it stays in the list until it is dismissed."""
 
-    name: str
+    address: Address
     kind: str
-    mood: Mood
-    doing: str
-    """The mood in words, with the command that runs."""
     host: str
-    about: str
-    fresh: bool
-    """It has just come."""
-    stale: bool = False
-    """No lookup service says that it is still there."""
+    since: float
+    """[s] on the store's clock, since when that is known."""
+    pid: str = ""
+    """The process that holds it and hangs; empty: its process has gone."""
+    remedy: str = ""
+    """What a person can do about it."""
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.address.name
+
+    @property
+    def hangs(self) -> bool:
+        """Whether its process lives: it may still move."""
+        return bool(self.pid)
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """An agent that is on no list any more; why must be found out."""
+
+    who: Listing | RobotDescription
+    present: bool
+    """It was still seen alive then: it may have taken its leave, or have been enslaved."""
 
 
 @dataclass(slots=True)
@@ -67,6 +91,8 @@ class Heard:
 
     state: State
     at: float
+    since: float
+    """[s] since when it has been carrying out the same command."""
 
 
 @dataclass(slots=True)
@@ -89,10 +115,14 @@ class Store:
     """Grows with each change that can be seen."""
     shape: int = 0
     """Grows when somebody should look again who commands whom."""
-    missed: dict[Address, Listing | RobotDescription] = field(
-        default_factory=dict[Address, "Listing | RobotDescription"]
-    )
-    """Agents that are seen no more: they hang or have gone, as somebody should find out."""
+    family: int = 0
+    """Grows when other robots are known, or others command them."""
+    missed: dict[Address, Missed] = field(default_factory=dict[Address, Missed])
+    """Agents that are on no list any more: they hang, have gone or were enslaved, as must be found out."""
+    absent: dict[str, Absent] = field(default_factory=dict[str, Absent])
+    """Robots by name that hang or have gone, until they are dismissed or back."""
+    remembered: dict[str, RobotDescription] = field(default_factory=dict[str, RobotDescription])
+    """How those described themselves who do not answer now."""
     _heard: dict[str, Heard] = field(default_factory=dict[str, Heard])
     _were_listed: bool = True
     """A lookup service said so of the robots and views that are known; else they were only seen."""
@@ -101,10 +131,18 @@ class Store:
     """How many commands of ours a robot has not answered yet."""
     _elsewhere: set[str] = field(default_factory=set[str])
     """Robots that carry out what others asked for."""
-    _told_of: deque[tuple[Address, str]] = field(
-        default_factory=lambda: deque[tuple[Address, str]](maxlen=MEMORY)
+    described_at: float = 0.0
+    """[s] when the descriptions came."""
+    attended: str = ""
+    """The robot whose forces are remembered: the selected one."""
+    forces: deque[tuple[float, float]] = field(
+        default_factory=lambda: deque[tuple[float, float]](maxlen=FORCES)
     )
-    """What has been told of those that are missed."""
+    """When and how large the force of that robot was [s], [N], the oldest first."""
+    _attended: frozenset[str] = frozenset()
+    """It and those below it, whose readings are its."""
+    _hanging: set[Address] = field(default_factory=set[Address])
+    """Whose process hangs, as was told."""
 
     # -- what is told ------------------------------------------------------------------------------
 
@@ -145,19 +183,104 @@ class Store:
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
-                if present is not None and listing.address not in present:
-                    self.missed[listing.address] = listing
-                elif were_listed:
-                    self.tell(f"{name} ({listing.kind}) left the list", "plain", now)
+                if present is None:
+                    if were_listed:
+                        self._tell_departure(listing, now)
+                elif listing.address not in present or were_listed:
+                    self.missed.setdefault(listing.address, Missed(listing, listing.address in present))
+        if before != after:
+            self.family += 1
         self.revision += 1
         self.shape += 1
 
-    def tell_missed(self, address: Address, why: str, now: float) -> None:
-        """Tell once what has become of an agent that is missed."""
-        told, who = (address, why), self.missed[address]
-        if told not in self._told_of:
-            self._told_of.append(told)
-            self.tell(f"{who.name} ({who.kind}): its process {why}", "error", now)
+    def _tell_departure(self, who: Listing | RobotDescription, now: float) -> None:
+        self.tell(f"{who.name} ({who.kind}) left the list", "plain", now)
+
+    def found(self, address: Address, now: float) -> None:
+        """Take that an agent lives that was missed: it is only on no list, for somebody commands it."""
+        missed, robot = self.missed.pop(address, None), self.descriptions.get(address.name)
+        if missed and robot and robot.bond:
+            self.tell(
+                f"{robot.name} ({robot.kind}) obeys {robot.bond.parent.name}.{robot.bond.slot} now",
+                "plain",
+                now,
+            )
+        elif missed and isinstance(missed.who, Listing) and address.name not in self.robots:
+            self._tell_departure(missed.who, now)
+
+    def departed(self, address: Address, now: float) -> None:
+        """Take that an agent that was missed lives nowhere: it took its leave, or its process has gone."""
+        missed = self.missed.pop(address)
+        if missed.present:
+            self._tell_departure(missed.who, now)
+            self._forget(address.name)
+        else:
+            self._lose(address, missed.who, now)
+
+    def take_silent(self, silent: Iterable[Silent], now: float) -> None:
+        """Take who lives in processes that hang: tell it once, and keep the robots among them in the list."""
+        for one in silent:
+            address = Address.parse(one.key)
+            if address is None or address in self._hanging:
+                continue
+            self._hanging.add(address)
+            missed = self.missed.pop(address, None)
+            self._lose(address, missed.who if missed else self.described(address.name), now, one)
+
+    @property
+    def hanging(self) -> frozenset[Address]:
+        """Whose process hangs, as far as that was told."""
+        return frozenset(self._hanging)
+
+    def fade(self, address: Address, now: float) -> None:
+        """Take that a process that hung has gone."""
+        self._hanging.discard(address)
+        known = self.absent.get(address.name)
+        if known and known.address == address:
+            self._lose(address, known, now)
+
+    def _lose(
+        self,
+        address: Address,
+        who: Listing | RobotDescription | Absent | None,
+        now: float,
+        hangs: Silent | None = None,
+    ) -> None:
+        """Keep a robot in the list that hangs or has gone, and tell it."""
+        kind = who.kind if who else ""
+        what = f"{address.name} ({kind or address.role})"
+        pid = hangs.where.removeprefix("process ") if hangs else ""
+        if hangs:
+            self.tell(f"{what}: its process hangs, it answers nobody; {hangs.remedy}", "error", now)
+        else:
+            self.tell(f"{what}: its process has gone", "error", now)
+        if address.role == "robot":
+            remedy = hangs.remedy if hangs else ""
+            self.absent[address.name] = Absent(address, kind, who.host if who else "", now, pid, remedy)
+            self.family += 1
+
+    def dismiss(self, name: str) -> Absent | None:
+        """Take a robot that hangs or has gone off the list; it is back as soon as it answers."""
+        gone = self.absent.pop(name, None)
+        if gone:
+            self._forget(name)
+        return gone
+
+    def _forget(self, name: str) -> None:
+        self.remembered.pop(name, None)
+        self._heard.pop(name, None)
+        self.family += 1
+        self.revision += 1
+
+    def _welcome(self, addresses: Iterable[Address], now: float) -> None:
+        """Note who is there again, or there under the name of one that has gone."""
+        for address in addresses:
+            gone = self.absent.pop(address.name, None)
+            if gone:
+                self.family += 1
+                if gone.address == address:
+                    self.tell(f"{gone.name} ({gone.kind or address.role}) answers again", "good", now)
+            self._hanging.discard(address)
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
         """Take which lookup services live."""
@@ -174,14 +297,27 @@ class Store:
         self.revision += 1
 
     def take_state(self, name: str, state: State, now: float) -> None:
-        """Take the state that a robot told."""
-        before = self._heard.get(name)
-        self._heard[name] = Heard(state, now)
-        if before is None or _outline(before.state) != _outline(state):
-            self.shape += 1
-        if before is not None:
-            self._tell_change(name, before.state, state, now)
+        """Take the state that a robot told. Called ten thousand times a second where there are many."""
         self.revision += 1
+        before = self._heard.get(name)
+        if before is None:
+            self._heard[name] = Heard(state, now, now)
+            self.shape += 1
+            return
+        old = before.state
+        before.at = now
+        if old == state:
+            return
+        before.state = state
+        if name in self._attended and (force := instruments.size(state.readings)) is not None:
+            self.forces.append((now, force))
+        if old.bond != state.bond or old.epoch != state.epoch or old.online != state.online:
+            self.shape += 1
+        if old.busy != state.busy:
+            before.since = now
+            self._tell_commands(name, old, state, now)
+        if old.online != state.online or old.stopped != state.stopped:
+            self._tell_change(name, old, state, now)
 
     @contextmanager
     def asking(self, name: str) -> Generator[None]:
@@ -194,8 +330,6 @@ class Store:
 
     def _tell_commands(self, name: str, before: State, after: State, now: float) -> None:
         """Tell what others have a robot do; what a parent asks of a child is part of its own command."""
-        if before.busy == after.busy:
-            return
         if before.busy and name in self._elsewhere:
             self._elsewhere.discard(name)
             self.tell(f"{name}.{before.busy} has ended, asked for elsewhere", "plain", now)
@@ -204,7 +338,6 @@ class Store:
             self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now)
 
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
-        self._tell_commands(name, before, after, now)
         if before.online and not after.online:
             self.tell(f"{name} lost its controller: its readings are stale", "error", now)
         if after.online and not before.online:
@@ -215,16 +348,36 @@ class Store:
         if before.stopped and not after.stopped:
             self.tell(f"{name} was resumed: its stop has ended", "good", now)
 
-    def take_descriptions(self, descriptions: Iterable[RobotDescription]) -> None:
-        """Take how all robots describe themselves; who is not among them does not live."""
-        enslaved = self.enslaved
+    def take_descriptions(self, descriptions: Iterable[RobotDescription], now: float = 0.0) -> None:
+        """Take how all robots describe themselves; who is not among them does not answer."""
+        enslaved, before = self.enslaved, self.descriptions
         self.descriptions = {one.name: one for one in descriptions}
-        self.missed |= {one.address: one for one in enslaved if one.name not in self.descriptions}
-        living = self.descriptions.keys() | self.robots.keys()
+        self.described_at = now
+        self._welcome([one.address for one in self.descriptions.values()], now)
+        for one in enslaved:
+            if one.name not in self.descriptions:
+                self.missed.setdefault(one.address, Missed(one, present=False))
+        for name, one in {**self.remembered, **before}.items():
+            if name in self.descriptions or not (name in self.absent or one.address in self.missed):
+                self.remembered.pop(name, None)
+            else:
+                self.remembered[name] = one
+        living = self.descriptions.keys() | self.robots.keys() | self.absent.keys() | self.remembered.keys()
         self._heard = {name: heard for name, heard in self._heard.items() if name in living}
+        if before.keys() != self.descriptions.keys() or any(
+            (one.slots, one.kinds, one.bond and one.bond.parent)
+            != ((old := before[name]).slots, old.kinds, old.bond and old.bond.parent)
+            for name, one in self.descriptions.items()
+        ):
+            self.family += 1
         self.revision += 1
 
     # -- what is asked -----------------------------------------------------------------------------
+
+    @property
+    def known(self) -> set[str]:
+        """Names of all robots that are there, or were and were not dismissed."""
+        return {*self.descriptions, *self.robots, *self.absent, *self.remembered}
 
     @property
     def orphaned(self) -> bool:
@@ -255,23 +408,54 @@ class Store:
         heard = self._heard.get(name)
         return now - heard.at if heard else None
 
+    def described(self, name: str) -> RobotDescription | None:
+        """Return how a robot describes itself, or did before it ceased to answer."""
+        return self.descriptions.get(name) or self.remembered.get(name)
+
     def mood(self, name: str, now: float) -> Mood:
         """Return how a robot is, in one word."""
+        if absent := self.absent.get(name):
+            return "hangs" if absent.hangs else "gone"
         if self._silent(name, now):
             return "silent"
         told = self._told(name)
-        return mood.mood(told) if told else "free"
+        return mood.mood(told, self._slots(name)) if told else "free"
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
+        if absent := self.absent.get(name):
+            return f"HANGS (pid {absent.pid})" if absent.hangs else f"GONE {mood.span(now - absent.since)}"
         if self._silent(name, now):
-            return f"silent {self.age(name, now) or 0:.0f} s"
-        told, state = self._told(name), self.state(name)
+            return f"silent {mood.span(self.age(name, now) or 0.0)}"
+        told, heard = self._told(name), self._heard.get(name)
         if told is None:
             return "free"
-        if mood.mood(told) == "enslaved" and state and state.bond:
-            return f"under {state.bond.name}"
-        return mood.doing(told, self.progress(name))
+        if told.bond is not None and mood.mood(told, self._slots(name)) == "enslaved":
+            return f"under {self.by(name)}"
+        seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
+        return mood.doing(told, self.progress(name), slots=self._slots(name), seconds=seconds, note=note)
+
+    def by(self, name: str) -> str:
+        """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""
+        state, robot = self.state(name), self.described(name)
+        if state:
+            return state.bond.name if state.bond else state.caller if state.busy else ""
+        return robot.bond.parent.name if robot and robot.bond else ""
+
+    def old(self, name: str, now: float) -> bool:
+        """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""
+        return self.mood(name, now) in OLD
+
+    def _slots(self, name: str) -> tuple[SlotSpec, ...]:
+        robot = self.described(name)
+        return robot.slots if robot else ()
+
+    def attend(self, name: str) -> None:
+        """Remember the forces of this robot from now on."""
+        if name != self.attended:
+            self.attended = name
+            self.forces.clear()
+        self._attended = frozenset(self._downwards(name))
 
     def _silent(self, name: str, now: float) -> bool:
         age = self.age(name, now)
@@ -279,7 +463,7 @@ class Store:
 
     def _told(self, name: str) -> Condition | None:
         """Return what a robot tells of itself: its newest state; before the first one its description."""
-        return self.state(name) or self.descriptions.get(name)
+        return self.state(name) or self.described(name)
 
     def readings(self, name: str) -> dict[str, float]:
         """Return the readings of a robot, over those of the child that its exposed commands lead to."""
@@ -294,7 +478,7 @@ class Store:
         """Return the units of those readings, by name."""
         found: dict[str, str] = {}
         for one in self._downwards(name):
-            robot, state = self.descriptions.get(one), self.state(one)
+            robot, state = self.described(one), self.state(one)
             told = state.readings if state else {}
             own = robot.units if robot else {}
             found = {**{key: own.get(key, "") for key in told}, **found}
@@ -314,7 +498,7 @@ class Store:
 
     def _beneath(self, name: str) -> str:
         """Return the child that a robot's exposed commands lead to, or its only child."""
-        robot = self.descriptions.get(name)
+        robot = self.described(name)
         if robot is None:
             return ""
         children = {slot.name: slot.child.name for slot in robot.slots if slot.child}
@@ -322,37 +506,16 @@ class Store:
         wanted = next((slot for slot in through if slot in children), next(iter(children), ""))
         return children.get(wanted, "")
 
-    def rows(self, letters: str, now: float) -> list[Row]:
-        """Return the listed robots whose row or description contains these letters, by name."""
-        rows = [self._row(listing, now) for _, listing in sorted(self.robots.items())]
-        wanted = letters.lower()
-        return [
-            row
-            for row in rows
-            if wanted in f"{row.name} {row.kind} {row.doing} {row.host} {row.about}".lower()
-            or self.about(row.name, letters)
-        ]
-
-    def about(self, name: str, letters: str) -> bool:
-        """Whether a robot speaks of these letters where it describes itself and its commands."""
-        robot = self.descriptions.get(name)
+    def speaks_of(self, name: str) -> str:
+        """Return what a robot says of itself and its commands, for those who look for words."""
+        robot, listing = self.described(name), self.robots.get(name)
         if robot is None:
-            return False
-        said = [*robot.kinds, robot.doc, *(f"{one.name} {one.doc}" for one in robot.commands)]
-        return letters.lower() in " ".join(said).lower()
+            return f"{' '.join(listing.kinds)} {listing.doc}" if listing else ""
+        return " ".join([*robot.kinds, robot.doc, *(f"{one.name} {one.doc}" for one in robot.commands)])
 
-    def _row(self, listing: Listing, now: float) -> Row:
-        name = listing.name
-        return Row(
-            name=name,
-            kind=listing.kind,
-            mood=self.mood(name, now),
-            doing=self.doing(name, now),
-            host=listing.host,
-            about=wording.summary(listing.doc),
-            fresh=now - self._came.get(name, -FLASH) < FLASH,
-            stale=self.stale,
-        )
+    def came(self, name: str, now: float) -> bool:
+        """Whether a robot has just come."""
+        return now - self._came.get(name, -FLASH) < FLASH
 
     def candidates(self, parent: str, kind: str) -> list[Listing]:
         """Return the free robots that a slot of this kind takes, without the parent and those above it."""
@@ -364,10 +527,6 @@ class Store:
         line: list[str] = []
         while name and name not in line:
             line.append(name)
-            robot = self.descriptions.get(name)
+            robot = self.described(name)
             name = robot.bond.parent.name if robot and robot.bond else ""
         return tuple(line)
-
-
-def _outline(state: State) -> tuple[object, ...]:
-    return (state.bond, state.epoch, state.online)

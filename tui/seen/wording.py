@@ -120,7 +120,7 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
-        ("state", mood.words(robot)),
+        ("state", mood.words(robot, robot.slots)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),

@@ -63,8 +63,11 @@ class Portrait:
     def state(self) -> State:
         """Tell how the robot is now, with its readings."""
         tenure, jobs = self._lease.tenure, self._desk.jobs
+        running = jobs.running
         return State(
-            busy="" if jobs.running is None else jobs.running.context.command,
+            busy="" if running is None else running.context.command,
+            caller="" if running is None else running.context.caller,
+            note="" if running is None else running.said,
             waiting=jobs.waiting,
             epoch=self._lease.lessor.epoch,
             bond=None if tenure is None else tenure.parent,

@@ -21,6 +21,9 @@ PROGRESS_PERIOD = 0.05
 """[s] Least time between two words about a command's progress."""
 
 
+LONGEST_NOTE = 80
+"""Characters of what a command says of its progress that its robot's state repeats to everybody."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -42,6 +45,8 @@ class Job:
         self.outcome: asyncio.Future[Returned | Failed] = asyncio.get_running_loop().create_future()
         self.listeners: list[Callable[[Progress], None]] = []
         self.fraction = math.nan
+        self.said = ""
+        """What it said last of how far it is."""
         self.run: Run | None = None
         self.timer: asyncio.TimerHandle | None = None
         self._word: Progress | None = None
@@ -55,7 +60,7 @@ class Job:
     def note(self, fraction: float, text: str) -> None:
         """Take in how far it is; listeners hear the latest, not too often."""
         loop = asyncio.get_running_loop()
-        self.fraction = fraction
+        self.fraction, self.said = fraction, text[:LONGEST_NOTE]
         waiting, self._word = (
             self._word is not None,
             Progress(key=self.context.key, fraction=fraction, text=text),

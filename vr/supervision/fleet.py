@@ -20,7 +20,7 @@ from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
 from robotree.vr.supervision.orders import Orders
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.transport import Registration, Silent, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -74,6 +74,10 @@ class Fleet:
         """Ask all hosts what they run, by name. One that does not answer is left out."""
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
         return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
+
+    async def silent(self) -> Sequence[Silent]:
+        """Return who lives in a process that hangs; who is on its way looks so for a moment, too."""
+        return await self._transport.silent("*/*/*")
 
     def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back after each change of the lists; returns how to end that."""

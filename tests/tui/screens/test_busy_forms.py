@@ -15,9 +15,9 @@ from robotree.tui.screen import unasked
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
-from robotree.tui.screen.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.widgets.robot_tree import Place
+from robotree.tui.screen.place import Place
 from robotree.tui.terminal import STEERING
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ async def test_no_page_lets_a_robot_steer_the_terminal(
             await operator.sees("evil" if key != "g" else "log")
             assert STEERING.search(operator.text.replace("\n", "")) is None
         await operator.obey("call evil.stumble")
-        await operator.sees("seen robotree: all is well")
+        await operator.sees("seen robotree: all is")
         app.ask_for("panel", Place("evil"))
         await operator.at(PanelPage)
         await operator.sees("[2J", "seen")

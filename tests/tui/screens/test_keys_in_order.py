@@ -17,11 +17,11 @@ from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.screen.widgets.robot_tree import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -130,8 +130,8 @@ async def test_a_filter_has_the_letters_that_were_left_over(realm: Realm, operat
         await listed(operator)
         operator.burst(f"/arx{BACKSPACE * 2}{CTRL_U}rovee{BACKSPACE}r{ENTER}")
         await operator.until(lambda: operator.one(Prompt).letters == "rover", "the filter")
-        operator.burst(f"/{BACKSPACE * 5}arm{ENTER}t")
-        await operator.until(lambda: page_of(operator).pane == "tree", "the tree")
+        operator.burst(f"/{BACKSPACE * 5}arm{ENTER}v")
+        await operator.until(lambda: page_of(operator).pane == "views", "the views")
         assert operator.one(Prompt).letters == "arm"
 
 
@@ -185,5 +185,5 @@ async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
             return what.__name__ == "_pass"  # it takes it, and nothing comes of it
 
         monkeypatch.setattr(table, "call_later", lose)
-        operator.burst("gt")
-        await operator.until(lambda: page_of(operator).pane == "tree", "the second key")
+        operator.burst("gv")
+        await operator.until(lambda: page_of(operator).pane == "views", "the second key")

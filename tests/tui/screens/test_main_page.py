@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from textual.widgets import Button, DataTable, Input, OptionList
+from textual.widgets import Button, Input, OptionList
 
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
@@ -14,7 +14,6 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.screen.widgets.robot_tree import RobotTree
 from robotree.vr import Robot
 
 if TYPE_CHECKING:
@@ -22,16 +21,15 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
-async def at_the_tree(operator: Operator, name: str) -> RobotTree:
-    """Open the tree and move its cursor to a robot."""
-    await operator.press("t")
-    tree = operator.one(RobotTree)
-    await operator.until(lambda: name in operator.text, name)
-    for _ in range(12):
-        if tree.selected.name == name:
-            return tree
+async def at(operator: Operator, name: str) -> RobotTable:
+    """Move the cursor to a robot."""
+    await operator.until(lambda: name in operator.app.store.descriptions, f"{name} described")
+    table = operator.one(RobotTable)
+    await operator.until(lambda: name in table.names, f"{name} listed")
+    await operator.press("home")
+    while table.selected != name:
         await operator.press("down")
-    pytest.fail(f"{name} is not in the tree:\n{operator.text}")
+    return table
 
 
 async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate) -> None:
@@ -45,7 +43,7 @@ async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate
 
 async def test_the_selected_robot_is_described_beside_the_list(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
-        await operator.sees("An arm of paper", "go_to(x, y, z, twist, speed)", "readings")
+        await operator.sees("An arm of paper", "go_to(x, y, z, twist, speed)", "pose")
 
 
 async def test_the_cursor_stays_on_its_robot_while_others_come(realm: Realm, operate: Operate) -> None:
@@ -70,19 +68,18 @@ async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, opera
         await operator.sees("arm-1")
         await operator.press("slash")
         await operator.type("[/nobody]")
-        await operator.sees("No free robot with '[/nobody]'")
+        await operator.sees("No robot with '[/nobody]'")
         await operator.press("escape")
         await operator.sees("arm-1")
 
 
-async def test_the_tree_shows_slots_moods_and_who_commands_whom(realm: Realm, operate: Operate) -> None:
+async def test_list_and_tree_are_one(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.fleet) as operator:
-        await operator.press("t")
-        await operator.sees("mover  MoveTo", "arm: empty  takes Arm")
+        await operator.sees("mover", "○ needs arm: Arm", "arm-1", "rover-1")
         await realm.fleet.enslave("mover", "arm", "arm-1")
-        await operator.sees("◆ arm: arm-1  Arm")
-        await operator.until(lambda: "● arm-1" not in operator.text, "the arm is only under its parent")
+        await operator.sees("└ arm: arm-1", "◆ under mover", "arm-1 (Arm) obeys mover.arm now")
+        assert operator.one(RobotTable).names == ["mover", "arm-1", "rover-1"], "below its parent"
 
 
 async def test_enslaving_offers_only_robots_of_the_right_kind(realm: Realm, operate: Operate) -> None:
@@ -114,20 +111,11 @@ async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Rea
         await operator.sees("rover-1 has no empty slot and none waits for it")
 
 
-async def test_an_empty_slot_of_the_tree_is_filled_by_enter(realm: Realm, operate: Operate) -> None:
-    await realm.create("two_arms.py", "pair")
-    async with operate(realm.fleet) as operator:
-        await at_the_tree(operator, "pair")
-        await operator.press("down", "down", "enter")
-        dialog = await operator.at(EnslaveDialog)
-        assert [opening.path for opening in dialog._openings] == ["pair.right"]
-
-
 async def test_release_asks_back_and_gives_the_child_back(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     await realm.fleet.enslave("mover", "arm", "arm-1")
     async with operate(realm.fleet) as operator:
-        await at_the_tree(operator, "arm-1")
+        await at(operator, "arm-1")
         await operator.press("r")
         await operator.at(Confirm)
         await operator.sees("release mover.arm?")
@@ -277,7 +265,7 @@ async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, o
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet, farewell="The demo ends with this screen.") as operator:
+    async with operate(realm.fleet, size=(120, 70), farewell="The demo ends with this screen.") as operator:
         await operator.press("question_mark")
         await operator.sees("Leave. The demo ends with this screen.")
         await operator.press("escape", "q")
@@ -298,7 +286,7 @@ async def test_views_show_a_live_picture_only_while_they_are_looked_at(
         await operator.press("down")
         await operator.until(lambda: "wrist" in realm.cell.looks, "the other camera")
         await operator.press("l")
-        await operator.until(lambda: isinstance(operator.app.focused, DataTable))
+        await operator.until(lambda: isinstance(operator.app.focused, RobotTable))
         looks = len(realm.cell.looks)
         await operator.press("g")
         await operator._pilot.pause(0.6)
@@ -366,7 +354,7 @@ async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "mover")
         table = operator.one(RobotTable)
         await operator.until(lambda: table.selected == "mover", "the cursor")
-        await operator.sees("0.25 rad", "0.125 s")
+        await operator.sees("z 0.400 m", "twist 0.0 °", "joints  14.3 °", "grip    80 mm")
         await operator.press("enter")
         await operator.at(PanelPage)
         await operator.sees("0.25 rad", "0.125 s")

@@ -23,7 +23,7 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.widgets.robot_tree import Place
+from robotree.tui.screen.place import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

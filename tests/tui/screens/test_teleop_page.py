@@ -10,9 +10,9 @@ import pytest
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.robot_tree import Place
 from robotree.vr.supervision.fleet import Fleet
 
 if TYPE_CHECKING:

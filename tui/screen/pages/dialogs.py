@@ -14,7 +14,7 @@ from textual.screen import ModalScreen, ScreenResultType
 from textual.widgets import Button, Footer, Static
 
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
 
 LOW = [(0, "-tight"), (20, "-roomy")]

@@ -1,4 +1,4 @@
-"""The main page: robots, tree, views, log; everything begins here."""
+"""The main page: all robots as one list, the selected one below it, and what happened last."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, VerticalScroll
-from textual.widgets import ContentSwitcher, DataTable, Tree
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import ContentSwitcher
 
 from robotree.tui.line.action import About, Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.place import NOWHERE, Place
+from robotree.tui.screen.widgets.cameras import PictureBox
 from robotree.tui.screen.widgets.details import Details
+from robotree.tui.screen.widgets.flash import LastLines
 from robotree.tui.screen.widgets.happenings import HappeningLog
 from robotree.tui.screen.widgets.prompt import Kind, Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.screen.widgets.robot_tree import NOWHERE, Place, RobotTree
 from robotree.tui.screen.widgets.still import Still
-from robotree.tui.screen.widgets.tabs import TabLine, TabName
 from robotree.tui.screen.widgets.views_pane import ViewsPane
-from robotree.tui.seen import forest
-from robotree.tui.seen.store import Store
+from robotree.tui.seen.rows import ORDERS, Order, Seat, family, listed
 
-PANES = {"robots": "#robots", "tree": "#tree", "views": "#cameras", "log": "#log"}
+PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
 """What has the focus in each pane, by the verb that brings it to the front."""
 FIRST = next(iter(PANES))
 """The pane to begin with."""
-SELECTABLE = {"robots", "tree"}
-"""Panes in which a robot can be selected."""
+
+PICTURES = 2.0
+"""[Hz] of the picture beside the selected robot."""
 
 BACK = "Show everything again, or go back to the robots."
 
@@ -48,7 +49,7 @@ Whoever comes appears here by itself."""
 HIDDEN = """\
 
 
-No free robot{letters}. Those that are enslaved are in the tree: press t."""
+No robot with {letters!r}. Escape shows all again."""
 
 
 def _bindings() -> list[BindingType]:
@@ -69,23 +70,41 @@ def _bindings() -> list[BindingType]:
 
 
 class MainPage(Page):
-    """Four panes of one realm, the selected robot beside them, and the prompt below."""
+    """Three panes of one realm, and the prompt below."""
 
     BINDINGS: ClassVar[list[BindingType]] = _bindings()
+    VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [  # noqa: RUF012 # as Textual declares it
+        (0, "-short"),
+        (20, "-low"),
+        (32, "-high"),
+    ]
+
+    def __init__(self) -> None:
+        """Begin with all robots, as a tree."""
+        super().__init__()
+        self.order: Order = "tree"
+        self._family: tuple[int, tuple[Seat, ...]] = (-1, ())
+        self._shown: tuple[Seat, ...] = ()
 
     def parts(self) -> ComposeResult:
-        """Tabs, panes, details, prompt."""
-        yield TabLine({name: BY_VERB[name].key for name in PANES})
+        """Panes, prompt."""
         with Horizontal(classes="columns"):
-            with ContentSwitcher(initial=FIRST, id="panes"):
-                yield RobotTable(id="robots")
-                yield RobotTree(id="tree")
-                yield ViewsPane(id="views")
-                yield HappeningLog(id="log")
+            with ContentSwitcher(initial=_pane_id(FIRST), id="panes"):
+                with Vertical(id=_pane_id("robots")):
+                    yield RobotTable(id="robots")
+                    with Horizontal(id="below"):
+                        with VerticalScroll(id="details-box", can_focus=False):
+                            yield Details(id="details")
+                        yield PictureBox(id="picture-box", rate=PICTURES)
+                yield ViewsPane(id=_pane_id("views"))
+                with Vertical(id=_pane_id("log")):
+                    yield HappeningLog(id="log")
             yield Still(id="empty")
-            with VerticalScroll(id="details-box", can_focus=False):
-                yield Details(id="details")
         yield Prompt(self.app, id="prompt")
+
+    def messages(self) -> ComposeResult:
+        """Yield the last lines of the log."""
+        yield LastLines(id="last")
 
     def on_mount(self) -> None:
         """Begin with the robots."""
@@ -96,28 +115,35 @@ class MainPage(Page):
     @property
     def pane(self) -> str:
         """Name of the pane in front."""
-        return self.query_one("#panes", ContentSwitcher).current or FIRST
+        current = self.query_one("#panes", ContentSwitcher).current
+        return current.removeprefix(_pane_id("")) if current else FIRST
 
     def title_of_page(self) -> str:
-        """Return the pane's name, and what it is filtered by."""
+        """Return the pane's name, how it is sorted, and what it is filtered by."""
         letters = self.query_one(Prompt).letters
-        return f"{self.pane}  /{letters}" if letters else self.pane
+        title = self.pane
+        if self.pane == FIRST and self.order != "tree":
+            title += f" by {self.order}"
+        if self.pane == FIRST and letters:
+            title += f"  /{letters}  {len(self._shown)} of {len(self._family[1])}"
+        return title
 
     @property
     def place(self) -> Place:
-        """What keys are about: a robot, an empty slot, or nothing."""
-        if self.pane == "tree":
-            return self.query_one(RobotTree).selected
-        return Place(self.query_one(RobotTable).selected if self.pane == "robots" else "")
+        """What keys are about: the selected robot, or nothing where none can be selected."""
+        if self.pane != FIRST or not self.selected:
+            return NOWHERE
+        bond = (robot := self.app.store.described(self.selected)) and robot.bond
+        return Place(self.selected, bond.parent.name, bond.slot) if bond else Place(self.selected)
 
     @property
     def selected(self) -> str:
-        """Name of the robot that keys are about; empty: none."""
-        return self.place.name
+        """Name of the robot that is selected; empty: none."""
+        return self.app.selection.name
 
     def show_pane(self, name: str) -> None:
         """Bring a pane to the front."""
-        self.query_one("#panes", ContentSwitcher).current = name
+        self.query_one("#panes", ContentSwitcher).current = _pane_id(name)
         self._focus_pane()
         self.draw()
         self.refresh_bindings()
@@ -125,38 +151,73 @@ class MainPage(Page):
     def _focus_pane(self) -> None:
         self.query_one(PANES[self.pane]).focus()
 
-    @on(TabName.Chosen)
-    def _clicked(self, event: TabName.Chosen) -> None:
-        self.show_pane(event.pane)
-
     # -- keys --------------------------------------------------------------------------------------
 
     def action_verb(self, verb: str) -> None:
         """Do what a key of the registry asks for, with what is selected."""
-        self.app.ask_for(verb, NOWHERE if BY_VERB[verb].about is About.NOTHING else self.place)
+        if BY_VERB[verb].about is About.NOTHING:
+            self.app.ask_for(verb, NOWHERE)
+        elif self.app.certain():
+            self.app.ask_for(verb, self.place)
 
     def open_line(self, kind: Kind) -> None:
         """Open the line below, for a verb or for a filter."""
         self.query_one(Prompt).open(kind)
 
-    @on(DataTable.RowSelected)
-    @on(Tree.NodeSelected)
+    def sort(self, order: Order | None = None) -> None:
+        """Sort the robots so, or by what comes after the present order."""
+        self.order = order or ORDERS[(ORDERS.index(self.order) + 1) % len(ORDERS)]
+        self.app.tell(
+            "robots by name, children below their parents"
+            if self.order == "tree"
+            else f"robots by {self.order}"
+        )
+        self.show_pane(FIRST)
+
+    def widen(self) -> None:
+        """Give the whole page to the list, and back."""
+        self.toggle_class("-all")
+
+    def mark(self, name: str) -> None:
+        """Mark a robot, or take its mark away, and go on to the next one."""
+        if not name:
+            self.app.tell("no robot is selected", "warning")
+            return
+        self.app.marks ^= {name}
+        self.query_one(RobotTable).action_move(1)
+        self.draw()
+
+    def turn(self) -> None:
+        """Look through the next camera."""
+        if self.pane == "views":
+            self.query_one(ViewsPane).turn()
+        else:
+            self.query_one(PictureBox).turn()
+
+    def unmark(self) -> None:
+        """Take all marks away."""
+        self.app.marks = frozenset()
+        self.draw()
+
+    @on(RobotTable.Opened)
     def _enter(self) -> None:
         self.action_verb("panel")
 
     def action_clear_filter(self) -> None:
         """Show everything again; from another pane, back to the robots."""
         prompt = self.query_one(Prompt)
-        if prompt.letters:
-            prompt.letters = ""
-        elif self.pane != FIRST:
+        if self.pane != FIRST:
             self.show_pane(FIRST)
+        elif prompt.letters:
+            prompt.letters = ""
+        else:
+            self.unmark()
         self.draw()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show keys about a robot only where a robot can be selected."""
         concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
-        if concerned and self.is_mounted and self.pane not in SELECTABLE:
+        if concerned and self.is_mounted and self.pane != FIRST:
             return False
         return super().check_action(action, parameters)
 
@@ -176,45 +237,52 @@ class MainPage(Page):
 
     # -- drawing -----------------------------------------------------------------------------------
 
+    def _seats(self, now: float) -> tuple[Seat, ...]:
+        """Return the places that are shown, found anew only when that may differ."""
+        store = self.app.store
+        if self._family[0] != store.family:
+            self._family = (store.family, family(store))
+        seats = self._family[1]
+        letters = self.query_one(Prompt).letters
+        if self.order == "tree" and not letters.strip():
+            return seats
+        return listed(store, seats, now, order=self.order, letters=letters)
+
     def draw(self) -> None:
         """Draw the pane in front."""
         if not self.is_mounted:
             return
+        app, now = self.app, self.app.now()
+        before, self._shown = self._shown, self._seats(now)
+        names = [seat.name for seat in self._shown]
+        app.selection = app.selection.among([seat.name for seat in before], names, now)
         super().draw()
-        store, now, pane = self.app.store, self.app.now(), self.pane
-        letters = self.query_one(Prompt).letters
-        self.query_one(TabLine).draw(pane)
-        rows = store.rows(letters, now)
-        if pane == "robots":
-            self.query_one(RobotTable).draw(rows, letters)
-        elif pane == "tree":
-            self.query_one(RobotTree).draw(
-                _filtered(forest.forest(store.descriptions.values()), store, letters), store, now
-            )
-        elif pane == "views":
+        if self.pane == "robots":
+            self.query_one(RobotTable).draw(self._shown, self.selected, app.marks)
+            self._draw_selected(now)
+        elif self.pane == "views":
             self.query_one(ViewsPane).draw()
-        self.query_one(HappeningLog).draw(store, now, self.wall())
-        self._draw_empty(rows=bool(rows), letters=letters)
-        self.query_one("#details-box").display = pane in SELECTABLE and bool(self.selected)
-        if self.selected:
-            self.query_one(Details).draw(store, self.selected, now)
+        self.query_one(HappeningLog).draw(app.store, now, self.wall())
+        last = self.query_one(LastLines)
+        last.display = self.pane != "log"
+        last.draw(app.store, now, self.wall())
+        self._draw_empty()
 
-    def _draw_empty(self, *, rows: bool, letters: str) -> None:
+    def _draw_selected(self, now: float) -> None:
+        self.query_one("#below").set_class(not self.selected, "-nothing")
+        self.app.store.attend(self.selected)
+        if self.selected:
+            self.query_one(Details).draw(self.app.store, self.selected, now)
+        self.query_one(PictureBox).draw()
+
+    def _draw_empty(self) -> None:
         """Say what emptiness means, over the list: one that is hidden would lose the focus."""
-        empty, store = self.query_one("#empty", Still), self.app.store
-        nothing = self.pane == "robots" and not rows
+        empty, letters = self.query_one("#empty", Still), self.query_one(Prompt).letters
+        nothing = self.pane == "robots" and not self._shown
         empty.display = nothing
         if nothing:
-            wanted = f" with {letters!r}" if letters else ""
-            empty.show(Text(HIDDEN.format(letters=wanted) if store.descriptions or letters else EMPTY))
+            empty.show(Text(HIDDEN.format(letters=letters) if self._family[1] else EMPTY))
 
 
-def _filtered(roots: tuple[forest.Branch, ...], store: Store, letters: str) -> tuple[forest.Branch, ...]:
-    """Keep the trees in which a line contains these letters, or a robot's description."""
-    wanted = letters.lower()
-    return tuple(
-        root
-        for root in roots
-        if wanted in forest.drawing([root]).lower()
-        or any(store.about(name, letters) for name in forest.names(root))
-    )
+def _pane_id(name: str) -> str:
+    return f"pane-{name}"

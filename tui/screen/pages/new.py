@@ -17,7 +17,7 @@ from robotree.files import text as text_of
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import Form
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
 from robotree.tui.screen.widgets.choice import Choice

@@ -8,7 +8,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.widgets import Footer
 
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
@@ -33,12 +33,16 @@ class Page(Fenced, Leaving[None]):
         yield TopBar(classes="topbar")
         yield Banner(classes="banner")
         yield from self.parts()
-        yield FlashLine(classes="flash")
+        yield from self.messages()
         yield Footer(show_command_palette=False, compact=True)
 
     def parts(self) -> ComposeResult:
         """Yield the page's own parts."""
         yield from ()
+
+    def messages(self) -> ComposeResult:
+        """Yield what shows what happened last."""
+        yield FlashLine(classes="flash")
 
     def on_mount(self) -> None:
         """Draw now and then regularly."""
@@ -62,7 +66,8 @@ class Page(Fenced, Leaving[None]):
         app = self.app
         self.query_one(TopBar).draw(app.store, app.realm, self.title_of_page())
         self.query_one(Banner).draw(app.store)
-        self.query_one(FlashLine).draw(app.store, app.now())
+        for line in self.query(FlashLine):
+            line.draw(app.store, app.now())
 
     @staticmethod
     def wall() -> float:

@@ -6,7 +6,10 @@ from functools import partial
 
 from rich.text import Text
 from textual import work
+from textual.app import ComposeResult
+from textual.containers import Vertical
 
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.still import Still
@@ -40,15 +43,17 @@ class Cameras(Still):
         if self._picture is not None and (views != self._known):
             self._known = views
             self._ask(views)
+        self.show(self.label)
+
+    @property
+    def label(self) -> Text:
+        """View and camera that one looks through, and how many there are."""
         muted = tint(self.app, "muted")
         if not self.all:
-            self.show(Text("no view is listed", muted))
-            return
+            return Text("no view is listed", muted)
         view, camera = self.all[self.at]
-        self.show(
-            Text.assemble(
-                (f"{view}", "bold"), (" / ", muted), camera, (f"   {self.at + 1} of {len(self.all)}", muted)
-            )
+        return Text.assemble(
+            (view, "bold"), (" / ", muted), camera, (f"   {self.at + 1} of {len(self.all)}", muted)
         )
 
     def turn(self, by: int = 1) -> None:
@@ -91,3 +96,34 @@ class Cameras(Still):
 
     async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
         return await self.app.fleet.look(view, camera=camera, width=width, height=height, quality=QUALITY)
+
+
+class PictureBox(Fenced, Vertical):
+    """A picture with its camera's name in the frame, beside the selected robot."""
+
+    def __init__(self, *, id: str | None = None, rate: float) -> None:  # noqa: A002 # Textual's name for it
+        """Show so many pictures a second [Hz]."""
+        super().__init__(id=id)
+        self._rate = rate
+
+    def compose(self) -> ComposeResult:
+        """The name is in the frame."""
+        yield Cameras(id="camera")
+        yield PictureView(rate=self._rate)
+
+    def on_mount(self) -> None:
+        """Point the picture."""
+        self.query_one(Cameras).display = False
+        self.query_one(Cameras).attach(self.query_one(PictureView))
+
+    def draw(self) -> None:
+        """Name the camera; without a view there is no picture."""
+        cameras = self.query_one(Cameras)
+        cameras.draw()
+        self.set_class(not cameras.all, "-nothing")
+        self.border_title = cameras.label
+
+    def turn(self) -> None:
+        """Look through the next camera."""
+        self.query_one(Cameras).turn()
+        self.draw()

@@ -18,7 +18,7 @@ from textual.widgets import Button, Label, ProgressBar, Static
 
 from robotree.tui.screen import entry, unasked
 from robotree.tui.screen.busy import Form
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording

@@ -1,86 +1,148 @@
-"""The selected robot, beside the list: who it is, what it can, what it reads."""
+"""The selected robot, below the list: how it is, what it reads, who commands it, what it can."""
 
 from __future__ import annotations
 
-from rich.text import Text
+from typing import TYPE_CHECKING
 
-from robotree.tui.screen.widgets.gauges import rank
+from rich.style import Style
+from rich.text import Text
+from textual.widget import Widget
+
+from robotree.tui.screen.widgets.gauges import ALARM, FULL_FORCE, WARN
 from robotree.tui.screen.widgets.marks import mood_mark, tint
 from robotree.tui.screen.widgets.still import Still
-from robotree.tui.seen import wording
+from robotree.tui.seen import instruments, wording
+from robotree.tui.seen.cells import seen
+from robotree.tui.seen.instruments import Figure, Group
+from robotree.tui.seen.mood import span
 from robotree.tui.seen.store import Store
 
-READINGS = 10
-"""Readings that are shown however little room there is."""
-FRAME = 2
-"""Lines of the border."""
+if TYPE_CHECKING:
+    from robotree.vr.description import RobotDescription
+
+LABEL = 8
+"""Cells for the name of a line, and a gap."""
+SPARK = 8
+"""Cells of the line of past forces."""
 
 
 class Details(Still):
     """Draws one robot from the store."""
 
     def draw(self, store: Store, name: str, now: float) -> None:
-        """Draw the robot of this name, or a hint when there is none."""
-        self.border_title = name
-        robot = store.descriptions.get(name)
-        listing = store.robots.get(name)
-        muted = tint(self.app, "muted")
+        """Draw the robot of this name."""
+        if isinstance(self.parent, Widget):
+            self.parent.border_title = Text(seen(name))
+        robot, listing = store.described(name), store.robots.get(name)
+        text = Text()
+        self._state(text, store, name, now)
         if robot is None:
-            about = wording.summary(listing.doc) if listing else "Nothing is selected."
-            self.show(Text(about, muted))
+            self._line(text, "about", Text(wording.summary(listing.doc) if listing else ""))
+            self.show(text)
             return
-        text = Text.assemble(
-            (" < ".join(robot.kinds), muted),
-            "\n",
-            mood_mark(self.app, store.mood(name, now), store.doing(name, now)),
-        )
-        if (state := store.state(name)) and state.stop_reason:
-            text.append(f"\n{state.stop_reason}", tint(self.app, "error"))
-        if robot.doc:
-            text.append(f"\n\n{wording.summary(robot.doc)}")
-        self._slots(text, store, name)
-        self._commands(text, store, name)
-        self._readings(text, store, name)
+        self._readings(text, store, name, now)
+        self._lease(text, store, robot, now)
+        self._slots(text, robot)
+        self._commands(text, robot)
+        self._line(text, "about", Text(wording.summary(robot.doc)))
+        self._line(text, "kinds", Text(" < ".join(robot.kinds)))
+        for key, value in sorted(robot.attributes.items()):
+            self._line(text, key, Text(value))
         self.show(text)
 
-    def _slots(self, text: Text, store: Store, name: str) -> None:
-        slots = store.descriptions[name].slots
-        if not slots:
+    def _line(self, text: Text, label: str, words: Text) -> None:
+        """Append a line, unless it says nothing."""
+        if not words:
             return
-        self._heading(text, "slots")
-        for slot in slots:
-            text.append(f"\n{slot.name}", "bold")
-            text.append(f": {slot.kind}  ", tint(self.app, "muted"))
-            if slot.child:
-                text.append(slot.child.name, tint(self.app, "primary"))
-            else:
-                text.append(slot.lost or "empty", tint(self.app, "warning"))
+        if text:
+            text.append("\n")
+        text.append(f"{seen(label)[:LABEL]:<{LABEL}}", tint(self.app, "muted"))
+        text.append_text(words)
 
-    def _commands(self, text: Text, store: Store, name: str) -> None:
-        robot = store.descriptions[name]
-        if not robot.commands:
-            return
-        muted = tint(self.app, "muted")
-        self._heading(text, "commands")
-        for command in robot.commands:
-            text.append(f"\n{command.name}", "bold" if command.available else muted)
-            names = ", ".join(field.name for field in command.parameters)
-            text.append(f"({names})", muted)
-            if count := robot.calls.get(command.name):
-                text.append(f"  {count}x", muted)
+    def _state(self, text: Text, store: Store, name: str, now: float) -> None:
+        shown = mood_mark(self.app, store.mood(name, now), store.doing(name, now))
+        absent, state = store.absent.get(name), store.state(name)
+        if absent:
+            shown.append(f"  {absent.remedy or 'start it again, or D takes it off the list'}")
+        elif state and state.stop_reason:
+            shown.append(f"  {state.stop_reason}", tint(self.app, "error"))
+        self._line(text, "state", shown)
 
-    def _readings(self, text: Text, store: Store, name: str) -> None:
+    def _readings(self, text: Text, store: Store, name: str, now: float) -> None:
+        old = store.old(name, now)
         readings = store.readings(name)
-        if not readings:
-            return
-        muted, units = tint(self.app, "muted"), store.units(name)
-        self._heading(text, "readings")
-        width = max(len(key) for key in readings)
-        room = self.container_size.height - FRAME - text.plain.count("\n") - 1
-        for key in sorted(readings, key=rank)[: max(room, READINGS)]:
-            text.append(f"\n{key.ljust(width)} ", muted)
-            text.append(f"{wording.number(readings[key], 3):>9}")
-            text.append(f" {units.get(key, '')}".rstrip(), muted)
+        age = store.age(name, now)
+        if old and readings and age is not None:
+            self._line(
+                text, "", Text(f"{span(max(age, readings.get('age', 0.0)))} old", tint(self.app, "warning"))
+            )
+        for group in instruments.groups(readings, store.units(name), old=False):
+            words = Text()
+            if group.label == "force":
+                self._force(words, store, group, old=old)
+            else:
+                self._figures(words, group.figures, "" if not old else tint(self.app, "muted"))
+            self._line(text, group.label, words)
 
-    def _heading(self, text: Text, word: str) -> None:
-        text.append(f"\n\n{word}", tint(self.app, "primary"))
+    def _figures(self, words: Text, figures: tuple[Figure, ...], style: str | Style) -> None:
+        muted = tint(self.app, "muted")
+        for one in figures:
+            if words:
+                words.append(" ")
+            if one.name:
+                words.append(f"{seen(one.name)} ", muted)
+            words.append(one.text, style)
+            if one.unit:
+                words.append(f" {seen(one.unit)} ", muted)
+        words.rstrip()
+
+    def _force(self, words: Text, store: Store, group: Group, *, old: bool) -> None:
+        """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
+        total, past = group.figures[0], [force for _, force in store.forces]
+        muted = tint(self.app, "muted")
+        now = past[-1] if past else 0.0
+        colour = (
+            "error" if now >= ALARM * FULL_FORCE else "warning" if now >= WARN * FULL_FORCE else "primary"
+        )
+        style = muted if old else tint(self.app, colour)
+        words.append(instruments.spark(past, FULL_FORCE, SPARK), style)
+        words.append(f" {total.text}", style)
+        words.append(f" {total.unit}  ", muted)
+        if past:
+            words.append(f"peak {instruments.figure(max(past), 'N')[0]}  ", muted)
+        self._figures(words, group.figures[1:], muted)
+
+    def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
+        state = store.state(robot.name)
+        epoch = state.epoch if state else robot.epoch
+        if robot.bond is None:
+            holder = Text("nobody holds it", tint(self.app, "muted"))
+        else:
+            left = robot.bond.remaining - (now - store.described_at)
+            holder = Text.assemble(
+                (f"{robot.bond.parent.name}.{robot.bond.slot}", tint(self.app, "primary")),
+                (f"  {max(left, 0.0):.0f} s left" if left > 0 else "  renewed", tint(self.app, "muted")),
+            )
+        holder.append(f"  epoch {epoch}", tint(self.app, "muted"))
+        self._line(text, "lease", holder)
+
+    def _slots(self, text: Text, robot: RobotDescription) -> None:
+        for slot in robot.slots:
+            words = Text.assemble((f"{slot.name}: ", "bold"), (f"{slot.kind} ", tint(self.app, "muted")))
+            if slot.child:
+                words.append(slot.child.name, tint(self.app, "primary"))
+            else:
+                words.append(slot.lost or "empty", tint(self.app, "warning"))
+            self._line(text, "slot", words)
+
+    def _commands(self, text: Text, robot: RobotDescription) -> None:
+        muted = tint(self.app, "muted")
+        words = Text()
+        for command in robot.commands:
+            words.append("  " if words else "")
+            words.append(command.name, "bold" if command.available else muted)
+            names = ", ".join(field.name for field in command.parameters)
+            words.append(f"({names})", muted)
+            if count := robot.calls.get(command.name):
+                words.append(f" {count}x", muted)
+        self._line(text, "can", words)

@@ -11,7 +11,7 @@ from textual.message import Message
 from textual.widgets import Input, Label
 
 from robotree.tui.screen import entry
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.seen import wording
 from robotree.vr.description import FieldSpec

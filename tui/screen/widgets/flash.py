@@ -1,32 +1,81 @@
-"""What happened last, in a line below: it goes by itself, everything stays in the log."""
+"""What happened last: one line on every page, three on the main page; everything stays in the log."""
 
 from __future__ import annotations
 
+import time
+
 from rich.text import Text
 
-from robotree.tui.screen.widgets.marks import weigh
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.screen.widgets.marks import tint, weigh
 from robotree.tui.screen.widgets.still import Still
-from robotree.tui.seen.store import Store
+from robotree.tui.seen.store import Happening, Store
 
 STAYS = 8.0
 """[s] that a happening stays in the line; errors stay twice as long."""
 
+LINES = 3
+"""Lines of the main page that always show what happened last."""
+
+
+def _recent(store: Store, now: float) -> list[Happening]:
+    """Return what has just happened, the newest first."""
+    found: list[Happening] = []
+    for happening in reversed(store.happenings):
+        if now - happening.at > STAYS * (1 + (happening.weight == "error")):
+            break
+        found.append(happening)
+    return found
+
+
+def more(count: int) -> str:
+    """Say how much else has just happened, and which key shows it."""
+    return f"+{count} · {BY_VERB['log'].key}" if count > 0 else ""
+
 
 class FlashLine(Still):
-    """Shows what happened last, the newest first, as much as fits; an error that does not has more lines."""
+    """Shows what happened last; an error that does not fit has more lines."""
 
     def draw(self, store: Store, now: float) -> None:
         """Draw the line, or clear it."""
-        line, long = Text(" "), False
-        for happening in reversed(store.happenings):
-            bad = happening.weight == "error"
-            if now - happening.at > STAYS * (1 + bad) or line.cell_len > self.size.width:
-                break
-            newest = line.cell_len == 1
-            line.append_text(weigh(self.app, happening.weight, happening.text.replace("\n", " ")))
-            if newest and bad and line.cell_len > self.size.width:
-                long = True  # its end may name who did not stop
-                break
-            line.append("   ")
+        recent, line, long = _recent(store, now), Text(" "), False
+        if recent:
+            newest = recent[0]
+            line.append_text(weigh(self.app, newest.weight, newest.text))
+            rest = more(len(recent) - 1)
+            room = self.size.width - len(rest) - 2
+            long = newest.weight == "error" and line.cell_len > self.size.width
+            if not long and rest:
+                line.truncate(max(room, 0), overflow="ellipsis")
+            line.append(f"  {rest}" if rest else "", tint(self.app, "muted"))
         self.set_class(long, "-long")
         self.show(line)
+
+
+class LastLines(Still):
+    """Shows what happened last, the newest at the bottom; an error that does not fit has the lines above."""
+
+    def draw(self, store: Store, now: float, wall: float) -> None:
+        """Draw the lines.
+
+        Args:
+            store: what happened.
+            now: [s] on the store's clock.
+            wall: [s] since 1970, at the same moment.
+        """
+        width, muted = max(self.size.width - 2, 1), tint(self.app, "muted")
+        lines: list[Text] = []
+        for happening in reversed(store.happenings):
+            clock = time.strftime("%H:%M:%S", time.localtime(wall - (now - happening.at)))
+            line = Text.assemble((f"{clock} ", muted), weigh(self.app, happening.weight, happening.text))
+            if not lines and happening.weight == "error":
+                parts = list(line.wrap(self.app.console, width))[:LINES]
+            else:
+                line.truncate(width, overflow="ellipsis")
+                parts = [line]
+            if len(lines) + len(parts) > LINES:
+                break
+            lines = [*parts, *lines]
+        self.border_title = f"log  {BY_VERB['log'].key}"
+        self.border_subtitle = more(len(_recent(store, now)) - LINES)
+        self.show(Text("\n").join(lines))

@@ -62,7 +62,7 @@ def figure(value: float, shown: str) -> str:
 
 
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
-_WARN, _ALARM = 0.5, 0.8
+WARN, ALARM = 0.5, 0.8
 """Shares of a full bar from which on it is drawn as a warning, as an alarm."""
 
 
@@ -138,11 +138,11 @@ class Gauges(Still):
     def _bar(self, text: Text, name: str, value: float, full: float, unit: str) -> None:
         muted = tint(self.app, "muted")
         share = abs(value) / full
-        colour = "error" if share >= _ALARM else "warning" if share >= _WARN else "primary"
+        colour = "error" if share >= ALARM else "warning" if share >= WARN else "primary"
         left, right = bar(value, full, self._half)
         style = tint(self.app, colour)
         text.append(f"{name:<{self._names}}", muted)
         text.append(left, style)
         text.append("│", muted)
         text.append(right, style)
-        text.append(f" {figure(value, '+6.1f')} {unit}\n", style if share >= _WARN else "")
+        text.append(f" {figure(value, '+6.1f')} {unit}\n", style if share >= WARN else "")

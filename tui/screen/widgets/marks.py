@@ -14,13 +14,16 @@ from robotree.tui.seen.mood import CALM, Mood
 from robotree.tui.seen.store import Weight
 
 MOODS: Mapping[Mood, tuple[str, str]] = {
-    "free": ("●", "success"),
-    "busy": ("◐", "accent"),
-    "enslaved": ("◆", "primary"),
-    "stopped": ("■", "error"),
-    "offline": ("✗", "error"),
-    "abandoned": ("▲", "error"),
+    "hangs": ("✗", "error"),
+    "gone": ("✗", "error"),
     "silent": ("◌", "warning"),
+    "offline": ("✗", "error"),
+    "stopped": ("■", "error"),
+    "abandoned": ("▲", "error"),
+    "busy": ("◐", "accent"),
+    "needs": ("○", "warning"),
+    "free": ("●", "success"),
+    "enslaved": ("◆", "primary"),
 }
 """Sign and colour (a variable of the theme) by mood."""
 
@@ -36,14 +39,31 @@ WEIGHTS: Mapping[Weight, tuple[str, str]] = {
 FADE = 0.45
 """How far muted text goes from the foreground towards the background."""
 
+_styles: dict[tuple[str, str, bool], Style] = {}
+"""By theme, variable and weight: to make one costs more than to draw with it."""
+
 
 def tint(app: App[Any], variable: str, *, bold: bool = False) -> Style:
     """Return a variable of the theme as a style for Rich text; `muted` is made from two of them."""
+    asked = (app.theme, variable, bold)
+    if asked not in _styles:
+        _styles[asked] = Style(color=_colour(app.theme_variables, variable).rich_color, bold=bold)
+    return _styles[asked]
+
+
+def block(app: App[Any]) -> Style:
+    """Return the style of what must be seen first: a red block; without colours a reversed one."""
+    if app.no_color:
+        return Style(bold=True, reverse=True)
     variables = app.theme_variables
+    ground = Color.parse(variables["error"])
+    return Style(color=ground.get_contrast_text(1.0).rich_color, bgcolor=ground.rich_color, bold=True)
+
+
+def _colour(variables: Mapping[str, str], variable: str) -> Color:
     if variable == "muted":
-        faded = Color.parse(variables["foreground"]).blend(Color.parse(variables["background"]), FADE)
-        return Style(color=faded.rich_color, bold=bold)
-    return Style(color=Color.parse(variables[variable]).rich_color, bold=bold)
+        return Color.parse(variables["foreground"]).blend(Color.parse(variables["background"]), FADE)
+    return Color.parse(variables[variable])
 
 
 def mood_mark(app: App[Any], mood: Mood, words: str) -> Text:

@@ -15,8 +15,11 @@ from textual.geometry import Size
 from textual.strip import Strip
 from textual.widget import Widget
 
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.halfblocks import BLOCK, Colour, Run, decode
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.seen.cells import clip, fit
+from robotree.tui.seen.mood import span
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
 
@@ -51,18 +54,27 @@ class PictureView(Fenced, Widget):
 
     DEFAULT_CSS = "PictureView { width: 1fr; height: 1fr; }"
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
-        """Show nothing yet."""
+    def __init__(self, *, id: str | None = None, rate: float = RATE) -> None:  # noqa: A002 # Textual's name for it
+        """Show nothing yet; later so many pictures a second [Hz]."""
         super().__init__(id=id)
+        self._rate = rate
+        self._jpeg = b""
+        self._came = 0.0
+        """[s] on the app's clock, when the last picture came."""
+        self._trouble = ""
+        """Why no picture comes any more; empty: they come."""
         self._fetch: Fetch | None = None
         self._rows: list[list[Run]] = []
         self._message = "no view is selected"
+        self._drawn_for = (0, 0)
+        """Size in cells for which the rows were made."""
         self.frames = 0
         """Pictures shown so far."""
 
     def show(self, fetch: Fetch | None, message: str = "no view is selected") -> None:
         """Look through another view from now on; `message` stands there until its first picture comes."""
         self._fetch, self._rows, self._message = fetch, [], message
+        self._jpeg, self._trouble = b"", ""
         self.refresh()
         if fetch is not None:
             self._keep_looking()
@@ -76,12 +88,12 @@ class PictureView(Fenced, Widget):
     async def _keep_looking(self) -> None:
         while self._fetch is not None:
             began = time.monotonic()
-            pause = 1 / RATE
+            pause = 1 / self._rate
             if self.seen:
                 try:
                     await self._look(self._fetch)
                 except (VrError, OSError) as error:
-                    self._rows, self._message = [], str(error)
+                    self._message = self._trouble = str(error)
                     self.refresh()
                     pause = AGAIN
             await asyncio.sleep(max(pause - (time.monotonic() - began), 0.02))
@@ -90,9 +102,13 @@ class PictureView(Fenced, Widget):
         columns, rows = self.size.width, self.size.height
         width = min(max(FINER * columns, SMALLEST), LARGEST)
         picture = await fetch(width, max(width * 9 // 16, 1))
+        self._came = self.app.now()
+        if picture.jpeg == self._jpeg and not self._trouble and self._drawn_for == (columns, rows):
+            return  # nothing moves: nothing is drawn
         drawn = await asyncio.to_thread(decode, picture.jpeg, columns, rows)
         if fetch is self._fetch:
-            self._rows = drawn
+            self._rows, self._jpeg, self._trouble = drawn, picture.jpeg, ""
+            self._drawn_for = (columns, rows)
             self.frames += 1
             self.refresh()
 
@@ -107,8 +123,16 @@ class PictureView(Fenced, Widget):
         if not self._rows:
             middle = y == self.size.height // 2
             return Strip(
-                [Segment(self._message[:width].center(width) if middle else " " * width, background)]
+                [
+                    Segment(
+                        clip(self._message, width).center(width)[:width] if middle else " " * width,
+                        background,
+                    )
+                ]
             )
+        if self._trouble and y == 0:
+            told = clip(f" {span(self.app.now() - self._came)} old: {self._trouble}", width)
+            return Strip([Segment(fit(told, width), background + tint(self.app, "warning"))])
         row = y - max((self.size.height - len(self._rows)) // 2, 0)
         if not 0 <= row < len(self._rows):
             return Strip.blank(width, background)

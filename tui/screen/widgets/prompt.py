@@ -14,7 +14,7 @@ from textual.suggester import Suggester
 from textual.widgets import Input, Label
 
 from robotree.tui.line import completion
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.still import Still
 

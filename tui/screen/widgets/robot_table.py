@@ -1,112 +1,234 @@
-"""The list of free robots. Only cells that differ are drawn again: see the cost of tables in Textual."""
+"""The list of robots, drawn line by line: only lines that differ are drawn again.
+
+Textual's own table draws all that is visible again when one cell changes; with a hundred robots at work that
+took a third of a core (docs/performance.md).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
-from rich.text import Text
+from rich.cells import cell_len, set_cell_size
+from rich.segment import Segment
+from rich.style import Style
 from textual.binding import Binding, BindingType
-from textual.widgets import DataTable
+from textual.events import Click, Resize
+from textual.geometry import Region, Size
+from textual.message import Message
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
 
-from robotree.tui.screen.fence import Fenced
-from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.seen.store import Row
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.widgets.marks import MOODS, tint
+from robotree.tui.seen.cells import clip, fit
+from robotree.tui.seen.mood import CALM
+from robotree.tui.seen.rows import GAP, MOST, Column, RobotRow, Seat, columns, row
 
-COLUMNS = {"NAME": 18, "KIND": 16, "STATE": 16, "HOST": 10}
-"""Width of the columns [cells]."""
-ABOUT = "ABOUT"
-"""The last column takes what is left, and is left out when that is too little."""
-GAP = 2
-"""Cells of padding around each column."""
-LEAST = 16
-"""Cells below which the last column is left out."""
+HEADER = 1
+"""Lines above the first robot."""
+STATES = 26
+"""Cells that states like to have: their words change all the time, and no column may move with them."""
 
 
-class RobotTable(Fenced, DataTable[Text]):
-    """Rows by name; the cursor stays on its robot while others come and go."""
+class RobotTable(Fenced, ScrollView, can_focus=True):
+    """One line for each robot; the cursor is the app's selection."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select_cursor", "Panel")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "move(-1)", "Up", show=False),
+        Binding("down", "move(1)", "Down", show=False),
+        Binding("pageup", "page(-1)", "Page up", show=False),
+        Binding("pagedown", "page(1)", "Page down", show=False),
+        Binding("home,ctrl+home", "move_to(0)", "First", show=False),
+        Binding("end,ctrl+end", "move_to(-1)", "Last", show=False),
+    ]
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"robot-table--cursor", "robot-table--header"}
+
+    class Opened(Message):
+        """A robot was clicked that is selected already."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
-        """Make an empty table."""
-        super().__init__(cursor_type="row", id=id, cursor_foreground_priority="renderable")
-        self._shown: dict[str, Row] = {}
-        self._room = 0
-        self._letters = ""
-        self._chosen = ""
-        """The robot that a person put the cursor on: it comes back there when a filter that hid it goes."""
-        self._placed = ""
-        """The robot that the cursor was put on by us."""
+        """Make an empty list."""
+        super().__init__(id=id)
+        self._seats: tuple[Seat, ...] = ()
+        self._marks: frozenset[str] = frozenset()
+        self._at = -1
+        self._drawn: dict[int, tuple[RobotRow, bool]] = {}
+        """By line: what stands there, and whether the cursor is on it."""
+        self._columns: tuple[Column, ...] = ()
+        self._theme = ""
 
-    def on_mount(self) -> None:
-        """Set up the columns."""
-        for label, width in COLUMNS.items():
-            self.add_column(Text(label), key=label, width=width)
+    # -- what is asked -----------------------------------------------------------------------------
 
-    def on_resize(self) -> None:
-        """Give the last column what the others leave."""
-        left = self.size.width - sum(width + GAP for width in COLUMNS.values()) - GAP
-        room = left if left >= LEAST else 0
-        if room == self._room:
-            return
-        rows, self._room = list(self._shown.values()), room
-        if ABOUT in self.columns:
-            self.remove_column(ABOUT)
-        if room:
-            self.add_column(Text(ABOUT), key=ABOUT, width=room)
-        self._refill(rows, [self.selected])
+    @property
+    def names(self) -> list[str]:
+        """Names of the robots that are shown, in their order."""
+        return [seat.name for seat in self._seats]
+
+    @property
+    def row_count(self) -> int:
+        """How many robots are shown."""
+        return len(self._seats)
 
     @property
     def selected(self) -> str:
         """Name of the robot under the cursor; empty: none."""
-        names = list(self._shown)
-        return names[self.cursor_row] if 0 <= self.cursor_row < len(names) else ""
+        return self._seats[self._at].name if 0 <= self._at < len(self._seats) else ""
 
-    def draw(self, rows: Sequence[Row], letters: str = "") -> None:
-        """Draw these rows, in this order; `letters` are those that they were filtered by."""
-        filtered_anew, self._letters = letters != self._letters, letters
-        if self.selected != self._placed:
-            self._chosen = self._placed = self.selected
-        if [row.name for row in rows] == list(self._shown):
-            for row in rows:
-                self._redraw(self._shown[row.name], row)
+    # -- drawing -----------------------------------------------------------------------------------
+
+    def draw(self, seats: tuple[Seat, ...], selected: str, marks: frozenset[str] = frozenset()) -> None:
+        """Draw these robots, in this order, the cursor on the selected one."""
+        self._marks = marks
+        if seats is not self._seats and seats != self._seats:
+            self._seats = seats
+            self.virtual_size = Size(self.size.width, len(seats) + HEADER)
+            self._lay_out()
+        at = next((i for i, seat in enumerate(seats) if seat.name == selected), -1)
+        if at != self._at:
+            self._at = at
+            self.scroll_to_cursor()
+        if self.app.theme != self._theme:
+            self._theme = self.app.theme
+            self._drawn.clear()
+            self.refresh()
+        self._redraw()
+
+    def _lay_out(self) -> None:
+        """Share the width anew; everything is drawn again."""
+        store = self.app.store
+        longest = {"STATE": STATES}
+        for seat in self._seats:
+            known = store.described(seat.name) or store.robots.get(seat.name)
+            words = {
+                "ROBOT": cell_len(_lead(seat, MOST["ROBOT"])) + cell_len(seat.name) + 1,
+                "KIND": cell_len(known.kind) if known else 0,
+                "HOST": cell_len(known.host) if known else 0,
+                "BY": cell_len(seat.parent),
+            }
+            for title, cells in words.items():
+                longest[title] = max(longest.get(title, 0), cells)
+        self._columns = columns(self.scrollable_content_region.width, longest)
+        self._drawn.clear()
+        self.refresh()
+
+    def _redraw(self) -> None:
+        """Draw the visible lines again that differ from what stands there."""
+        top, dirty = self.scroll_offset.y, list[Region]()
+        for line in range(HEADER, self.size.height):
+            wanted = self._wanted(top + line - HEADER)
+            if wanted is not None and self._drawn.get(line) != wanted:
+                dirty.append(Region(0, line, self.size.width, 1))
+        if dirty:
+            self.refresh(*dirty)
+
+    def _wanted(self, position: int) -> tuple[RobotRow, bool] | None:
+        if not 0 <= position < len(self._seats):
+            return None
+        made = row(self.app.store, self._seats[position], self.app.now(), self._marks)
+        return made, position == self._at
+
+    def render_line(self, y: int) -> Strip:
+        """Draw one line of cells; see `ScrollView`."""
+        width = self.size.width
+        base = self.rich_style
+        if y < HEADER:
+            style = base + tint(self.app, "muted")
+            titles = [Segment(fit(one.title, one.room) + " " * GAP, style) for one in self._columns]
+            return Strip(titles).adjust_cell_length(width, base)
+        wanted = self._wanted(self.scroll_offset.y + y - HEADER)
+        if wanted is None:
+            self._drawn.pop(y, None)
+            return Strip.blank(width, base)
+        self._drawn[y] = wanted
+        shown, under_cursor = wanted
+        if under_cursor:
+            cursor = self.get_component_rich_style("robot-table--cursor")
+            base += Style(bgcolor=cursor.bgcolor, bold=cursor.bold, reverse=self.app.no_color)
+        return Strip(self._segments(shown, base)).adjust_cell_length(width, base)
+
+    def _segments(self, shown: RobotRow, base: Style) -> list[Segment]:
+        muted = base + tint(self.app, "muted")
+        sign, colour = MOODS[shown.mood]
+        strong = base + tint(self.app, colour, bold=shown.mood == "hangs")
+        plain = muted if shown.old else base
+        cells: list[Segment] = []
+        for column in self._columns:
+            room = column.room
+            match column.title:
+                case "ROBOT":
+                    lead = _lead(shown.seat, room - 1)
+                    fresh = base + tint(self.app, "accent", bold=True)
+                    name = muted if shown.old else fresh if shown.fresh else base + Style(bold=True)
+                    cells.append(Segment("*" if shown.marked else " ", fresh))
+                    cells.append(Segment(lead, muted))
+                    cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)), name))
+                case "STATE":
+                    words = strong if shown.mood not in CALM else plain
+                    tail = " stale" if shown.unlisted else ""
+                    tail = f" ({BY_VERB['enslave'].key})" if shown.mood == "needs" else tail
+                    told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
+                    cells += [Segment(fit(sign, min(2, room)), strong)]
+                    cells += [Segment(fit(told, max(room - 2, 0)), words)]
+                case "KIND":
+                    cells.append(Segment(fit(shown.kind, room), plain))
+                case title:
+                    told = {"BY": shown.by, "HOST": shown.host or "-"}.get(title, shown.about)
+                    cells.append(Segment(fit(told, room), muted))
+            cells.append(Segment(" " * GAP, base))
+        return cells
+
+    # -- the cursor --------------------------------------------------------------------------------
+
+    def scroll_to_cursor(self) -> None:
+        """Have the selected robot in sight."""
+        rows = max(self.size.height - HEADER, 1)
+        top = self.scroll_offset.y
+        if self._at < 0 or top <= self._at < top + rows:
             return
-        self._refill(rows, [self._chosen, self.selected] if filtered_anew else [self.selected])
-        self._placed = self.selected
-        if not filtered_anew:
-            self._chosen = self.selected
+        self.scroll_to(y=self._at if self._at < top else self._at - rows + 1, animate=False, immediate=True)
 
-    def _refill(self, rows: Sequence[Row], keep: Sequence[str]) -> None:
-        """Show other rows; the cursor goes to the first of these robots that is among them."""
-        self.clear()
-        self._shown = {}
-        for row in rows:
-            self._shown[row.name] = row
-            self.add_row(*self._cells(row), key=row.name)
-        names = list(self._shown)
-        wanted = next((name for name in keep if name in names), None)
-        if wanted is not None:
-            self.move_cursor(row=names.index(wanted), animate=False)
+    def action_move(self, by: int) -> None:
+        """Select the robot so many lines below."""
+        if self._seats:
+            self._choose(min(max(self._at + by, 0), len(self._seats) - 1))
 
-    def _redraw(self, before: Row, after: Row) -> None:
-        if before == after:
+    def action_page(self, by: int) -> None:
+        """Select the robot a page below."""
+        self.action_move(by * max(self.size.height - HEADER - 1, 1))
+
+    def action_move_to(self, position: int) -> None:
+        """Select the robot in this position; negative: counted from the end."""
+        if self._seats:
+            self._choose(position % len(self._seats))
+
+    def _choose(self, position: int) -> None:
+        self.app.choose(self._seats[position].name)
+
+    def on_click(self, event: Click) -> None:
+        """Select a robot; once more opens it."""
+        position = self.scroll_offset.y + event.y - HEADER
+        if event.y < HEADER or not 0 <= position < len(self._seats):
             return
-        self._shown[after.name] = after
-        labels = [*COLUMNS, *([ABOUT] if self._room else [])]
-        for label, old, new in zip(labels, self._cells(before), self._cells(after), strict=True):
-            if old != new or before.fresh != after.fresh:
-                self.update_cell(after.name, label, new, update_width=False)
+        if position == self._at:
+            self.post_message(self.Opened())
+        else:
+            self._choose(position)
 
-    def _cells(self, row: Row) -> list[Text]:
-        muted = tint(self.app, "muted")
-        state = mood_mark(self.app, row.mood, row.doing)
-        if row.stale:
-            state.append(" stale", tint(self.app, "warning"))
-        cells = [
-            Text(row.name, tint(self.app, "accent", bold=True) if row.fresh else "bold"),
-            Text(row.kind),
-            state,
-            Text(row.host or "-", muted),
-        ]
-        return [*cells, Text(row.about, muted)] if self._room else cells
+    # -- its size ----------------------------------------------------------------------------------
+
+    def on_resize(self, event: Resize) -> None:
+        """Share the width anew, and keep the selected robot in sight."""
+        del event
+        self.virtual_size = Size(self.size.width, len(self._seats) + HEADER)
+        self._lay_out()
+        self.scroll_to_cursor()
+
+
+def _lead(seat: Seat, room: int) -> str:
+    """Return what stands before a robot's name: how deep it is, and its slot; it leaves half the room."""
+    if not seat.depth:
+        return ""
+    lead = set_cell_size("  " * (seat.depth - 1) + "└ ", min(2 * seat.depth, max(room // 3, 0)))
+    slot = clip(f"{seat.slot}:", max(room // 2 - cell_len(lead), 0)) if seat.slot else ""
+    return f"{lead}{slot} " if slot else lead

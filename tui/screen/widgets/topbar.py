@@ -6,32 +6,31 @@ from rich.text import Text
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.manual import spell
-from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.marks import block, tint
 from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen.store import Store
 
 
 class TopBar(Still):
-    """Name of the program, realm, page; on the right the counts."""
+    """Name of the program, realm, page; on the right the counts, and how to stop."""
 
     def draw(self, store: Store, realm: str, page: str) -> None:
         """Draw the line."""
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
-        left = Text.assemble((" robotree ", strong), (f" {realm} ", muted), ("/", muted), f" {page}")
+        left = Text.assemble((" robotree ", strong), (" realm ", muted), realm, ("  ", muted), page)
         counts = [
-            (len(store.robots), "robot"),
+            (len(store.known), "robot"),
             (len(store.views), "view"),
             (len(store.hosts), "host"),
             (len(store.services), "lookup"),
         ]
-        stop = Text.assemble(
-            (spell(BY_VERB["stop"].key), tint(self.app, "error", bold=True)),
-            (" STOP ", tint(self.app, "error")),
-        )
+        stop = Text.assemble((f" {spell(BY_VERB['stop'].key)} STOP ", block(self.app)))
         right = Text()
         for count, noun in counts:
+            right.append(" · " if right else "", muted)
             right.append(f"{count}", "" if count else tint(self.app, "warning"))
-            right.append(f" {noun}{'' if count == 1 else 's'}  ", muted)
+            right.append(f" {noun}{'' if count == 1 else 's'}", muted)
+        right.append("  ")
         width = max(self.size.width, 1)
         if left.cell_len + right.cell_len + stop.cell_len >= width:
             right = Text()

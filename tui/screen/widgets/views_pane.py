@@ -9,7 +9,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
-from robotree.tui.screen.fence import Fenced
+from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.gauges import is_of_robot, rank
 from robotree.tui.screen.widgets.marks import tint

@@ -32,8 +32,8 @@ async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
         await operator.press("n")
         await operator.sees("something went wrong in here, not in the robots: RuntimeError('a mistake [/x]')")
         monkeypatch.undo()
-        await operator.press("t")
-        await operator.sees("▌Tree")
+        await operator.press("s")
+        await operator.sees("robots by name")
         assert len(operator.app.mended) == 1
 
 
@@ -45,7 +45,7 @@ async def test_an_error_at_every_drawing_is_told_once(
 
     async with operate(realm.fleet, mended=True) as operator:
         await operator.sees("● free")
-        monkeypatch.setattr(Store, "rows", trips)
+        monkeypatch.setattr(Store, "attend", trips)
         await operator.until(lambda: len(operator.app.mended) > 3, "several drawings")
         monkeypatch.undo()
         assert sum("at every drawing" in one.text for one in operator.app.store.happenings) == 1

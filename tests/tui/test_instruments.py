@@ -1,0 +1,71 @@
+"""Readings in groups: decimals by unit, angles in degrees, an age only when it matters."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui.seen import instruments
+from robotree.tui.seen.instruments import BARS, figure, groups, spark
+
+UNITS = {
+    **dict.fromkeys(("x", "y", "z", "width"), "m"),
+    **dict.fromkeys(("fx", "fy", "fz", "grip_force"), "N"),
+    **dict.fromkeys(("twist", "j1", "j2"), "rad"),
+    "age": "s",
+}  # fmt: skip
+ARM = {"x": 0.281, "y": -0.0201, "z": 0.4756, "twist": math.pi / 2, "fx": 3.0, "fy": 4.0, "fz": 0.0}
+
+
+def lines(readings: dict[str, float], *, old: bool = False) -> list[str]:
+    found = groups(readings, UNITS, old=old)
+    return [
+        " ".join([group.label, *(f"{one.name} {one.text} {one.unit}".strip() for one in group.figures)])
+        for group in found
+    ]
+
+
+def test_readings_are_grouped_as_they_are_read() -> None:
+    assert lines({**ARM, "width": 0.08, "grip_force": 0.1, "j1": 0.25, "j2": -0.5, "age": 0.2}) == [
+        "pose x 0.281 y -0.020 z 0.476 m twist 90.0 °",
+        "force 5.0 N fx 3.0 fy 4.0 fz 0.0 N",
+        "grip 80 mm holds nothing",
+        "joints 14.3 -28.6 °",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("age", "old", "shown"), [(0.2, False, False), (3.0, False, True), (0.2, True, True)]
+)
+def test_an_age_is_shown_only_when_it_matters(age: float, old: bool, shown: bool) -> None:  # noqa: FBT001 # cases
+    assert ("age" in "".join(lines({"x": 1.0, "age": age}, old=old))) == shown
+
+
+@given(value=st.floats(-1e4, 1e4), unit=st.sampled_from(["m", "rad", "N", "s", "", "furlong"]))
+def test_the_decimals_of_a_unit_never_change(value: float, unit: str) -> None:
+    text, told = figure(value, unit)
+    assert len(text.partition(".")[2]) == instruments.DECIMALS.get(unit, instruments.OTHER)
+    assert told != "rad", "there is one unit for angles"
+    assert text.strip("-0.") or not text.startswith("-"), "nothing is minus zero"
+
+
+@given(
+    readings=st.dictionaries(
+        st.text(max_size=6), st.floats(allow_nan=False, allow_infinity=False), max_size=12
+    )
+)
+def test_every_reading_but_a_young_age_is_shown(readings: dict[str, float]) -> None:
+    shown = sum(len(one.figures) for one in groups(readings, UNITS, old=True))
+    extra = instruments.size(readings) is not None
+    assert shown == len(readings) + extra
+
+
+@given(values=st.lists(st.floats(0, 100)), cells=st.integers(1, 20))
+def test_a_line_of_bars_has_its_width_and_the_newest_on_the_right(values: list[float], cells: int) -> None:
+    drawn = spark(values, 35.0, cells)
+    assert len(drawn) == cells
+    if values:
+        assert drawn[-1] == BARS[min(round(7 * values[-1] / 35.0), 7)]

@@ -1,0 +1,188 @@
+"""One list of robots: trees and sorted lists, filters, columns; each robot is in it once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotree.tui.seen import matching
+from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, listed, natural, row
+from robotree.tui.seen.store import Store
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.requests import State
+from robotree.vr.transport import Silent
+
+
+def address(name: str) -> Address:
+    return Address("robot", name, "1")
+
+
+def robot(
+    name: str, children: dict[str, str] | None = None, parent: str = "", **more: Any
+) -> RobotDescription:
+    slots = tuple(
+        SlotSpec(name=slot, kind="Arm", child=address(child) if child else None)
+        for slot, child in (children or {}).items()
+    )
+    bond = BondSpec(parent=address(parent), slot="arm", epoch=1, remaining=5) if parent else None
+    kinds = more.pop("kinds", ("Arm", "Robot"))
+    return RobotDescription(address=address(name), kinds=kinds, slots=slots, bond=bond, **more)
+
+
+def store_of(*robots: RobotDescription) -> Store:
+    store = Store()
+    store.take_descriptions(robots, 1.0)
+    return store
+
+
+def names(store: Store, order: Order = "tree", letters: str = "") -> list[str]:
+    return [one.name for one in listed(store, family(store), 2.0, order=order, letters=letters)]
+
+
+LEVER = (
+    robot("lever", {"mover": "mover"}, kinds=("OpenClose", "Robot"), host="host-1"),
+    robot("mover", {"arm": "arm-1", "spare": ""}, parent="lever", kinds=("MoveTo", "Robot"), host="host-1"),
+    robot("arm-1", parent="mover"),
+    robot("rover-10", kinds=("Rover", "Robot")),
+    robot("rover-2", kinds=("Rover", "Robot")),
+)
+
+NAMES = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,6}", fullmatch=True)
+
+
+@given(a=st.text(max_size=12), b=st.text(max_size=12), c=st.text(max_size=12))
+def test_the_natural_order_is_an_order(a: str, b: str, c: str) -> None:
+    assert (natural(a) == natural(b)) == (a == b)
+    one, two, three = sorted([a, b, c], key=natural)
+    assert natural(one) <= natural(two) <= natural(three)
+
+
+def test_r2_comes_before_r10() -> None:
+    assert sorted(["r10", "R2", "r2", "r1", "r02"], key=natural) == ["r1", "R2", "r02", "r2", "r10"]
+
+
+def test_children_stand_below_their_parents_with_their_slots() -> None:
+    seats = family(store_of(*LEVER))
+    assert [(one.name, one.depth, one.slot) for one in seats] == [
+        ("lever", 0, ""),
+        ("mover", 1, "mover"),
+        ("arm-1", 2, "arm"),
+        ("rover-2", 0, ""),
+        ("rover-10", 0, ""),
+    ]
+
+
+@given(links=st.dictionaries(NAMES, st.lists(NAMES, max_size=3), max_size=8), order=st.sampled_from(ORDERS))
+def test_whoever_commands_whom_each_robot_is_listed_once(links: dict[str, list[str]], order: Order) -> None:
+    """Also where they command each other in a circle."""
+    robots = [robot(name, {f"s{i}": one for i, one in enumerate(below)}) for name, below in links.items()]
+    store = store_of(*robots)
+    assert sorted(names(store, order)) == sorted(links)
+
+
+@pytest.mark.parametrize(
+    ("order", "wanted"),
+    [
+        ("name", ["arm-1", "lever", "mover", "rover-2", "rover-10"]),
+        ("kind", ["arm-1", "mover", "lever", "rover-2", "rover-10"]),
+        ("state", ["arm-1", "mover", "lever", "rover-2", "rover-10"]),
+        ("by", ["mover", "arm-1", "lever", "rover-2", "rover-10"]),
+        ("host", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
+    ],
+)
+def test_the_list_is_sorted_by_any_column(order: Order, wanted: list[str]) -> None:
+    store = store_of(*LEVER)
+    store.take_state("arm-1", State(stopped=True, bond=address("mover")), 1.0)
+    assert names(store, order) == wanted
+
+
+@pytest.mark.parametrize(
+    ("letters", "wanted"),
+    [
+        ("ROVER", ["rover-2", "rover-10"]),
+        ("!rover !openclose", ["mover", "arm-1"]),
+        ("kind:arm", ["arm-1"]),
+        ("state:needs", ["mover"]),
+        ("by:lever", ["mover"]),
+        ("host:host-1 !kind:open", ["mover"]),
+        ("! kind: ", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
+        ("[/x]", []),
+    ],
+)
+def test_a_filter_shows_what_it_says(letters: str, wanted: list[str]) -> None:
+    assert names(store_of(*LEVER), letters=letters) == wanted
+
+
+@given(
+    letters=st.text("ab:! knd", max_size=12),
+    said=st.dictionaries(st.sampled_from(["name", "kind"]), st.text("ab")),
+)
+def test_a_term_and_its_opposite_never_hold_together(letters: str, said: dict[str, str]) -> None:
+    for term in matching.terms(letters):
+        opposite = matching.Term(term.letters, term.field, not term.negative)
+        assert matching.matches([term], said) != matching.matches([opposite], said)
+
+
+@given(
+    width=st.integers(0, 300),
+    longest=st.dictionaries(st.sampled_from(["ROBOT", "KIND", "STATE", "BY"]), st.integers(0, 90)),
+)
+def test_what_is_short_of_room_goes_in_its_order_and_the_state_never(
+    width: int, longest: dict[str, int]
+) -> None:
+    shown = columns(width, longest)
+    titles = [one.title for one in shown]
+    gone = [title for title in GOES if title not in titles]
+    assert gone == list(GOES[: len(gone)])
+    assert {"ROBOT", "KIND", "STATE"} <= set(titles)
+    if width >= 14:
+        assert sum(one.room for one in shown) + GAP * (len(shown) - 1) <= width
+    if width >= 40:
+        assert all(one.room >= 8 for one in shown if one.title in {"ROBOT", "STATE"})
+
+
+def test_a_slot_that_is_empty_is_what_the_robot_needs() -> None:
+    store = store_of(robot("pick", {"arm": ""}))
+    made = row(store, family(store)[0], 2.0)
+    assert (made.mood, made.state) == ("needs", "needs arm: Arm")
+
+
+def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed() -> None:
+    store = store_of(*LEVER)
+    left = [one for one in LEVER if one.name != "mover"]
+    store.take_descriptions(left, 2.0)
+    store.take_silent([Silent("robot/mover/1", "process 4711", "`kill -9 4711` ends it")], 3.0)
+    assert names(store) == ["lever", "mover", "arm-1", "rover-2", "rover-10"], "and so does its child"
+    made = row(store, family(store)[1], 4.0)
+    assert (made.mood, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
+    store.fade(address("mover"), 10.0)
+    assert row(store, family(store)[1], 15.0).state == "GONE 5 s"
+    assert store.dismiss("mover")
+    assert "mover" not in names(store)
+
+
+def test_who_answers_again_is_as_before() -> None:
+    store = store_of(*LEVER)
+    store.take_descriptions(LEVER[:3], 2.0)
+    store.take_silent([Silent("robot/rover-2/1", "process 1", "")], 3.0)
+    store.take_descriptions(LEVER, 4.0)
+    assert not store.absent
+    assert (
+        store.happenings[-1].text == "rover-2 (Arm) answers again"
+        or "answers again" in store.happenings[-1].text
+    )
+
+
+def test_a_newcomer_sees_who_hangs_already() -> None:
+    store = Store()
+    store.take_silent(
+        [Silent("robot/arm-1/1", "process 7", "wake it"), Silent("host/h/1", "process 7", "x")], 1.0
+    )
+    assert names(store) == ["arm-1"], "a host is no robot"
+    assert len(store.happenings) == 2
+    store.take_silent([Silent("robot/arm-1/1", "process 7", "wake it")], 2.0)
+    assert len(store.happenings) == 2, "told once"

@@ -1,0 +1,156 @@
+"""Readings as an operator reads them: grouped, decimals fixed by unit, every angle in degrees. Pure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from math import degrees, hypot
+
+DECIMALS: Mapping[str, int] = {
+    "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
+}  # fmt: skip
+"""Digits behind the point, by unit: what an arm can tell apart, and no more. Another unit has `OTHER`."""
+
+OTHER = 3
+LARGE = 1e6
+"""From which on a number is written with its power of ten: no robot measures that."""
+
+IN_DEGREES = {"rad": "°", "rad/s": "°/s"}
+
+POSE = ("x", "y", "z", "twist")
+SPEED = ("vx", "vy", "vz")
+FORCE = ("fx", "fy", "fz")
+TORQUE = ("tx", "ty", "tz")
+GRIP = ("width", "grip_force")
+HEALTH = ("age",)
+PEAK = "peak_force"
+
+HOLDS = 0.5
+"""[N] between the fingers from which on they hold something."""
+
+MATTERS = 1.0
+"""[s] of age from which on it is shown: younger is live."""
+
+_JOINT = re.compile(r"j[0-9]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One reading, written."""
+
+    name: str
+    """Before the number; empty: the group's label is enough."""
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Readings that are read together, in one line."""
+
+    label: str
+    figures: tuple[Figure, ...]
+
+
+def figure(value: float, unit: str) -> tuple[str, str]:
+    """Write a number with the decimals of its unit.
+
+    Args:
+        value: in `unit`.
+        unit: as the robot says it.
+
+    Returns:
+        The number and its unit as shown: angles in degrees. What rounds to zero has no sign.
+    """
+    if unit in IN_DEGREES:
+        value = degrees(value)
+    text = f"{value:.{DECIMALS.get(unit, OTHER)}f}" if abs(value) < LARGE else f"{value:.4g}"
+    if not text.strip("-0."):
+        text = text.removeprefix("-")
+    return text, IN_DEGREES.get(unit, unit)
+
+
+def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float | None:
+    """Return the length of a vector among the readings; None: it is not there."""
+    parts = [readings[name] for name in names if name in readings]
+    return hypot(*parts) if parts else None
+
+
+def groups(readings: Mapping[str, float], units: Mapping[str, str], *, old: bool = False) -> list[Group]:
+    """Group the readings of a robot.
+
+    Args:
+        readings: by name.
+        units: of those that have one.
+        old: they are not live: their age is shown however small it is.
+
+    Returns:
+        The groups that have something: pose, speed, force, torque, grip, joints, others, health.
+    """
+    rest = dict(readings)
+    found: list[Group] = []
+
+    def take(label: str, names: Iterable[str], *, named: bool = True) -> None:
+        parts = [name for name in names if name in rest]
+        if parts:
+            found.append(Group(label, _figures({name: rest.pop(name) for name in parts}, units, named=named)))
+
+    take("pose", POSE)
+    take("speed", SPEED)
+    force = size(rest)
+    take("force", (*FORCE, PEAK))
+    if force is not None:
+        found[-1] = Group("force", (Figure("", *figure(force, units.get("fx", "N"))), *found[-1].figures))
+    take("torque", TORQUE)
+    if "width" in rest:
+        width, hold = rest.pop("width"), rest.pop("grip_force", None)
+        shown = (
+            (f"{1000 * width:.0f}", "mm")
+            if units.get("width") == "m"
+            else figure(width, units.get("width", ""))
+        )
+        held = () if hold is None else _hold(hold)
+        found.append(Group("grip", (Figure("", *shown), *held)))
+    joints = sorted((name for name in rest if _JOINT.fullmatch(name)), key=lambda name: int(name[1:]))
+    take("joints", joints, named=False)
+    age = rest.pop("age", None)
+    for name in sorted(rest):
+        take(name, [name], named=False)
+    if age is not None and (old or age >= MATTERS):
+        found.append(Group("age", (Figure("", *figure(age, "s")),)))
+    return found
+
+
+def _hold(force: float) -> tuple[Figure, ...]:
+    if abs(force) < HOLDS:
+        return (Figure("", "holds nothing"),)
+    return (Figure("holds with", *figure(force, "N")),)
+
+
+def _figures(readings: Mapping[str, float], units: Mapping[str, str], *, named: bool) -> tuple[Figure, ...]:
+    """Write readings one after the other; a unit stands behind the last one that has it."""
+    written = [
+        (name if named else "", *figure(value, units.get(name, ""))) for name, value in readings.items()
+    ]
+    units_after = [*(unit for _, _, unit in written[1:]), ""]
+    return tuple(
+        Figure(name, text, unit if unit != after else "")
+        for (name, text, unit), after in zip(written, units_after, strict=True)
+    )
+
+
+BARS = "▁▂▃▄▅▆▇█"
+
+
+def spark(values: Iterable[float], full: float, cells: int) -> str:
+    """Draw the newest values as a line of bars, the newest on the right.
+
+    Args:
+        values: from the oldest to the newest, not negative.
+        full: value of a full bar.
+        cells: of the line.
+    """
+    newest = list(values)[-cells:]
+    top = len(BARS) - 1
+    return "".join(BARS[min(max(round(top * value / full), 0), top)] for value in newest).rjust(cells)

@@ -1,0 +1,229 @@
+"""The robots as the main page lists them: children below their parents, or sorted; one row each. Pure.
+
+The places are found anew only when somebody came, went or is commanded by another; a row is made when it is
+looked at, so that a thousand robots cost what the visible ones cost.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from robotree.tui.seen import matching, wording
+from robotree.tui.seen.mood import MOODS, Mood
+from robotree.tui.seen.store import Store
+
+Order = Literal["tree", "name", "kind", "state", "by", "host"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+"""How the list can be sorted; `tree`: by name, children below their parents."""
+
+_DIGITS = re.compile(r"([0-9]+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """The place of one robot in the list."""
+
+    name: str
+    depth: int = 0
+    """How many robots are above it."""
+    parent: str = ""
+    slot: str = ""
+    """The parent's slot that it is in."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotRow:
+    """One robot as the list shows it."""
+
+    seat: Seat
+    kind: str
+    mood: Mood
+    state: str
+    """The mood in words, with the command that runs."""
+    by: str
+    """Who commands it; empty: nobody."""
+    host: str
+    about: str
+    fresh: bool = False
+    """It has just come."""
+    old: bool = False
+    """What it says of itself is old."""
+    marked: bool = False
+    unlisted: bool = False
+    """No lookup service says that it is still there."""
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.seat.name
+
+
+def natural(text: str) -> tuple[tuple[str | tuple[int, str], ...], str]:
+    """Return a key that sorts `r2` before `r10`; texts that differ only in case stand together."""
+    parts = _DIGITS.split(text.casefold())
+    numbers = ((len(digits), digits) for digits in (part.lstrip("0") for part in parts[1::2]))
+    key: list[str | tuple[int, str]] = []
+    for word, number in zip(parts[0::2], [*numbers, (0, "")], strict=True):
+        key += [word, number]
+    return tuple(key), text
+
+
+def family(store: Store) -> tuple[Seat, ...]:
+    """Return the places of all known robots as trees: by name, children below their parents by slot."""
+    names = store.known
+    below: dict[str, dict[str, str]] = {}
+    above: dict[str, str] = {}
+    for name in sorted(names, key=natural):
+        robot = store.described(name)
+        for slot in robot.slots if robot else ():
+            if slot.child and slot.child.name in names - above.keys():
+                above[slot.child.name] = name
+                below.setdefault(name, {})[slot.child.name] = slot.name
+    for name in sorted(names - above.keys(), key=natural):
+        robot = store.described(name)  # its parent hangs, and could not say whom it commands
+        if robot and robot.bond and robot.bond.parent.name in names:
+            above[name] = robot.bond.parent.name
+            below.setdefault(robot.bond.parent.name, {})[name] = robot.bond.slot
+    seats: dict[str, Seat] = {}
+    roots = sorted(names - above.keys(), key=natural)
+    # what is left then goes round in a circle: that should not be, all the more must it be seen
+    for root in [*roots, *sorted(above, key=natural)]:
+        stack = [Seat(root)]
+        while stack:
+            seat = stack.pop()
+            if seat.name in seats:
+                continue
+            seats[seat.name] = seat
+            children = reversed(below.get(seat.name, {}).items())
+            stack += [Seat(name, seat.depth + 1, seat.name, slot) for name, slot in children]
+    return tuple(seats.values())
+
+
+def row(store: Store, seat: Seat, now: float, marks: Container[str] = ()) -> RobotRow:
+    """Return one robot as the list shows it at this moment [s]."""
+    name = seat.name
+    robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
+    known = robot or listing
+    return RobotRow(
+        seat,
+        kind=known.kind if known else absent.kind if absent else "",
+        mood=store.mood(name, now),
+        state=store.doing(name, now) if known or absent else "does not answer",
+        by=store.by(name),
+        host=known.host if known else absent.host if absent else "",
+        about=wording.summary(known.doc) if known else "",
+        fresh=store.came(name, now),
+        old=store.old(name, now),
+        marked=name in marks,
+        unlisted=store.stale and name in store.robots,
+    )
+
+
+_KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
+    "kind": lambda one: natural(one.kind),
+    "state": lambda one: (MOODS.index(one.mood), one.state),
+    "by": lambda one: (not one.by, natural(one.by)),
+    "host": lambda one: (not one.host, natural(one.host)),
+}
+
+
+def listed(
+    store: Store, seats: Sequence[Seat], now: float, *, order: Order = "tree", letters: str = ""
+) -> tuple[Seat, ...]:
+    """Return the places that are shown.
+
+    Args:
+        store: what is known.
+        seats: all places, from `family`.
+        now: [s]
+        order: by which they are sorted; all but `tree` leave out who is below whom.
+        letters: of the filter (`matching`); who is below a robot that is hidden moves up.
+    """
+    if letters.strip():
+        seats = _matching(store, seats, now, letters)
+    if order == "tree":
+        return tuple(seats)
+    flat = [Seat(one.name, parent=one.parent) for one in seats]
+    flat.sort(key=lambda seat: natural(seat.name))
+    if key := _KEYS.get(order):
+        made = {seat.name: key(row(store, seat, now)) for seat in flat}
+        flat.sort(key=lambda seat: made[seat.name])
+    return tuple(flat)
+
+
+def _matching(store: Store, seats: Sequence[Seat], now: float, letters: str) -> list[Seat]:
+    wanted = matching.terms(letters)
+    depths: dict[str, int] = {}
+    found: list[Seat] = []
+    for seat in seats:
+        above = depths.get(seat.parent, -1)
+        if matching.matches(wanted, said(store, row(store, seat, now))):
+            depths[seat.name] = above + 1
+            found.append(Seat(seat.name, above + 1, seat.parent, seat.slot))
+        else:
+            depths[seat.name] = above
+    return found
+
+
+def said(store: Store, one: RobotRow) -> dict[str, str]:
+    """Return what a filter looks at."""
+    robot = store.described(one.name)
+    return {
+        "name": one.name,
+        "kind": " ".join(robot.kinds) if robot else one.kind,
+        "state": f"{one.mood} {one.state}",
+        "by": one.by,
+        "host": one.host,
+        "about": f"{one.seat.slot} {one.about} {store.speaks_of(one.name)}",
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of the list, and its cells."""
+
+    title: str
+    room: int
+
+
+LEAST = {"ROBOT": 16, "KIND": 8, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
+"""Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
+MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
+"""Cells that it takes however long its words are."""
+GOES = ("ABOUT", "HOST", "BY")
+GAP = 2
+_SHRINKS = (("STATE", 14), ("ROBOT", 12), ("KIND", 0), ("ROBOT", 4), ("STATE", 0))
+"""To how many cells columns shrink, one after the other, where not even those have room that stay."""
+
+
+def columns(width: int, longest: Mapping[str, int]) -> tuple[Column, ...]:
+    """Share the width of the list among its columns.
+
+    Args:
+        width: [cells], with a gap of `GAP` after each column but the last.
+        longest: cells of the longest words in a column, by title.
+
+    Returns:
+        The columns that have room, in their order; ROBOT, KIND and STATE always.
+    """
+    titles = list(LEAST)
+    for one in ("", *GOES):
+        titles = [title for title in titles if title != one]
+        if sum(LEAST[title] + GAP for title in titles) - GAP <= width:
+            break
+    rooms = {title: LEAST[title] for title in titles}
+    left = width - sum(rooms.values()) - GAP * (len(titles) - 1)
+    for title, least in _SHRINKS:
+        cut = min(max(-left, 0), rooms[title] - least)
+        rooms[title] -= cut
+        left += cut
+    for title in ("STATE", "ROBOT", "KIND", "BY", "HOST"):
+        if title in rooms:
+            more = min(max(min(longest.get(title, 0), MOST[title]) - rooms[title], 0), left)
+            rooms[title] += more
+            left -= more
+    rooms[titles[-1]] += max(left, 0)
+    return tuple(Column(title, room) for title, room in rooms.items())
