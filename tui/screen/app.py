@@ -164,6 +164,7 @@ class Supervisor(Fenced, Unasked[int]):
     def tell_dropped(self, what: str, why: str) -> None:
         """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
         self.tell(f"{what}: {why}", "warning")
+
     # -- the selection -----------------------------------------------------------------------------
 
     def choose(self, name: str) -> None:
