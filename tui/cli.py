@@ -10,14 +10,26 @@ import sys
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
+from robotree.tui.errors import Interrupted, NeedsTerminal
 from robotree.tui.line import grammar, manual
-from robotree.tui.line.action import Where
-from robotree.tui.line.actions import shapes
+from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import complain, forget_the_reader, no_screen, note, put, until_the_reader_leaves
+from robotree.tui.line.surface import Surface
+from robotree.tui.processes.realm import only_looking
+from robotree.tui.terminal import (
+    answer,
+    answering,
+    complain,
+    forget_the_reader,
+    no_screen,
+    note,
+    put,
+    until_the_reader_leaves,
+)
 
 if TYPE_CHECKING:
     from robotree.tui.processes.serving import Ready
@@ -33,10 +45,18 @@ def main(words: Sequence[str] | None = None) -> int:
         The exit code; see `exit_codes`.
     """
     given = list(sys.argv[1:] if words is None else words)
+    with answering(as_json="--json" in takewhile(lambda word: word != "--", given)) as got:
+        code = _answered(given)
+        if got.as_json and not got.given and code == exit_codes.DONE:
+            put("null")
+        return code
+
+
+def _answered(given: list[str]) -> int:
     try:
         return _obey(given)
     except KeyboardInterrupt:
-        complain("interrupted")
+        complain(Interrupted())
         return exit_codes.INTERRUPTED
     except BrokenPipeError:
         # The reader of our output left (`robotree ls | head -1`): nothing to say, nobody to say it to.
@@ -51,22 +71,28 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _obey(given: list[str]) -> int:
     before, rest = grammar.leading(given, manual.EVERYWHERE)
-    if rest == ["help"] or (not rest and "--help" in before) or rest[:1] == ["-h"]:
-        put(manual.overview())
-        return exit_codes.DONE
+    surface = manual.shell(readonly=only_looking(given="--readonly" in given))
+    plain = [word for word in rest if not word.startswith("-")]
     if "--version" in before or rest[:1] == ["-V"]:
         return _version()
     if rest[:1] == ["help"]:
-        return _help(rest[1:])
+        return _help(plain[1:], surface)
     if {"--help", "-h"} & {*before, *rest}:
-        return _help([word for word in rest if not word.startswith("-")])
+        return _help(plain, surface)
     words = [*before, *rest] if rest else ["supervise", *before]
-    return _start(grammar.parse(words, shapes(Where.SHELL), manual.EVERYWHERE, manual.INTERNAL))
+    return _start(surface.parse(words), readonly=surface.readonly)
 
 
-def _help(words: Sequence[str]) -> int:
-    family = manual.family(words[0]) if len(words) == 1 else ""
-    put(family or manual.page(grammar.verb_of(words, shapes(Where.SHELL))))
+def _help(words: Sequence[str], surface: Surface) -> int:
+    """Print the help of all verbs, of those with this first word, or of one."""
+    family = manual.family(words[0], surface) if len(words) == 1 else ""
+    if words and not family:
+        verb = surface.verb_of(words)
+        answer(manual.page(verb), lambda: manual.structure(BY_VERB[verb]))
+    else:
+        begins = f"{words[0]} " if words else ""
+        found = [one for one in surface.actions if one.verb.startswith(begins)]
+        answer(family or manual.overview(surface), lambda: [manual.structure(one) for one in found])
     return exit_codes.DONE
 
 
@@ -74,11 +100,12 @@ def _version() -> int:
     from importlib.metadata import PackageNotFoundError, version
 
     with suppress(PackageNotFoundError):
-        put(f"robotree {version('robotree')}")
+        found = version("robotree")
+        answer(f"robotree {found}", lambda: {"robotree": found})
     return exit_codes.DONE
 
 
-def _start(line: Line) -> int:
+def _start(line: Line, *, readonly: bool) -> int:
     """Start what the line asks for, in this process, and return its exit code."""
     from robotree.tui.processes.realm import chosen
 
@@ -86,13 +113,13 @@ def _start(line: Line) -> int:
     tether = line.flag("--tether")
     match line.verb:
         case "supervise":
-            return _run(_supervise(realm), on_screen=True)
+            return _run(_supervise(realm, readonly=readonly), on_screen=True)
         case "demo":
-            return _demo(line)
+            return _demo(line, readonly=readonly)
         case "run":
             from robotree.tui.session.playing import play_file
 
-            return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json")))
+            return _run(play_file(line.text("FILE"), realm, as_json=line.flag("--json"), readonly=readonly))
         case "sim" | "proxy" | "view" | "host" | "lookup":
             import asyncio
 
@@ -107,7 +134,7 @@ def _start(line: Line) -> int:
             return _run(once(line, realm), listening=verb == "watch")
 
 
-def _demo(line: Line) -> int:
+def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
     from robotree.tui import demo
 
@@ -122,6 +149,7 @@ def _demo(line: Line) -> int:
         realm=line.text("--realm"),
         pictures=line.text("--pictures"),
         wire=over,
+        readonly=readonly,
     )
     return _run(work, on_screen=not headless)
 
@@ -157,23 +185,21 @@ def _run(work: Coroutine[Any, Any, int], *, listening: bool = False, on_screen: 
                 if unread is not None and unread():
                     forget_the_reader()
                     return exit_codes.DONE
-                complain("interrupted")
+                complain(Interrupted())
                 return exit_codes.INTERRUPTED
 
     return asyncio.run(obeying())
 
 
-async def _supervise(realm: str) -> int:
+async def _supervise(realm: str, *, readonly: bool) -> int:
     """Join the realm and show the full screen."""
-    without = no_screen()
-    if without:
-        complain(f"the full screen needs a terminal, and {without}; use verbs, for example `robotree ls`")
-        return exit_codes.USAGE
+    if without := no_screen():
+        raise NeedsTerminal(without)
     from robotree.tui.processes.realm import joined
     from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
-        return await supervise(fleet, realm)
+        return await supervise(fleet, realm, readonly=readonly)
 
 
 async def _agent(line: Line, realm: str, *, tether: bool) -> int:

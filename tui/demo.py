@@ -17,7 +17,7 @@ from pathlib import Path
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
 from robotree.tui.processes.crew import Crew
-from robotree.tui.terminal import complain, note, put
+from robotree.tui.terminal import aside, complain, note, put
 from robotree.vr.address import ROLES
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
@@ -49,7 +49,14 @@ class Wire(Enum):
         return f"{bus}&node=1", f"{bus}&node=2"
 
 
-async def demo(*, headless: bool, realm: str = "", pictures: str = "", wire: Wire = Wire.TCP) -> int:
+async def demo(
+    *,
+    headless: bool,
+    realm: str = "",
+    pictures: str = "",
+    wire: Wire = Wire.TCP,
+    readonly: bool = False,
+) -> int:
     """Start everything, hand over to a person or to the session script, and end everything.
 
     Args:
@@ -58,6 +65,7 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "", wire: Wir
             a realm of its own for the script.
         pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
         wire: between controllers and proxies.
+        readonly: whether the screen leaves out all that changes robots.
 
     Returns:
         The exit code.
@@ -69,8 +77,8 @@ async def demo(*, headless: bool, realm: str = "", pictures: str = "", wire: Wir
             note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
             await cast(crew, counting=not headless, wire=wire)
             if headless:
-                return await _play(realm, Path(pictures or "robotree-demo"))
-            return await _supervise(realm)
+                return await _play(realm, Path(pictures or "robotree-demo"), readonly=readonly)
+            return await _supervise(realm, readonly=readonly)
     except (MemberFailed, DemoRuns) as failure:
         complain(failure)
         return exit_codes.REFUSED
@@ -124,15 +132,15 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> N
     )
 
 
-async def _supervise(realm: str) -> int:
+async def _supervise(realm: str, *, readonly: bool) -> int:
     from robotree.tui.processes.realm import joined
     from robotree.tui.screen.supervise import supervise
 
     async with joined(realm) as fleet:
-        return await supervise(fleet, realm, farewell=FAREWELL)
+        return await supervise(fleet, realm, farewell=FAREWELL, readonly=readonly)
 
 
-async def _play(realm: str, folder: Path) -> int:
+async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
     """Play the lever's story and print, as the last line, what came of it as one JSON object."""
     from robotree.tui.processes.realm import joined
     from robotree.tui.session.playing import Player, read_file
@@ -141,9 +149,10 @@ async def _play(realm: str, folder: Path) -> int:
     began = time.monotonic()
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     with as_file(files("robotree.examples")) as examples, chdir(folder):  # the script's pictures go there
-        script = await asyncio.to_thread(read_file, str(examples / "close_lever.session"))
+        path = str(examples / "close_lever.session")
+        script = await asyncio.to_thread(read_file, path, readonly=readonly)
         async with joined(realm) as fleet:
-            report = await Player(fleet, script, lambda told: put(transcript(told))).play()
+            report = await Player(fleet, script, lambda told: aside(transcript(told))).play()
             readings = (await fleet.describe_view(VIEW)).readings
     angle, force = readings.get("lever"), readings.get("peak_force")
     ok = report.ok and angle is not None and force is not None

@@ -4,10 +4,10 @@ Errors of robots come from `robotree.vr.errors` and pass through unchanged; here
 at the keyboard or in a session script.
 
     SupervisorError
-      UsageError      UnknownVerb · BadLine · NotForRobots
+      UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk · OldList · DemoRuns · MemberFailed
+      NothingToAsk · OldList · DemoRuns · MemberFailed · Interrupted
 """
 
 from __future__ import annotations
@@ -33,6 +33,15 @@ class UnknownVerb(UsageError):
         super().__init__(f"no verb {verb!r}; {hint}")
 
 
+class NotHere(UsageError):
+    """A verb that exists, and not where it was asked for."""
+
+    def __init__(self, verb: str, reason: str) -> None:
+        """Name the verb and where it can be used."""
+        self.verb = verb
+        super().__init__(reason)
+
+
 class BadLine(UsageError):
     """The verb is right, the rest of the line is not."""
 
@@ -51,17 +60,32 @@ class NotForRobots(UsageError):
         super().__init__(f"{verb} asks no robot; `robotree help` shows where it can be used")
 
 
+class NeedsTerminal(UsageError):
+    """The full screen was asked for where there is none."""
+
+    def __init__(self, without: str) -> None:
+        """Say what is missing, behind the word *terminal*, and what works without it."""
+        super().__init__(
+            f"the full screen needs a terminal, and {without}; use verbs, for example `robotree ls`"
+        )
+
+
 class SessionError(SupervisorError):
     """A session script that cannot be played."""
 
 
 class BadScript(SessionError):
-    """A line of the script cannot be understood; nothing was played."""
+    """Lines of the script cannot be understood; nothing was played."""
 
-    def __init__(self, path: str, number: int, reason: str) -> None:
-        """Point at the line, counted from 1."""
-        self.path, self.number, self.reason = path, number, reason
-        super().__init__(f"{path}, line {number}: {reason}")
+    def __init__(self, path: str, mistakes: Sequence[tuple[int, str]]) -> None:
+        """Keep all mistakes: numbers of lines, counted from 1, and what is wrong there."""
+        self.path, self.mistakes = path, tuple(mistakes)
+        super().__init__("\n".join(f"{path}, line {number}: {reason}" for number, reason in mistakes))
+
+    @property
+    def number(self) -> int:
+        """Number of the first line that cannot be understood."""
+        return self.mistakes[0][0]
 
 
 class ValueRefused(SupervisorError, ValueError):
@@ -111,6 +135,14 @@ class MemberFailed(SupervisorError):
         """Keep the command, the reason and the last lines of its standard error."""
         self.words, self.reason, self.last_words = tuple(words), reason, last_words
         super().__init__(last_words or f"`robotree {' '.join(words)}` {reason}")
+
+
+class Interrupted(SupervisorError):
+    """A person, or the system, ended what was going on."""
+
+    def __init__(self) -> None:
+        """Say so."""
+        super().__init__("interrupted")
 
 
 def sentence(error: Exception) -> str:

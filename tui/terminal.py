@@ -10,10 +10,12 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Callable
-from typing import IO, TYPE_CHECKING
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import IO, TYPE_CHECKING, Any
 
-from robotree.tui.errors import sentence
+from robotree.tui.errors import BadScript, SupervisorError, sentence
 
 if TYPE_CHECKING:  # help comes without an event loop
     import asyncio
@@ -21,6 +23,31 @@ if TYPE_CHECKING:  # help comes without an event loop
 STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff]")
 """Characters that steer a terminal or a reader instead of being seen: C0 and C1 controls (every escape
 sequence begins with one), invisible ones, and those that turn the direction of writing (Unicode annex 9)."""
+
+
+@dataclass(slots=True)
+class Answer:
+    """What standard output gets from one command line."""
+
+    as_json: bool = False
+    """Plain data was asked for: then it gets one JSON value, whatever happens, or a stream of them."""
+    given: bool = False
+    """Whether anything has been written to it."""
+
+
+_answer = Answer()
+"""That of this process: results come from any thread."""
+
+
+@contextmanager
+def answering(*, as_json: bool) -> Generator[Answer]:
+    """Have what is put and complained inside the block be the answer of one command line."""
+    before = _answer.as_json, _answer.given
+    _answer.as_json, _answer.given = as_json, False
+    try:
+        yield _answer
+    finally:
+        _answer.as_json, _answer.given = before
 
 
 def harmless(text: str) -> str:
@@ -42,6 +69,7 @@ def put(text: str) -> None:
     Raises:
         OSError: it cannot be written; it names standard output, and what follows is written nowhere.
     """
+    _answer.given = True
     try:
         sys.stdout.write(f"{harmless(text)}\n")
         sys.stdout.flush()
@@ -61,9 +89,53 @@ def note(text: str) -> None:
         forget_the_reader(sys.stderr)
 
 
+def aside(text: str) -> None:
+    """Write what goes on, for people: beside the result, or on standard error where that is plain data."""
+    (note if _answer.as_json else put)(text)
+
+
+def put_data(thing: Any) -> None:
+    """Write a result as one JSON value on one line; errors as those of `put`."""
+    import json  # help comes without it
+
+    put(json.dumps(thing, ensure_ascii=False))
+
+
+def answer(text: str, data: Callable[[], Any]) -> None:
+    """Write a result: its text, or what it is as plain data where that was asked for."""
+    if _answer.as_json:
+        put_data(data())
+    else:
+        put(text)
+
+
 def complain(error: Exception | str) -> None:
-    """Write why something was not done, in its one sentence."""
-    note(f"robotree: {one_line(error if isinstance(error, str) else sentence(error))}")
+    """Write why something was not done, in its one sentence.
+
+    Where plain data was asked for it is an object, on standard error as everything that is no result; and on
+    standard output, too, if that has got nothing yet: a program that reads one value there gets one. A person
+    who sees both on one terminal sees it once.
+    """
+    known = SupervisorError(error) if isinstance(error, str) else error
+    if not _answer.as_json:
+        for line in sentence(known).split("\n") if isinstance(known, BadScript) else [sentence(known)]:
+            note(f"robotree: {one_line(line)}")
+        return
+    import json
+
+    data, missing = told(known), not _answer.given
+    if missing:
+        put_data(data)
+    if not (missing and sys.stdout.isatty() and sys.stderr.isatty()):
+        note(json.dumps(data, ensure_ascii=False))
+
+
+def told(error: Exception) -> dict[str, Any]:
+    """Return an error as plain data: its name, its sentence, and all mistakes of a script."""
+    data: dict[str, Any] = {"error": type(error).__name__, "message": sentence(error)}
+    if isinstance(error, BadScript):
+        data["mistakes"] = [{"line": number, "message": reason} for number, reason in error.mistakes]
+    return data
 
 
 def over(text: str) -> None:

@@ -115,7 +115,8 @@ def test_no_verb_over_a_fleet_is_left_out() -> None:
 
 
 def test_an_error_is_plain_data_too(say: Say, capsys: pytest.CaptureFixture[str]) -> None:
-    assert say("show", "nobody", code=exit_codes.REFUSED) == []
+    (said,) = say("show", "nobody", code=exit_codes.REFUSED)
+    assert said["error"] == "NoSuchRobot"
     assert main(["watch", "nobody", "--json"]) == exit_codes.REFUSED
     assert json.loads(capsys.readouterr().err)["error"] == "NoSuchRobot"
 

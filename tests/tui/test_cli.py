@@ -14,6 +14,8 @@ import pytest
 
 from robotree.tui.cli import main
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
+from robotree.tui.line import manual
+from robotree.tui.line.actions import ACTIONS
 
 pytestmark = pytest.mark.usefixtures("place")
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
@@ -62,6 +64,80 @@ def test_each_mistake_gets_one_sentence_and_an_exit_code(
     assert said.err.startswith("robotree: ")
     assert said.err.count("\n") == 1
     assert said.out == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        (["fly"], USAGE, "UnknownVerb"),
+        (["panel"], USAGE, "NotHere"),
+        (["wire"], USAGE, "BadLine"),
+        (["ls", "--colour"], USAGE, "BadLine"),
+        (["delete", "a/b"], REFUSED, "BadName"),
+        (["call", "a.b", "--within", "soon"], USAGE, "ValueRefused"),
+        (["run", "/nowhere.session"], REFUSED, "SessionError"),
+        (["wire", "decode", "/nowhere.tlog"], REFUSED, "BadRecording"),
+        (["supervise"], USAGE, "NeedsTerminal"),
+        (["ls"], NOBODY, "NothingToAsk"),
+        (["help", "fly"], USAGE, "UnknownVerb"),
+    ],
+)
+def test_every_mistake_is_one_json_value_with_the_same_exit_code(
+    words: list[str], code: int, error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == code
+    sentence = capsys.readouterr().err.removeprefix("robotree: ").strip()
+    assert main([*words, "--json"]) == code
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"error": error, "message": sentence}
+    assert json.loads(said.err) == json.loads(said.out)
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["help", "call"], ["help", "wire"], ["--version"]], ids=" ".join
+)
+def test_help_is_one_json_value_too(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)
+    assert said.err == ""
+
+
+def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = tmp_path / "a.session"
+    script.write_text("stop\nenslav a b\ncreate none.py as x\n")
+    assert main(["run", str(script)]) == USAGE
+    assert [line.split(": ")[1] for line in capsys.readouterr().err.splitlines()] == [
+        f"{script}, line {number}" for number in (2, 3)
+    ]
+    assert main(["run", str(script), "--json"]) == USAGE
+    said = json.loads(capsys.readouterr().out)
+    assert said["error"] == "BadScript"
+    assert [one["line"] for one in said["mistakes"]] == [2, 3]
+
+
+CHANGES = {"create", "enslave", "release", "delete", "call", "cancel", "resume", "wire replay", "wire inject"}
+"""Verbs of the shell that change robots, or who commands them."""
+
+
+def test_who_may_only_look_has_no_verb_that_changes_robots(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    everything, looking = (manual.shell(readonly=readonly).shapes.keys() for readonly in (False, True))
+    assert everything - looking == CHANGES
+    assert "stop" in looking
+    assert main(["--readonly", "delete", "mover"]) == USAGE
+    assert "no verb 'delete': this is read-only" in capsys.readouterr().err
+    monkeypatch.setenv("ROBOTREE_READONLY", "1")
+    assert main(["help"]) == 0
+    assert "delete NAME" not in capsys.readouterr().out
+    assert main(["help", "delete"]) == USAGE
+    monkeypatch.setenv("ROBOTREE_READONLY", "0")
+    assert main(["help", "delete"]) == 0
+
+
+def test_what_the_screen_asks_back_about_is_absent_for_who_may_only_look() -> None:
+    assert [one.verb for one in ACTIONS if one.danger and not one.alters] == []
 
 
 def test_a_script_with_a_wrong_line_is_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -58,6 +58,24 @@ def test_the_first_line_that_cannot_be_understood_is_named(line: str, reason: st
     assert str(refusal.value).startswith("a.session, line 2: ")
 
 
+def test_all_mistakes_of_a_script_are_named_at_once() -> None:
+    text = "enslav a b\nstop\ncall a.b --within soon\ncreate no.py as x\ntry create no.py as y\ndelete a/b\n"
+    text += "run x\n"
+    with pytest.raises(BadScript) as refusal:
+        read(text, "a.session", exists=lambda path: path != "no.py")
+    assert [number for number, _ in refusal.value.mistakes] == [1, 3, 4, 6, 7]
+    assert [line.split(":")[0] for line in str(refusal.value).splitlines()] == [
+        f"a.session, line {number}" for number in (1, 3, 4, 6, 7)
+    ]
+    assert "it is for a shell: `robotree run x`" in str(refusal.value)
+
+
+def test_who_may_only_look_plays_no_script_that_changes_robots() -> None:
+    assert read("expect arm-1 listed\nshow arm-1\nstop\n", "a", readonly=True).steps
+    with pytest.raises(BadScript, match="line 2: no verb 'enslave': this is read-only"):
+        read("stop\nenslave mover.arm arm-1\n", "a", readonly=True)
+
+
 def told(*, held: bool, seen: str = "") -> Told:
     return Told(step=read("stop", "a").steps[0], held=held, seen=seen, began=1.234, took=0.1)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.line.manual import overview, page
+from robotree.tui.line.manual import overview, page, shell
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.gauges import HALF, bar
 from robotree.tui.seen import wording
@@ -89,7 +89,7 @@ def test_a_robot_is_tele_operable_that_goes_to_points_and_tells_where_it_is() ->
 
 
 def test_the_manual_fits_into_a_terminal_and_explains_every_verb() -> None:
-    text = overview()
+    text = overview(shell())
     assert max(map(len, text.splitlines())) <= 110
     for verb in ("ls", "enslave", "call", "demo", "run", "sim", "supervise"):
         assert verb in text

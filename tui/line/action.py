@@ -82,6 +82,8 @@ class Action:
     while_busy: bool = False
     """Its keys work while the form in front carries something out. All other keys are dropped then, and that
     is told: this is true of every form, and said nowhere else."""
+    alters: bool = False
+    """It changes robots, or who commands them: absent where one may only look (`--readonly`)."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

@@ -65,6 +65,7 @@ ACTIONS: tuple[Action, ...] = (
         key="n",
         label="New",
         examples=("create examples/move_to.py as mover", "create mine.py:Painter as painter on host-2"),
+        alters=True,
     ),
     Action(
         usage="enslave PARENT.SLOT CHILD",
@@ -76,6 +77,7 @@ ACTIONS: tuple[Action, ...] = (
         label="Enslave",
         about=About.SLOT,
         examples=("enslave mover.arm arm-1",),
+        alters=True,
     ),
     Action(
         usage="release PARENT.SLOT",
@@ -88,6 +90,7 @@ ACTIONS: tuple[Action, ...] = (
         about=About.SLOT,
         danger=True,
         examples=("release mover.arm",),
+        alters=True,
     ),
     Action(
         usage="delete NAME",
@@ -100,6 +103,7 @@ ACTIONS: tuple[Action, ...] = (
         about=About.ROBOT,
         danger=True,
         examples=("delete teleop",),
+        alters=True,
     ),
     # -- command
     Action(
@@ -108,6 +112,7 @@ ACTIONS: tuple[Action, ...] = (
         group=COMMAND,
         run=verbs.call,
         examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),
+        alters=True,
     ),
     Action(
         usage="cancel NAME",
@@ -118,6 +123,7 @@ ACTIONS: tuple[Action, ...] = (
         key="c",
         about=About.ROBOT,
         examples=("cancel mover",),
+        alters=True,
     ),
     Action(
         usage="stop [NAME]",
@@ -141,6 +147,7 @@ ACTIONS: tuple[Action, ...] = (
         scope=Scope.PROGRAM,
         danger=True,
         examples=("resume",),
+        alters=True,
     ),
     # -- run
     Action(
@@ -227,6 +234,7 @@ ACTIONS: tuple[Action, ...] = (
             "wire replay arm.tlog --listen tcp:127.0.0.1:5770",
             "wire replay arm.tlog --connect tcp:5780",
         ),
+        alters=True,
     ),
     Action(
         usage="wire monitor --connect URL [URL …] [--for TIME] [--every TIME] [--key FILE] [--xml DIALECT]",
@@ -271,6 +279,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=(
             "wire inject --listen tcp:127.0.0.1:5770 --connect tcp:127.0.0.1:5760 --loss 20% --delay 50ms",
         ),
+        alters=True,
     ),
     Action(
         usage="wire key FILE [--links PATTERN] [--passphrase]",
@@ -295,6 +304,7 @@ ACTIONS: tuple[Action, ...] = (
         key="enter",
         label="Panel",
         about=About.SLOT,
+        alters=True,
     ),
     Action("robots", "Go back to the list of robots.", SCREEN, where=SHOWN, key="l"),
     Action(
@@ -350,14 +360,5 @@ BY_VERB = {action.verb: action for action in ACTIONS}
 
 
 def shapes(where: Where) -> dict[str, Shape]:
-    """Return the verbs that a surface knows, for `grammar.parse`."""
+    """Return the verbs of a kind of surface; `Surface` knows what is absent there now."""
     return {action.verb: action.shape for action in ACTIONS if where in action.where}
-
-
-def groups(where: Where) -> dict[str, list[Action]]:
-    """Return the actions of a surface by group, in the order of the registry."""
-    found: dict[str, list[Action]] = {}
-    for action in ACTIONS:
-        if where in action.where:
-            found.setdefault(action.group, []).append(action)
-    return found

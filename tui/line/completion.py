@@ -17,6 +17,8 @@ class Words:
 
     blanks: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
     """For example NAME, CHILD, PARENT.SLOT, ROBOT.COMMAND, VIEW, HOST."""
+    verbs: Mapping[str, Shape] = field(default_factory=lambda: shapes(Where.PROMPT))
+    """The verbs that are there."""
 
 
 def candidates(text: str, words: Words) -> tuple[str, ...]:
@@ -60,7 +62,7 @@ def _shared(words: Sequence[str]) -> str:
 
 
 def _known(before: list[str], words: Words) -> Sequence[str]:
-    known = shapes(Where.PROMPT)
+    known = words.verbs
     if not before:
         return tuple(known)
     shape = known.get(before[0])

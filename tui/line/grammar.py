@@ -211,7 +211,8 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
         UnknownVerb: it begins with none.
         BadLine: it is only the first of two words.
     """
-    for count in range(min(len(words), LONGEST_VERB), 0, -1):
+    words = list(takewhile(lambda word: not word.startswith("--"), words[:LONGEST_VERB]))
+    for count in range(len(words), 0, -1):
         if (verb := " ".join(words[:count])) in shapes:
             return verb
     if not words:
@@ -220,7 +221,7 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
     if family and len(words) == 1:
         known = ", ".join(verb.partition(" ")[2] for verb in family)
         raise BadLine(f"{words[0]} needs a second word: {known}", f"{words[0]} VERB …")
-    asked = " ".join(words[:2]) if family else words[0]
+    asked = " ".join(words) if family else words[0]
     near = difflib.get_close_matches(asked, family or shapes, n=2)
     raise UnknownVerb(asked, tuple(near or family))
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from importlib import import_module
+from typing import Any
 
 from robotree.tui.line.action import Action, Where
-from robotree.tui.line.actions import BY_VERB, groups
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.keys import spell
+from robotree.tui.line.surface import Surface
 
-EVERYWHERE = {"json": "", "realm": "NAME", "help": "", "version": ""}
+EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "help": "", "version": ""}
 """Options that every verb takes on the command line, before the verb or behind it."""
 
 INTERNAL = {"tether": ""}
@@ -21,7 +24,7 @@ _HEAD = """\
 robotree supervises robots through virtual robots: see every robot on the network, write a virtual robot in a
 page of Python, put it on top of other robots while everything runs, and command the new one.
 
-usage: robotree [VERB …] [--json] [--realm NAME]      without a verb: the full screen
+usage: robotree [VERB …] [--json] [--realm NAME] [--readonly]      without a verb: the full screen
 """
 
 _TAIL = """\
@@ -34,15 +37,21 @@ The same by hand, in a second terminal while the demo runs:
   robotree call mover.move x=0.45 y=0 z='30 cm'
   robotree tree
 
---json prints plain data. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
+--json prints one JSON value, of an error too. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
+--readonly (or $ROBOTREE_READONLY=1) leaves only what looks, and the protective stop.
 exit codes: 0 done · 1 refused or failed · 2 not understood · 3 nobody answers · 130 interrupted
 robotree help VERB explains one verb."""
 
 
-def overview() -> str:
+def shell(*, readonly: bool = False) -> Surface:
+    """Return what the command line offers."""
+    return Surface(Where.SHELL, readonly, EVERYWHERE, INTERNAL)
+
+
+def overview(surface: Surface) -> str:
     """Return what `robotree --help` prints."""
     blocks = [_HEAD]
-    for group, actions in groups(Where.SHELL).items():
+    for group, actions in surface.groups.items():
         rows = [_row(action) for action in actions]
         blocks.append("\n".join([group, *rows, ""]))
     return "\n".join([*blocks, _TAIL])
@@ -59,11 +68,23 @@ def _row(action: Action) -> str:
     return "\n".join([*usage, about[0], *(" " * INDENT + line for line in about[1:])])
 
 
-def family(word: str) -> str:
+def family(word: str, surface: Surface) -> str:
     """Return the help of all verbs of two words that begin with this one; empty: there are none."""
-    found = [action for action in BY_VERB.values() if action.verb.startswith(f"{word} ")]
-    rows = [_row(action) for action in found if Where.SHELL in action.where]
+    rows = [_row(action) for action in surface.actions if action.verb.startswith(f"{word} ")]
     return "\n".join([*rows, "", f"robotree help {word} VERB explains one of them."]) if rows else ""
+
+
+def structure(action: Action) -> dict[str, Any]:
+    """Return an action as plain data, for `help --json`."""
+    return {
+        "verb": action.verb,
+        "usage": action.usage,
+        "help": action.help,
+        "group": action.group,
+        "key": spell(action.key),
+        "alters": action.alters,
+        "examples": list(action.examples),
+    }
 
 
 def page(verb: str) -> str:
@@ -81,14 +102,3 @@ def page(verb: str) -> str:
     for module in action.guide:
         lines += ["", (import_module(module).__doc__ or "").strip().replace(" Pure.", "").replace("`", "")]
     return "\n".join(lines)
-
-
-_SPELLED = {
-    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
-    "escape": "esc", "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "pgup", "pagedown": "pgdn",
-}  # fmt: skip
-
-
-def spell(key: str) -> str:
-    """Return a key, as Textual names it, as it is printed on keyboards."""
-    return _SPELLED.get(key, key)

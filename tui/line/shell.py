@@ -10,14 +10,14 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NothingToAsk, sentence
+from robotree.tui.errors import NothingToAsk
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
-from robotree.tui.terminal import complain, note, over, put
+from robotree.tui.terminal import complain, note, over, put, put_data
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.fleet import Fleet
@@ -63,18 +63,14 @@ class Console:
         self.settle()
         if self.as_json:
             if outcome.data is not None:
-                put(json.dumps(outcome.data, ensure_ascii=False))
+                put_data(outcome.data)
         elif outcome.text:
             put(outcome.text)
 
     def error(self, error: Exception) -> None:
         """Print one sentence on standard error; as an object where plain data was asked for."""
         self.settle()
-        if self.as_json:
-            data: dict[str, Any] = {"error": type(error).__name__, "message": sentence(error)}
-            note(json.dumps(data, ensure_ascii=False))
-        else:
-            complain(error)
+        complain(error)
 
     def settle(self) -> None:
         """Take the progress line away before something else is printed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import AsyncGenerator
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,15 @@ def chosen(given: str) -> str:
     from robotree.vr.network.rendezvous import realm_name
 
     return realm_name(given or None)
+
+
+READONLY_VARIABLE = "ROBOTREE_READONLY"
+_NO = {"", "0", "no", "off", "false"}
+
+
+def only_looking(*, given: bool) -> bool:
+    """Whether what changes robots shall be absent: `--readonly` was given, or the environment says so."""
+    return given or os.environ.get(READONLY_VARIABLE, "").strip().lower() not in _NO
 
 
 def anybody_met(realm: str) -> bool:

@@ -19,11 +19,13 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 
 from robotree.tui.errors import SupervisorError
-from robotree.tui.line import completion, grammar, manual
+from robotree.tui.line import completion, grammar
 from robotree.tui.line.action import Scope, Where
-from robotree.tui.line.actions import ACTIONS, BY_VERB, groups, shapes
+from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.keys import spell
+from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
@@ -41,6 +43,7 @@ from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.errors import VrError
+from robotree.vr.network.rendezvous import DEFAULT_REALM
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
@@ -88,7 +91,15 @@ class Supervisor(Fenced, Unasked[int]):
     ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [*program_keys()]
 
-    def __init__(self, fleet: Fleet, *, realm: str, store: Store | None = None, farewell: str = "") -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        *,
+        realm: str,
+        store: Store | None = None,
+        farewell: str = "",
+        readonly: bool = False,
+    ) -> None:
         """Supervise a fleet that has been joined.
 
         Args:
@@ -96,8 +107,15 @@ class Supervisor(Fenced, Unasked[int]):
             realm: its name, to be shown.
             store: what is known already, when the screen is opened anew.
             farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
+            readonly: whether all that changes robots is absent.
         """
         super().__init__()
+        self.readonly = readonly
+        shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
+        self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
+        """What can be typed."""
+        self.keyboard = Surface(Where.SCREEN, readonly)
+        """What has keys."""
         for theme in (DARK, LIGHT):
             self.register_theme(theme)
         wanted = os.environ.get("TEXTUAL_THEME", "")
@@ -267,14 +285,17 @@ class Supervisor(Fenced, Unasked[int]):
 
     def ask_for(self, verb: str, place: Place = NOWHERE) -> None:
         """Do what a key asks for: open a page, ask what is missing, ask back where it is dangerous."""
-        asking.ASK[verb](self, place)
+        if absent := self.keyboard.elsewhere(verb.split()):
+            self.tell(str(absent), "warning")
+        else:
+            asking.ASK[verb](self, place)
 
     def obey(self, text: str) -> None:
         """Do what was typed at the prompt."""
         try:
             words = grammar.split(text)
-            line = grammar.parse(words, shapes(Where.PROMPT), {}) if words else None
-        except SupervisorError as error:
+            line = self.prompt.parse(words) if words else None
+        except (SupervisorError, VrError) as error:
             self.tell(str(error), "error")
             return
         if line is None:
@@ -282,9 +303,27 @@ class Supervisor(Fenced, Unasked[int]):
         if BY_VERB[line.verb].run is None:
             self.ask_for(line.verb)
         elif BY_VERB[line.verb].danger:
-            asking.confirm_line(self, line)
+            self._confirm(line)
         else:
             self.perform(line)
+
+    def _confirm(self, line: Line) -> None:
+        """Ask back, unless what the line names is not there."""
+        name = line.text("NAME") or line.text("PARENT.SLOT").partition(".")[0]
+        if not name or any(one.name == name for one in self.fleet.directory.present("robot")):
+            asking.confirm_line(self, line)
+        else:
+            self._confirm_absent(line, name)
+
+    @work(exit_on_error=False, group="verbs")
+    async def _confirm_absent(self, line: Line, name: str) -> None:
+        """Say who is not there, or hangs; ask back if it has come just now."""
+        try:
+            await self.fleet.directory.resolve(name)
+        except VrError as error:
+            self.tell(str(error), "error")
+        else:
+            asking.confirm_line(self, line)
 
     @property
     def main(self) -> MainPage:
@@ -305,14 +344,15 @@ class Supervisor(Fenced, Unasked[int]):
                 "ROBOT.COMMAND": [
                     f"{one.name}.{command.name}" for one in described for command in one.commands
                 ],
-            }
+            },
+            self.prompt.shapes,
         )
 
     # -- keys of the whole program -----------------------------------------------------------------
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Let a letter be a letter, and space a space, while somebody types."""
-        if action == "quiet_verb" and self.typing:
+        if action == "quiet_verb" and (self.typing or not self.keyboard.has(BY_VERB[str(parameters[0])])):
             return False
         return super().check_action(action, parameters)
 
@@ -338,7 +378,7 @@ class Supervisor(Fenced, Unasked[int]):
 
     def action_help_quit(self) -> None:
         """Say at ctrl+c what leaves, in the line for such words; Textual's own would cover what one reads."""
-        self.tell(f"ctrl+q leaves; {manual.spell(BY_VERB['stop'].typing_key)} stops every robot")
+        self.tell(f"ctrl+q leaves; {spell(BY_VERB['stop'].typing_key)} stops every robot")
 
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
@@ -357,9 +397,9 @@ class Supervisor(Fenced, Unasked[int]):
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Offer the registry in the palette, beside what Textual offers."""
-        for group, actions in groups(Where.SCREEN).items():
+        for group, actions in self.keyboard.groups.items():
             for action in actions:
-                title = f"{group}: {action.verb}" + (f"  ({manual.spell(action.key)})" if action.key else "")
+                title = f"{group}: {action.verb}" + (f"  ({spell(action.key)})" if action.key else "")
                 yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
         yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
 

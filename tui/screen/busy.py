@@ -15,7 +15,7 @@ from textual.errors import NoWidget
 from textual.events import Event, Key, MouseDown, MouseUp, Paste
 
 from robotree.tui.line.actions import ACTIONS
-from robotree.tui.line.manual import spell
+from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import page_keys
 from robotree.tui.screen.keys_in_order import KeysInOrder
 

@@ -46,25 +46,26 @@ def _logging_to_a_file(realm: str) -> Generator[None]:
         handler.close()
 
 
-async def supervise(fleet: Fleet, realm: str, *, farewell: str = "") -> int:
+async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: bool = False) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
     Args:
         fleet: the agents of the realm.
         realm: its name, to be shown.
         farewell: what ends with the screen; empty: nothing does.
+        readonly: whether all that changes robots is absent.
 
     Returns:
         The exit code.
     """
     with _logging_to_a_file(realm):
-        return await _show(fleet, realm, farewell)
+        return await _show(fleet, realm, farewell, readonly=readonly)
 
 
-async def _show(fleet: Fleet, realm: str, farewell: str) -> int:
+async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> int:
     task, store, ends = asyncio.current_task(), Store(), list[float]()
     while True:
-        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell)
+        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell, readonly=readonly)
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
             raise asyncio.CancelledError

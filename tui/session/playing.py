@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 from robotree.files import text
 from robotree.tui import exit_codes
 from robotree.tui.errors import SessionError
+from robotree.tui.line import values
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console
 from robotree.tui.line.verbs import Teller
 from robotree.tui.session.conditions import Scene, Verdict
 from robotree.tui.session.script import Do, Expect, Pause, Report, Script, Step, Told, read, transcript
-from robotree.tui.terminal import note, put
+from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
     from robotree.vr.description import RobotDescription
@@ -118,11 +119,11 @@ class Player:
 
     def _placed(self, line: Line) -> Line:
         """Find a source beside the script when it is not in the current folder."""
-        given = line.text("FILE")
-        beside = Path(self.script.path).parent / given
-        if line.verb != "create" or not given or Path(given.rpartition(":")[0] or given).exists():
+        if line.verb != "create":
             return line
-        return replace(line, values={**line.values, "FILE": str(beside)})
+        path, wanted = values.source(line.text("FILE"))
+        found = placed(path, self.script.path)
+        return replace(line, values={**line.values, "FILE": f"{found}:{wanted}" if wanted else str(found)})
 
     async def _expect(self, expect: Expect) -> Verdict:
         end = time.monotonic() + expect.within
@@ -175,15 +176,26 @@ class Player:
         return self._heard[name]
 
 
-def read_file(path: str) -> Script:
+def placed(source: str, script: str) -> Path:
+    """Return where a source file of a script is: in the current folder, else beside the script."""
+    here = Path(source)
+    return here if here.exists() else Path(script).parent / source
+
+
+def read_file(path: str, *, readonly: bool = False) -> Script:
     """Read a script from a file; `-` is standard input.
 
+    Args:
+        path: of the file.
+        readonly: whether verbs that change robots are absent.
+
     Raises:
-        BadScript: a line cannot be understood.
+        BadScript: lines cannot be understood; it has all of them.
         SessionError: the file cannot be read.
     """
     try:
-        return read(_standard_input() if path == STDIN else text(Path(path), LARGEST), path)
+        given = _standard_input() if path == STDIN else text(Path(path), LARGEST)
+        return read(given, path, readonly=readonly, exists=lambda source: placed(source, path).exists())
     except OSError as error:
         raise SessionError(f"cannot read the session {path}: {error.strerror}") from None
 
@@ -198,14 +210,14 @@ def _standard_input() -> str:
     return given
 
 
-async def play_file(path: str, realm: str, *, as_json: bool) -> int:
+async def play_file(path: str, realm: str, *, as_json: bool, readonly: bool = False) -> int:
     """Play a script in a realm and print it as it happens.
 
     Returns:
         The exit code: 0 only when everything held.
 
     Raises:
-        BadScript: a line cannot be understood; nothing was played.
+        BadScript: lines cannot be understood; nothing was played.
         SessionError: the file cannot be read.
         TransportError: the realm cannot be joined.
     """
@@ -215,9 +227,9 @@ async def play_file(path: str, realm: str, *, as_json: bool) -> int:
 
     def tell(told: Told) -> None:
         console.settle()
-        (note if as_json else put)(transcript(told))
+        aside(transcript(told))
 
-    script = await asyncio.to_thread(read_file, path)
+    script = await asyncio.to_thread(read_file, path, readonly=readonly)
     async with joined(realm) as fleet:
         report = await Player(fleet, script, tell, console).play()
     if as_json:

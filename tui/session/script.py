@@ -20,14 +20,15 @@ everything else is as on the command line.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from robotree.tui.errors import BadScript, SupervisorError
+from robotree.tui.errors import BadScript, SupervisorError, ValueRefused
 from robotree.tui.line import grammar, values
 from robotree.tui.line.action import Where
-from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import Line
+from robotree.tui.line.surface import Surface
 from robotree.tui.session.conditions import Condition, condition
 
 PATIENCE = 5.0
@@ -134,28 +135,40 @@ class Report:
         }
 
 
-def read(text: str, path: str) -> Script:
+def read(
+    text: str, path: str, *, readonly: bool = False, exists: Callable[[str], bool] = lambda _: True
+) -> Script:
     """Understand a script.
 
     Args:
         text: its lines.
         path: for messages.
+        readonly: whether verbs that change robots are absent.
+        exists: whether a source file that a line names is there.
 
     Raises:
-        BadScript: a line cannot be understood; the first one is named.
+        BadScript: lines cannot be understood; it has all of them.
     """
+    from robotree.vr.errors import BadName  # help must not wait for the agents
+
+    surface = Surface(Where.SCRIPT, readonly)
     steps: list[Step] = []
+    mistakes: list[tuple[int, str]] = []
     for number, raw in enumerate(text.splitlines(), 1):
         try:
             words = grammar.split(raw)
             if words:
-                steps.append(Step(number, raw.strip(), _deed(words, raw)))
-        except SupervisorError as error:
-            raise BadScript(path, number, str(error)) from None
+                deed = _deed(surface, words, raw)
+                _require_source(deed, exists)
+                steps.append(Step(number, raw.strip(), deed))
+        except (SupervisorError, BadName) as error:
+            mistakes.append((number, str(error)))
+    if mistakes:
+        raise BadScript(path, mistakes)
     return Script(path, tuple(steps))
 
 
-def _deed(words: tuple[str, ...], raw: str) -> Do | Expect | Pause:
+def _deed(surface: Surface, words: tuple[str, ...], raw: str) -> Do | Expect | Pause:
     match words[0]:
         case "expect":
             return _expect(" ".join(words[1:]))
@@ -164,13 +177,18 @@ def _deed(words: tuple[str, ...], raw: str) -> Do | Expect | Pause:
         case "try":
             if len(words) == 1:
                 raise SupervisorError(f"{raw.strip()!r} names no verb to try")
-            return Do(_line(words[1:]), may_fail=True)
+            return Do(surface.parse(words[1:]), may_fail=True)
         case _:
-            return Do(_line(words))
+            return Do(surface.parse(words))
 
 
-def _line(words: tuple[str, ...]) -> Line:
-    return grammar.parse(words, shapes(Where.SCRIPT), {})
+def _require_source(deed: Do | Expect | Pause, exists: Callable[[str], bool]) -> None:
+    """Refuse to create from a file that is not there; `try` may well want to see that fail."""
+    if not isinstance(deed, Do) or deed.may_fail or deed.line.verb != "create":
+        return
+    path, _ = values.source(deed.line.text("FILE"))
+    if not exists(path):
+        raise ValueRefused("FILE", f"there is no {path}, neither here nor beside the script")
 
 
 def _expect(text: str) -> Expect:

@@ -10,7 +10,7 @@ from robotree.protocol.dialect.errors import TargetTaken, writing
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import note, put
+from robotree.tui.terminal import answer, note, put_data
 
 
 def run(line: Line) -> int:
@@ -20,7 +20,7 @@ def run(line: Line) -> int:
         raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
     text = dissector([int(port)] if port else [], Path(line.text("--xml")) if line.text("--xml") else DIALECT)
     if not line.text("FILE"):
-        put(text.removesuffix("\n"))
+        answer(text.removesuffix("\n"), lambda: {"lua": text})
         return exit_codes.DONE
     path = Path(line.text("FILE"))
     try:
@@ -30,4 +30,6 @@ def run(line: Line) -> int:
     with writing(path), file:
         file.write(text)
     note(f"{path}: use it as `wireshark -X lua_script:{path}`")
+    if line.flag("--json"):
+        put_data({"file": str(path)})
     return exit_codes.DONE

@@ -24,7 +24,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import complain, note, put
+from robotree.tui.terminal import answer, complain, note, put
 from robotree.tui.wire.lasting import lasting
 
 
@@ -70,7 +70,8 @@ async def _relay(line: Line, accidents: Accidents) -> int:
         relaying(line.text("--listen"), line.text("--connect"), accidents) as relay,
     ):
         relay.on_refused = complain
-        put(f"ready {relay.address}")
+        address = relay.address
+        answer(f"ready {address}", lambda: {"ready": address})
         note(told(accidents))  # so that --delay 20 is seen to be 20 s
         loop = asyncio.get_running_loop()
         threading.Thread(target=_read, args=(loop, relay), name="accidents", daemon=True).start()

@@ -26,7 +26,7 @@ from robotree.protocol.parser import Parser
 from robotree.protocol.signing import Signer
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import note, put
+from robotree.tui.terminal import answer, note, put
 from robotree.tui.wire.lasting import Lasting, lasting
 from robotree.tui.wire.security import securing
 
@@ -144,7 +144,8 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], sieve: Sie
             await connect(line.text("--connect"), crowd.accept)
         else:
             listener = await listen(line.text("--listen"), crowd.accept)
-            put(f"ready {listener.address}")
+            address = listener.address
+            answer(f"ready {address}", lambda: {"ready": address})
             note("the replay begins when somebody connects")
             await here.until(crowd.somebody.wait())
         sent = await _send(moments, crowd, here)

@@ -122,9 +122,14 @@ def operate() -> Operate:
 
     @asynccontextmanager
     async def sit_down(
-        fleet: Fleet, *, size: tuple[int, int] = (120, 34), mended: bool = False, farewell: str = ""
+        fleet: Fleet,
+        *,
+        size: tuple[int, int] = (120, 34),
+        mended: bool = False,
+        farewell: str = "",
+        readonly: bool = False,
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(fleet, realm="test", farewell=farewell)
+        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly)
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")

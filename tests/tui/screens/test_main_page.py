@@ -193,7 +193,7 @@ async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm
         await operator.sees("a stone [/x] lay there")
         await operator.obey("views")
         await operator.sees("cell / wrist")
-        await operator.obey("delete nobody")
+        await operator.obey("delete rover-1")
         await operator.at(Confirm)
 
 

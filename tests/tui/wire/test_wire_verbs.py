@@ -234,7 +234,7 @@ def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        address = process.stdout.readline().split()[1]
+        address = json.loads(process.stdout.readline())["ready"]
         assert process.stderr.readline() == "loss 0%, delay 40 ms, jitter 0 ms, duplication 0%\n"
         process.stdin.write("loss 50%\n")
         process.stdin.flush()

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 from textual.binding import Binding
 
-from robotree.tui.line.action import Action, Scope, Where
-from robotree.tui.line.actions import ACTIONS, BY_VERB, groups
-from robotree.tui.line.manual import spell
+from robotree.tui.line.action import Action, Scope
+from robotree.tui.line.actions import ACTIONS, BY_VERB
+from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import page_keys
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
@@ -45,7 +45,7 @@ def help_text(app: Supervisor) -> Text:
     block("In a text", page_rows("text"))
     text.append("Verbs", strong)
     text.append("  at the `:` prompt, on the command line after `robotree`, and in session scripts\n", muted)
-    for actions in groups(Where.PROMPT).values():
+    for actions in app.prompt.groups.values():
         for action in actions:
             text.append(f"  {action.usage}\n", "bold")
             text.append(f"      {action.help}\n", muted)
@@ -81,7 +81,7 @@ def _stop(app: Supervisor, text: Text) -> None:
 
 def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:
     """Return keys and meanings of the actions of a scope; the stop has been told."""
-    for action in ACTIONS:
+    for action in app.keyboard.actions:
         if action.key and action.scope is scope and not action.typing_key:
             yield spell(action.key), _meaning(app, action)
     if scope is Scope.PROGRAM:

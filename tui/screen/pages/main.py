@@ -215,7 +215,9 @@ class MainPage(Page):
         self.draw()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Show keys about a robot only where a robot can be selected."""
+        """Show keys about a robot only where a robot can be selected, and none of what is absent."""
+        if action == "verb" and not self.app.keyboard.has(BY_VERB[str(parameters[0])]):
+            return False
         concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
         if concerned and self.is_mounted and self.pane != FIRST:
             return False

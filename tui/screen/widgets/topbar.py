@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.text import Text
 
 from robotree.tui.line.actions import BY_VERB
-from robotree.tui.line.manual import spell
+from robotree.tui.line.keys import spell
 from robotree.tui.screen.widgets.marks import block, tint
 from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen.store import Store

@@ -1,0 +1,57 @@
+"""What is for another place says so, and who may only look sees nothing that changes robots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.help import help_text
+from robotree.tui.screen.pages.main import MainPage
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+
+async def test_a_verb_of_the_shell_says_what_to_type_there(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        for line in ("run 'my day.session'", "watch arm-1", "wire", "wire ping --connect tcp:127.0.0.1:5760"):
+            await operator.obey(line)
+            await operator.sees("it is for a shell:")
+            told = operator.app.store.happenings[-1].text
+            assert f"`robotree --realm test {line}`" in told
+
+
+async def test_a_name_that_nobody_has_is_refused_before_a_dialog_asks(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        for line, says in (
+            ("delete nobody", "no robot named 'nobody' is running"),
+            ("delete a/b", "'a/b' cannot be a name"),
+            ("release nobody.arm", "no robot named 'nobody' is running"),
+            ("resume a..b", "'a..b' cannot be a name"),
+            ("call arm-1.go_to x=1 --within soon", "'soon' is no duration"),
+        ):
+            await operator.obey(line)
+            await operator.sees(says)
+            assert isinstance(operator.app.screen, MainPage), line
+        await operator.obey("delete rover-1")
+        await operator.at(Confirm)
+
+
+async def test_who_may_only_look_has_keys_that_look_and_the_stop(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, readonly=True) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        page = operator.app.main
+        bound = {one.binding.id for one in page.active_bindings.values() if one.enabled}
+        assert bound.isdisjoint({"create", "enslave", "release", "delete", "cancel", "resume", "panel"})
+        assert {"show", "stop", "help", "quit"} <= bound
+        await operator.press("n", "e", "d", "enter", "R")
+        assert operator.app.screen is page
+        await operator.obey("delete rover-1")
+        await operator.sees("no verb 'delete': this is read-only")
+        shown = help_text(operator.app).plain
+        assert "enslave PARENT.SLOT CHILD" not in shown
+        assert "stop [NAME]" in shown
+        assert all("delete" not in one.title for one in operator.app.get_system_commands(page))
+        await operator.press("space")
+        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")

@@ -1,0 +1,70 @@
+"""Whether the values of a line can be meant, before anybody is asked. Pure.
+
+A value is judged by the name of its blank in the usage: a NAME must be one that an agent can have, a TIME
+must be a duration. So each verb refuses the same mistake in the same words, on every surface, before a dialog
+opens and before a session moves anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+
+
+def name(text: str) -> None:
+    """Refuse what no agent can be called.
+
+    Raises:
+        BadName: it cannot be a name.
+    """
+    from robotree.vr.address import check_name  # help must not wait for the agents
+
+    check_name(text)
+
+
+def _path(what: str) -> Callable[[str], None]:
+    def check(text: str) -> None:
+        name(values.dotted(text, what)[0])
+
+    return check
+
+
+def _time(text: str) -> None:
+    values.duration(text)
+
+
+def _size(text: str) -> None:
+    values.size(text)
+
+
+CHECKS: Mapping[str, Callable[[str], None]] = {
+    "NAME": name,
+    "CHILD": name,
+    "HOST": name,
+    "VIEW": name,
+    "PARENT.SLOT": _path("PARENT.SLOT"),
+    "ROBOT.COMMAND": _path("ROBOT.COMMAND"),
+    "TIME": _time,
+    "SIZE": _size,
+}
+"""By name of the blank."""
+
+
+def check(line: Line, options: Mapping[str, str]) -> None:
+    """Refuse a line with a value that cannot be meant.
+
+    Args:
+        line: understood by the grammar.
+        options: name of the value by option without its dashes, as in `Shape.options`.
+
+    Raises:
+        ValueRefused: a value has not the form that it must have.
+        BadName: a name cannot be one.
+    """
+    for blank, value in line.values.items():
+        kind = options.get(blank[2:], "") if blank.startswith("--") else blank
+        if kind in CHECKS and isinstance(value, str):
+            CHECKS[kind](value)
+    values.assignments(line.many("PARAMETER=VALUE"))

@@ -1,0 +1,13 @@
+"""How keys are printed on keyboards. Pure."""
+
+from __future__ import annotations
+
+_SPELLED = {
+    "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
+    "escape": "esc", "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "pgup", "pagedown": "pgdn",
+}  # fmt: skip
+
+
+def spell(key: str) -> str:
+    """Return a key, as Textual names it, as it is printed on keyboards."""
+    return _SPELLED.get(key, key)

@@ -1,0 +1,113 @@
+"""A place where lines are typed: which verbs are there, and why another one is not. Pure."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from robotree.tui.errors import BadLine, NotHere, UnknownVerb
+from robotree.tui.line import checking, grammar
+from robotree.tui.line.action import Action, Where
+from robotree.tui.line.actions import ACTIONS, BY_VERB
+from robotree.tui.line.grammar import Line, Shape
+from robotree.tui.line.keys import spell
+
+_NAMES = {
+    Where.SHELL: "in a shell",
+    Where.PROMPT: "at this prompt",
+    Where.SCRIPT: "in a session",
+    Where.SCREEN: "on the screen",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """One place, and what may be done there."""
+
+    where: Where
+    readonly: bool = False
+    """Whether everything that changes robots is absent; the protective stop stays."""
+    everywhere: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Options that every verb takes here, as in `Shape.options`."""
+    internal: Mapping[str, str] = field(default_factory=dict[str, str])
+    """The same, for programs: no person is told of them."""
+    shell: str = "robotree"
+    """How a line begins in a shell that reaches the same robots."""
+
+    def has(self, action: Action) -> bool:
+        """Whether an action can be asked for here."""
+        return self.where in action.where and not (self.readonly and action.alters)
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """What can be asked for here, in the order of the registry."""
+        return tuple(action for action in ACTIONS if self.has(action))
+
+    @property
+    def groups(self) -> dict[str, list[Action]]:
+        """The actions by group, in the order of the registry."""
+        found: dict[str, list[Action]] = {}
+        for action in self.actions:
+            found.setdefault(action.group, []).append(action)
+        return found
+
+    @property
+    def shapes(self) -> dict[str, Shape]:
+        """How the lines of each verb look."""
+        return {action.verb: action.shape for action in self.actions}
+
+    def parse(self, words: Sequence[str]) -> Line:
+        """Understand a line, and refuse values that cannot be meant.
+
+        Args:
+            words: the verb and its values, as `grammar.split` or a shell gives them.
+
+        Raises:
+            NotHere: the verb exists, but not here.
+            UnknownVerb: there is no such verb.
+            BadLine: a value is missing or given twice, one is too many, or an option is unknown.
+            ValueRefused: a value has not the form that it must have.
+            BadName: a name cannot be one.
+        """
+        try:
+            line = grammar.parse(words, self.shapes, self.everywhere, self.internal)
+        except (UnknownVerb, BadLine):
+            _, given = grammar.leading(words, self.everywhere)
+            if elsewhere := self.elsewhere(given):
+                raise elsewhere from None
+            raise
+        checking.check(line, {**self.everywhere, **BY_VERB[line.verb].shape.options})
+        return line
+
+    def verb_of(self, words: Sequence[str]) -> str:
+        """Return the verb with which a line begins; errors as those of `parse`."""
+        try:
+            return grammar.verb_of(words, self.shapes)
+        except (UnknownVerb, BadLine):
+            if elsewhere := self.elsewhere(words):
+                raise elsewhere from None
+            raise
+
+    def elsewhere(self, words: Sequence[str]) -> NotHere | None:
+        """Say where the verb of a line can be used, if it exists and is not here."""
+        known = [one for one in ACTIONS if _begins(words, one.verb)]
+        if not known or any(self.has(one) for one in known):
+            return None
+        found = known[0]
+        verb = found.verb if len(known) == 1 else words[0]
+        if self.readonly and self.where in found.where:
+            return NotHere(verb, f"no verb {verb!r}: this is read-only (--readonly or $ROBOTREE_READONLY)")
+        if self.where is not Where.SHELL and Where.SHELL in found.where:
+            line = f"{self.shell} {shlex.join(words)}"
+            return NotHere(verb, f"no verb {verb!r} {_NAMES[self.where]}; it is for a shell: `{line}`")
+        hints = [f"type `:{verb}`"] if Where.PROMPT in found.where else []
+        hints += [f"press {spell(found.key)}"] if found.key else []
+        how = f": {' or '.join(hints)}" if hints else ""
+        return NotHere(verb, f"no verb {verb!r} {_NAMES[self.where]}; it is for the full screen{how}")
+
+
+def _begins(words: Iterable[str], verb: str) -> bool:
+    """Whether a line begins with a verb, or with the first word of one of two words and nothing more."""
+    given, wanted = list(words), verb.split()
+    return bool(given) and (given[: len(wanted)] == wanted or given == wanted[:1])
