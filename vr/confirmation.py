@@ -88,15 +88,16 @@ class Confirmations:
         """
         self._untold[name, reason] = None
 
-    def miss(self, name: str, where: str, remedy: str) -> None:
-        """Note one that lives and could not even be asked.
+    def miss(self, name: str, reason: str, remedy: str) -> None:
+        """Note one that lives and could not even be asked; nobody knows better.
 
         Args:
-            name: of the robot.
-            where: it lives, for people.
+            name: of the robot, or of what may have robots.
+            reason: as a clause: `in process 4711, which hangs`.
             remedy: what a person can do about it.
         """
-        self.deny(name, f"in {where}, which hangs")
+        self._first_hand.add(name)
+        self.deny(name, reason)
         self._advice[remedy] = None
 
     def settle(self) -> Sequence[str]:

@@ -97,13 +97,13 @@ class DuplicateName(AddressError):
 class NameInSilence(AddressError):
     """An agent that lives and cannot be reached has this name; when it wakes there would be two."""
 
-    sentence = "a {role} named {name!r} is in {where}, which hangs; choose another name, or: {remedy}"
+    sentence = "a {role} named {name!r} is in {where}; choose another name, or: {remedy}"
 
 
 class Hanging(AddressError):
     """An agent of this name lives in a process that does not answer."""
 
-    sentence = "the {role} {name!r} is in {where}, which hangs and does not answer; {remedy}"
+    sentence = "the {role} {name!r} is in {where} and does not answer; {remedy}"
 
 
 class NoSuchRobot(AddressError):

@@ -1,8 +1,8 @@
 """What agents say to each other: one tagged value per request and per reply, as MessagePack.
 
 A request is answered by one reply, except `Call`, which is answered by `Accepted`, any number of
-`Progress` and one `Returned`; `Failed` may end any of them. Decoding never trusts the sender: what cannot
-be read is `Garbled`.
+`Progress` and one `Returned`, and `SafeStop`, by `Accepted` and `Done`; `Failed` may end any of them.
+Decoding never trusts the sender: what cannot be read is `Garbled`.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Release(_Message, frozen=True, kw_only=True):
 
 
 class SafeStop(_Message, frozen=True, kw_only=True):
-    """Protective stop, from anyone, at once, down to the hardware. Answered by `Done`."""
+    """Protective stop, from anyone, at once, down to the hardware. Answered by `Accepted` and `Done`."""
 
     reason: str = ""
     within: float = PATIENCE
@@ -218,9 +218,10 @@ class Described(_Message, frozen=True, kw_only=True):
 
 
 class Accepted(_Message, frozen=True, kw_only=True):
-    """The command is in the queue; from here on it is carried out at most once."""
+    """The command is in the queue; from here on it is carried out at most once. A stop: it has begun."""
 
     key: str
+    """Of the call, or the stop's order."""
 
 
 class Progress(_Message, frozen=True, kw_only=True):

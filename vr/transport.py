@@ -29,13 +29,26 @@ PresenceHandler = Callable[[str, bool], None]
 """Takes one change of presence: the key, and whether it is there now. Must not block."""
 
 
-class Silent(msgspec.Struct, frozen=True):
-    """Something that a living process holds present, and that is not seen from here."""
+class Held(msgspec.Struct, frozen=True):
+    """Something that a living process holds present, by the record that its machine keeps of it."""
 
     key: str
     """As announced."""
     where: str
-    """Who holds it, for people: `process 4711`."""
+    """Who holds it and does not answer, for people: `process 4711, which hangs`."""
+    remedy: str
+    """What a person can do about that."""
+    asleep: bool = False
+    """Whether that process is stopped, as by Ctrl-Z: it cannot answer anybody."""
+
+
+class Unlisted(msgspec.Struct, frozen=True):
+    """A process of the realm that lives, and that nobody who comes now can reach."""
+
+    where: str
+    """Which, for people: `process 4711`."""
+    reason: str
+    """Why, as a clause."""
     remedy: str
     """What a person can do about it."""
 
@@ -91,11 +104,22 @@ class Transport(Protocol):
         """Return the keys that are present now."""
         ...
 
-    async def silent(self, pattern: str) -> list[Silent]:
+    async def silent(self, pattern: str) -> list[Held]:
         """Return what is present under a pattern for its holder but not for us.
 
         Presence cannot tell a process that hangs from one that never was, least of all to a newcomer. Where
         somebody else knows who lives, this compares. Things on their way look silent for a moment.
+        """
+        ...
+
+    async def held(self, pattern: str) -> list[Held]:
+        """Return what is present under a pattern for its holder, seen from here or not. Asks no network."""
+        ...
+
+    async def unlisted(self) -> list[Unlisted]:
+        """Return the processes of the realm that live and are in no record. Asks no network.
+
+        Who is just entering is among them for a moment.
         """
         ...
 

@@ -16,6 +16,7 @@ from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachabl
 from robotree.vr.exchange.answering import Say, not_for
 from robotree.vr.lease import Tenure
 from robotree.vr.requests import (
+    Accepted,
     Call,
     Cancel,
     Delete,
@@ -87,7 +88,7 @@ class AgentRequests:
         self._lease, self._desk, self._bonds = lease, desk, desk.bonds
         self._portrait = portrait
         self._told: tuple[CommandSpec, ...] = ()
-        stopping = Stopping(robot, life.address, lease, desk, on_change=life.changed)
+        self._stopping = stopping = Stopping(robot, life.address, lease, desk, on_change=life.changed)
         self._handlers: dict[type, Callable[[Any], Awaitable[Reply]]] = {
             Describe: self._describe,
             Cancel: self._cancel,
@@ -95,7 +96,6 @@ class AgentRequests:
             Retract: self._retract,
             Renew: self._renew,
             Release: self._release,
-            SafeStop: stopping.safe_stop,
             Resume: stopping.resume,
             Enslave: self._enslave,
             Free: self._free,
@@ -111,6 +111,9 @@ class AgentRequests:
             raise Unreachable(key=self._life.address.key)
         if isinstance(request, Call):
             await self._desk.answer(request, say)
+        elif isinstance(request, SafeStop):
+            say(Accepted(key=request.order))  # who orders it must know at once whom it has reached
+            say(await self._stopping.safe_stop(request))
         elif isinstance(request, Delete):
             await self._delete(say)
         elif handler := self._handlers.get(type(request)):

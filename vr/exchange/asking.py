@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 from robotree.vr.errors import Garbled, Unreachable
 from robotree.vr.exchange.timely import Question
-from robotree.vr.requests import Failed, Reply, Request, decode_reply
+from robotree.vr.requests import Accepted, Failed, Reply, Request, decode_reply
 from robotree.vr.transport import Transport
 
 _R = TypeVar("_R", bound=Reply)
@@ -20,6 +21,7 @@ async def ask(
     *,
     timeout: float,
     urgent: bool = False,
+    heard: Callable[[], None] = lambda: None,
 ) -> _R:
     """Ask the agent that serves a key, and return its answer.
 
@@ -30,6 +32,7 @@ async def ask(
         answer: the kind of reply that answers it.
         timeout: [s] to wait.
         urgent: ahead of everything else.
+        heard: told when the agent says that it has the request and that its answer may take a while.
 
     Raises:
         TransportError: there is no answer, or one that cannot be read.
@@ -41,6 +44,9 @@ async def ask(
             reply = decode_reply(body, key=key)
             if isinstance(reply, Failed):
                 raise reply.revive()
+            if isinstance(reply, Accepted):
+                heard()
+                continue
             if not isinstance(reply, answer):
                 what = f"{type(reply).__name__} is no answer to {type(request).__name__}"
                 raise Garbled(key=key, detail=what)

@@ -12,7 +12,7 @@ import secrets
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.errors import DuplicateName, NameInSilence
-from robotree.vr.transport import Registration, Silent, Transport
+from robotree.vr.transport import Held, Registration, Transport
 
 SETTLE = 0.1
 """[s] after which an announcement has reached everybody, and a farewell too."""
@@ -86,7 +86,7 @@ async def _others(transport: Transport, address: Address) -> list[Address]:
     return [other for other in found if other is not None and other != address]
 
 
-async def _silent(transport: Transport, address: Address) -> list[Silent]:
+async def _silent(transport: Transport, address: Address) -> list[Held]:
     silent = await asyncio.gather(*map(transport.silent, _patterns(address)))
     return [one for some in silent for one in some if one.key != address.key]
 

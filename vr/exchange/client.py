@@ -194,6 +194,7 @@ class RobotClient:
         order: str = "",
         timeout: float | None = None,
         within: float | None = None,
+        heard: Callable[[], None] = lambda: None,
     ) -> Sequence[str]:
         """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
@@ -203,6 +204,7 @@ class RobotClient:
             timeout: [s] to wait until all below have been told; None: the client's patience.
             within: [s] in which the robot must answer to be heard in time; None: the way there and back has
                 not been measured.
+            heard: told when the robot says that it has the stop, before it is confirmed.
 
         Returns:
             The names of those that have confirmed it: the robot and all below it.
@@ -213,7 +215,7 @@ class RobotClient:
         """
         patience = self._patience if timeout is None else timeout
         stop = SafeStop(reason=reason, order=order, within=unmeasured(patience) if within is None else within)
-        return (await self._ask(stop, Done, urgent=True, timeout=patience)).told
+        return (await self._ask(stop, Done, urgent=True, timeout=patience, heard=heard)).told
 
     async def resume(
         self,
@@ -301,7 +303,15 @@ class RobotClient:
         await self._ask(Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout)
 
     async def _ask(
-        self, request: Request, answer: type[_R], *, urgent: bool = False, timeout: float | None = None
+        self,
+        request: Request,
+        answer: type[_R],
+        *,
+        urgent: bool = False,
+        timeout: float | None = None,
+        heard: Callable[[], None] = lambda: None,
     ) -> _R:
         seconds = self._patience if timeout is None else timeout
-        return await ask(self._transport, self.address.key, request, answer, timeout=seconds, urgent=urgent)
+        return await ask(
+            self._transport, self.address.key, request, answer, timeout=seconds, urgent=urgent, heard=heard
+        )

@@ -19,7 +19,7 @@ from robotree.vr.exchange.claim import SETTLE
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
-from robotree.vr.transport import Registration, Silent, Transport
+from robotree.vr.transport import Held, Registration, Transport
 
 SYNCHRONISE = 10.0
 """[s] between full comparisons with each service: news that a busy network dropped is made up for."""
@@ -150,7 +150,7 @@ class Directory:
         """
         _complain(await self.hanging(pattern))
 
-    async def hanging(self, pattern: str) -> list[Silent]:
+    async def hanging(self, pattern: str) -> list[Held]:
         """Return who lives under a pattern in a process that hangs, of those who have just not answered.
 
         A question to it may end a moment before its presence does, so this looks until that is over, or for
@@ -251,7 +251,7 @@ class Directory:
                     _log.exception("a listener to the directory raised")
 
 
-def _complain(silent: list[Silent]) -> None:
+def _complain(silent: list[Held]) -> None:
     for one in silent:
         if address := Address.parse(one.key):
             raise Hanging(role=address.role, name=address.name, where=one.where, remedy=one.remedy)

@@ -17,12 +17,13 @@ from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.transport import (
+    Held,
     PresenceHandler,
     Registration,
     RequestHandler,
     Respond,
     SampleHandler,
-    Silent,
+    Unlisted,
 )
 
 WAITING_SAMPLES = 4096
@@ -156,10 +157,20 @@ class LocalTransport:
         self._check(pattern)
         return self.mesh.present(pattern)
 
-    async def silent(self, pattern: str) -> list[Silent]:
+    async def silent(self, pattern: str) -> list[Held]:
         """See `Transport.silent`."""
         self._check(pattern)
         return self.mesh.silent(pattern)
+
+    async def held(self, pattern: str) -> list[Held]:
+        """See `Transport.held`."""
+        self._check(pattern)
+        return self.mesh.held(pattern)
+
+    async def unlisted(self) -> list[Unlisted]:
+        """See `Transport.unlisted`."""
+        self._check("")
+        return self.mesh.unlisted()
 
     async def close(self) -> None:
         """See `Transport.close`."""

@@ -23,7 +23,7 @@ import socket
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Any, Final
 
@@ -44,9 +44,10 @@ from robotree.vr.network.frames import (
     pack,
 )
 from robotree.vr.network.link import Link, Overflow
+from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.pattern import matches
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
-from robotree.vr.transport import Silent
+from robotree.vr.transport import Held, Unlisted
 
 TICK: Final = 0.5
 """[s] between two beats, and between two looks into the folder."""
@@ -63,9 +64,11 @@ FAREWELL: Final = 0.5
 REMEMBERED: Final = 4096
 """Keys for which it is remembered who wants their samples."""
 
-WAKE: Final = "`kill -CONT {}` wakes it, `kill -9 {}` ends it"
 REPLACE: Final = "process {} runs another version of robotree; start it again with this one"
-"""What a person can do about a process that is not heard."""
+"""What a person can do about a process that is not understood."""
+
+NAMELESS: Final = "it has no name in the folder of the realm, so that nobody who comes now can reach it"
+"""Why a process that lives cannot be told anything."""
 
 Respond = Callable[[bytes], None]
 Answer = Callable[[bytes, bool, Respond, Callable[[], None]], None]
@@ -242,20 +245,37 @@ class Mesh:
         with self._lock:
             self._watchers.pop(number, None)
 
-    def silent(self, pattern: str) -> list[Silent]:
+    def silent(self, pattern: str) -> list[Held]:
         """Return what is held present by processes that live and are not heard."""
         with self._lock:
-            silent = [peer for peer in self._peers.values() if not peer.awake]
-            known = {peer.tag: peer.known[Topic.HOLDS].copy() for peer in silent if peer.met}
-            strangers = list(self._strangers)
-        found: list[Silent] = []
-        for tag in [peer.tag for peer in silent] + strangers:
+            return self._held_by([peer for peer in self._peers.values() if not peer.awake], pattern)
+
+    def held(self, pattern: str) -> list[Held]:
+        """Return what is held present by all processes that live, this one included."""
+        with self._lock:
+            own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
+            return _held(os.getpid(), own) + self._held_by(list(self._peers.values()), pattern)
+
+    def unlisted(self) -> list[Unlisted]:
+        """Return the processes that live and that nobody finds who comes now; this one has not met them."""
+        with self._lock:
+            unknown = [tag for tag in self.place.unlisted() if tag not in self._peers]
+        return [
+            Unlisted(f"process {process}", NAMELESS, remedy(process, f"`kill {process}` ends it"))
+            for process in map(process_of, unknown)
+        ]
+
+    def _held_by(self, peers: list[_Peer], pattern: str) -> list[Held]:
+        """Return what some processes hold, and those too that are not understood. Under the lock."""
+        found: list[Held] = []
+        for peer in peers:
+            keys = (peer.met and peer.known[Topic.HOLDS]) or self.place.keys_of(peer.tag)
+            found += _held(process_of(peer.tag), [key for key in keys if matches(pattern, key)])
+        for tag in self._strangers:
             process = process_of(tag)
-            advice = REPLACE.format(process) if tag in strangers else WAKE.format(process, process)
-            keys = known.get(tag) or set(self.place.keys_of(tag))
-            found += [
-                Silent(key, f"process {process}", advice) for key in sorted(keys) if matches(pattern, key)
-            ]
+            where, advice = f"process {process}, which is not understood", REPLACE.format(process)
+            keys = self.place.keys_of(tag)
+            found += [Held(key, where, advice) for key in sorted(keys) if matches(pattern, key)]
         return found
 
     def ask(self, key: str, body: bytes, *, latest: float, urgent: bool, hear: Hear) -> Callable[[], None]:
@@ -705,3 +725,11 @@ class Mesh:
                 end.close()
         self._selector.close()
         self._ended_all.set_result(None)
+
+
+def _held(process: int, keys: Iterable[str]) -> list[Held]:
+    sleeps = asleep(process)
+    how = "which hangs" if sleeps else "which lives and could not be reached from here"
+    end = f"ask again from another terminal; should nobody get an answer, `kill {process}` ends it"
+    advice = remedy(process, end)
+    return [Held(key, f"process {process}, {how}", advice, asleep=sleeps) for key in sorted(keys)]

@@ -30,6 +30,7 @@ from pathlib import Path
 from robotree import files
 from robotree.vr.address import check_name
 from robotree.vr.errors import RealmUnusable
+from robotree.vr.network.living import listening
 
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"
@@ -39,6 +40,9 @@ BACKLOG = 4096
 
 LONGEST_LIST = 1 << 22
 """[bytes] of a list of keys that are read; a longer file is not one of ours."""
+
+LONGEST_PATH = 108
+"""[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
 
 ABANDONED = 60.0
 """[s] after which a file that was never given its final name is removed."""
@@ -64,8 +68,9 @@ def realm_name(realm: str | None) -> str:
 
 
 def met(realm: str) -> bool:
-    """Whether a realm's folder is there: somebody has made it, now or once. Looking makes nothing."""
-    return (runtime_directory() / realm).is_dir()
+    """Whether a realm's folder is there, or somebody lives who has made it. Looking makes nothing."""
+    directory = runtime_directory() / realm
+    return directory.is_dir() or bool(listening(directory))
 
 
 def process_of(tag: str) -> int:
@@ -239,6 +244,14 @@ class Rendezvous:
             with contextlib.suppress(OSError):
                 (self.directory / f"{tag}{end}").unlink()
 
+    def unlisted(self) -> list[str]:
+        """Return the tags of those that listen here and have no name: somebody has removed it.
+
+        Who is just entering is among them for a moment.
+        """
+        names = {name.removeprefix(".") for name in listening(self.directory)}
+        return sorted(tag for tag in names.difference([self.tag], self.others()) if _TAG.fullmatch(tag))
+
     # -- inside
 
     def _path(self, end: str) -> Path:
@@ -261,7 +274,13 @@ class Rendezvous:
 
     @contextlib.contextmanager
     def _short(self, path: Path) -> Generator[str]:
-        """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7))."""
+        """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
+
+        It is left as it is where that is short enough: the system remembers it, see `unlisted`.
+        """
+        if len(os.fsencode(path)) < LONGEST_PATH:
+            yield str(path)
+            return
         folder = os.open(path.parent, os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             yield f"/proc/self/fd/{folder}/{path.name}"

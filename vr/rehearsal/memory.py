@@ -19,7 +19,7 @@ from robotree.vr.errors import TransportClosed
 from robotree.vr.network.pattern import matches
 from robotree.vr.network.replies import Replies
 from robotree.vr.rehearsal.memory_link import Link
-from robotree.vr.transport import PresenceHandler, Registration, RequestHandler, SampleHandler, Silent
+from robotree.vr.transport import Held, PresenceHandler, Registration, RequestHandler, SampleHandler, Unlisted
 
 _log = logging.getLogger(__name__)
 
@@ -39,12 +39,15 @@ class MemoryNetwork:
         self._links: dict[frozenset[MemoryTransport], Link] = {}
         self._frozen: set[MemoryTransport] = set()
         self._cut: set[frozenset[MemoryTransport]] = set()
+        self.unlisted: set[MemoryTransport] = set()
+        """Those whom nobody who comes from now on can reach: see `unlist`."""
         self._posts: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
 
     def join(self, name: str = "") -> MemoryTransport:
         """Return the transport of a new member. The name is for messages only."""
         member = MemoryTransport(self, name or f"member-{len(self.members)}")
+        self._cut.update(frozenset((member, other)) for other in self.unlisted)
         self.members.append(member)
         self._look_at_links()
         self.refresh()
@@ -78,6 +81,10 @@ class MemoryNetwork:
         self._cut.discard(frozenset((one, other)))
         self._look_at_links()
 
+    def unlist(self, member: MemoryTransport) -> None:
+        """Take a member out of the record: who comes from now on never meets it."""
+        self.unlisted.add(member)
+
     # -- for the members and links ----------------------------------------------------------------
 
     def link(self, one: MemoryTransport, other: MemoryTransport) -> Link:
@@ -96,6 +103,12 @@ class MemoryNetwork:
             loop.call_at(when, self._pump, when)
         else:
             loop.call_soon(self._pump, when)
+
+    def held(self, member: MemoryTransport, key: str) -> Held:
+        """Return what the record says of something that a member holds."""
+        frozen = member in self._frozen
+        how = "which hangs" if frozen else "which lives and could not be reached from here"
+        return Held(key, f"{member.name}, {how}", f"thaw {member.name}", asleep=frozen)
 
     def refresh(self) -> None:
         """Let every watcher compare what it sees with what it saw."""
@@ -216,15 +229,29 @@ class MemoryTransport:
         self._check(pattern)
         return self._visible(pattern)
 
-    async def silent(self, pattern: str) -> list[Silent]:
+    async def silent(self, pattern: str) -> list[Held]:
         """See `Transport.silent`."""
+        seen = set(self._visible(pattern))
+        return [one for one in await self.held(pattern) if one.key not in seen]
+
+    async def held(self, pattern: str) -> list[Held]:
+        """See `Transport.held`."""
         self._check(pattern)
         return [
-            Silent(key, member.name, f"thaw {member.name}")
+            self.network.held(member, key)
             for member in self.network.members
-            if not self._sees(member)
+            if member not in self.network.unlisted
             for key in member.tokens
             if matches(pattern, key)
+        ]
+
+    async def unlisted(self) -> list[Unlisted]:
+        """See `Transport.unlisted`."""
+        self._check("")
+        return [
+            Unlisted(member.name, "its entry is gone", f"list {member.name}")
+            for member in self.network.members
+            if member in self.network.unlisted and member is not self
         ]
 
     async def close(self) -> None:

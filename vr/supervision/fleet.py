@@ -20,7 +20,8 @@ from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
 from robotree.vr.supervision.orders import Orders
-from robotree.vr.transport import Registration, Silent, Transport
+from robotree.vr.supervision.stop import OnLate
+from robotree.vr.transport import Held, Registration, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -75,7 +76,7 @@ class Fleet:
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
         return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
 
-    async def silent(self) -> Sequence[Silent]:
+    async def silent(self) -> Sequence[Held]:
         """Return who lives in a process that hangs; who is on its way looks so for a moment, too."""
         return await self._transport.silent("*/*/*")
 
@@ -166,18 +167,24 @@ class Fleet:
         """End all commands of a robot."""
         await self._ask(name, lambda robot: robot.cancel(reason="the operator ended it"))
 
-    async def stop(self, name: str | None) -> Sequence[str]:
+    async def stop(self, name: str | None, *, on_late: OnLate = lambda _: None) -> Sequence[str]:
         """Protective stop of one robot or of all, at once, down to the hardware.
+
+        It can be given before `start`: then it concerns those who live on this machine.
+
+        Args:
+            name: of the robot; None: all.
+            on_late: told, half a second later at most, who has not said a word yet and is waited for.
 
         Returns:
             The names of those that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
-                were told before this is raised; it names both.
+            NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
+                before this is raised; it names both, and the processes.
         """
-        return await self._orders.stop(name, "the operator's protective stop")
+        return await self._orders.stop(name, "the operator's protective stop", on_late)
 
     async def resume(self, name: str | None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.

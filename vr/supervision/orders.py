@@ -7,24 +7,18 @@ ends no stop that came after it was asked for: the robots count their stops, and
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from robotree.vr.address import Address, everyone
 from robotree.vr.confirmation import Confirmations
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
-from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.transport import Silent, Transport
+from robotree.vr.supervision.stop import CONFIRM, OnLate, Stop
+from robotree.vr.transport import Held, Transport
 
-CONFIRM = 3.0
-"""[s] for all robots to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
-nothing; this is how long it takes to say that somebody has not confirmed it."""
-
-LOOK = 0.05
-"""[s] between two looks at who is there and has not been told."""
-
-LATE = "it came to sight only after that had been asked for"
+UNSEEN = "it came to sight only after that had been asked for"
 
 Asked = dict[Address, asyncio.Future[Sequence[str]]]
 """What comes back of each robot: the names of those that have confirmed, or an error."""
@@ -44,34 +38,24 @@ class Orders:
         """
         self._directory, self._transport = directory, transport
 
-    async def stop(self, name: str | None, reason: str) -> Sequence[str]:
-        """Stop at once all whom it concerns, also those who come to sight meanwhile.
+    async def stop(self, name: str | None, reason: str, on_late: OnLate) -> Sequence[str]:
+        """Stop at once all whom it concerns, also those who come to sight meanwhile; see `Stop`.
 
         Args:
             name: of the robot; None: all.
             reason: for those whose commands it ends.
+            on_late: told once, when a robot has not been heard for a while and is waited for.
 
         Returns:
             The names of those that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one that lives has not confirmed it, or lives in a process that hangs. All others
-                were told before this is raised; it names both.
+            NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
+                before this is raised; it names both.
         """
-        asked: Asked = {}
-        order = fresh_key()
-
-        def tell(address: Address) -> None:
-            asked[address] = asyncio.ensure_future(self._client(address).safe_stop(reason, order=order))
-
-        if name is None:
-            silent = await self._tell_all(asked, tell)
-        else:
-            found, silent = await self._find(name)
-            if found is not None:
-                tell(found)
-        return await self._judge(name, Confirmations("the protective stop"), asked, silent)
+        stop = Stop(self._directory, self._transport, name, reason=reason, on_late=on_late)
+        return await stop.give()
 
     async def resume(self, name: str | None) -> Sequence[str]:
         """End the stops that are in force now, of all whom it concerns and who are seen; see `stop`."""
@@ -83,14 +67,14 @@ class Orders:
                 asked = {address: self._begin_to_resume(address, looks) for address in looks}
                 silent = await self._transport.silent(everyone("robot"))
                 for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
-                    confirmations.deny(address.name, LATE)
+                    confirmations.deny(address.name, UNSEEN)
             else:
                 asked = {}
                 found, silent = await self._find(name)
                 if found in looks:
                     asked[found] = self._begin_to_resume(found, looks)
                 elif found is not None:
-                    confirmations.deny(found.name, LATE)
+                    confirmations.deny(found.name, UNSEEN)
             return await self._judge(name, confirmations, asked, silent)
         finally:
             for look in looks.values():
@@ -102,7 +86,7 @@ class Orders:
     def _client(self, address: Address) -> RobotClient:
         return RobotClient(self._transport, address, patience=CONFIRM)
 
-    async def _find(self, name: str) -> tuple[Address | None, list[Silent]]:
+    async def _find(self, name: str) -> tuple[Address | None, list[Held]]:
         """Return the robot of a name, or what is known of the process that holds it."""
         try:
             return await self._directory.resolve(name), []
@@ -110,25 +94,6 @@ class Orders:
             if silent := await self._transport.silent(everyone("robot", name)):
                 return None, silent
             return await self._directory.resolve(name), []  # it woke up just now
-
-    async def _tell_all(self, asked: Asked, tell: Callable[[Address], None]) -> list[Silent]:
-        """Tell all who are seen at once, then those who come to sight until all have answered."""
-        loop = asyncio.get_running_loop()
-        latest = loop.time() + CONFIRM
-        seen = set(self._directory.present("robot"))
-        while True:
-            for address in seen - asked.keys():
-                tell(address)
-            silent = await self._transport.silent(everyone("robot"))
-            # in this order: who is silent no longer is seen now
-            seen = _addresses(await self._transport.present(everyone("robot")))
-            waiting = [asking for asking in asked.values() if not asking.done()]
-            if loop.time() > latest or not (seen - asked.keys() or silent or waiting):
-                return silent
-            if waiting:
-                await asyncio.wait(waiting, timeout=LOOK)
-            elif silent:
-                await asyncio.sleep(LOOK)
 
     def _look(self, address: Address) -> asyncio.Future[RobotDescription]:
         return asyncio.ensure_future(self._client(address).describe(urgent=True))
@@ -140,7 +105,7 @@ class Orders:
         return asyncio.ensure_future(resume())
 
     async def _judge(
-        self, name: str | None, confirmations: Confirmations, asked: Asked, silent: list[Silent]
+        self, name: str | None, confirmations: Confirmations, asked: Asked, silent: list[Held]
     ) -> Sequence[str]:
         """Wait for all answers and say who has confirmed; see `stop`."""
         results = await asyncio.gather(*asked.values(), return_exceptions=True)
@@ -149,7 +114,7 @@ class Orders:
         missed = {one.key for one in silent}
         for one in silent:
             address = Address.parse(one.key)
-            confirmations.miss(one.key if address is None else address.name, one.where, one.remedy)
+            confirmations.miss(one.key if address is None else address.name, f"in {one.where}", one.remedy)
         # those last who obey only their parent: it may have told them, and then it names them
         for address, answer in sorted(answers.items(), key=lambda each: isinstance(each[1], NotInControl)):
             above = isinstance(answer, NotInControl) and confirmations.names(address.name)
@@ -159,7 +124,7 @@ class Orders:
 
     async def _fell_silent(
         self, name: str | None, answers: Mapping[Address, Sequence[str] | BaseException]
-    ) -> list[Silent]:
+    ) -> list[Held]:
         """Return who lives and hangs: of those who gave no answer, somebody else may know more."""
         if not any(isinstance(answer, BaseException) for answer in answers.values()):
             return []

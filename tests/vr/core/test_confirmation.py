@@ -29,7 +29,7 @@ def test_one_error_names_both_sides_the_reasons_and_what_to_do() -> None:
     confirmations.take("b", NoAnswer(key="robot/b/1", seconds=3.0))
     confirmations.take("c", Unreachable(key="robot/c/1"))
     for name in ("d", "e"):
-        confirmations.miss(name, "process 7", "`kill -CONT 7` wakes it")
+        confirmations.miss(name, "in process 7, which hangs", "`kill -CONT 7` wakes it")
     with pytest.raises(NotConfirmed) as caught:
         confirmations.settle()
     assert str(caught.value) == (
@@ -57,7 +57,9 @@ def test_what_a_parent_tells_of_its_children_is_told_once_and_with_their_names()
 
 def test_words_of_people_never_make_two_robots_of_one_and_advice_comes_all_the_way_up() -> None:
     below = Confirmations("the protective stop")
-    below.miss("arm", "process 7 (a; b), left", "`kill -CONT 7` wakes it; if not, `kill -9 7`")
+    below.miss(
+        "arm", "in process 7 (a; b), left, which hangs", "`kill -CONT 7` wakes it; if not, `kill -9 7`"
+    )
     with pytest.raises(NotConfirmed) as inner:
         below.settle()
     over_the_network = Failed.of(inner.value)

@@ -26,12 +26,13 @@ from robotree.vr.network.zenoh.making import made
 from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
+    Held,
     PresenceHandler,
     Registration,
     RequestHandler,
     Respond,
     SampleHandler,
-    Silent,
+    Unlisted,
 )
 
 LARGE = 8192
@@ -235,9 +236,19 @@ class ZenohTransport:
         await complete
         return sorted(keys)
 
-    async def silent(self, pattern: str) -> list[Silent]:
+    async def silent(self, pattern: str) -> list[Held]:
         """See `Transport.silent`: Zenoh knows of nobody whom it does not hear."""
         self._open(pattern)
+        return []
+
+    async def held(self, pattern: str) -> list[Held]:
+        """See `Transport.held`: other machines' records are not to be had."""
+        self._open(pattern)
+        return []
+
+    async def unlisted(self) -> list[Unlisted]:
+        """See `Transport.unlisted` and `held`."""
+        self._open("")
         return []
 
     async def close(self) -> None:

@@ -1,0 +1,206 @@
+"""One protective stop, given to one robot or to all: it waits for nobody, and says whom it may have missed.
+
+Whom to tell is read from the record that the machine keeps of who lives, so that nobody has to be looked for
+first. A robot that has not even said that it has the stop is named soon, with its process; one that has it
+may take as long as its hardware needs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from robotree.vr.address import Address, check_name, everyone
+from robotree.vr.confirmation import LEAST, Confirmations
+from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
+from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.lookup.directory import Directory
+from robotree.vr.transport import Held, Transport, Unlisted
+
+CONFIRM = 3.0
+"""[s] for a robot to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
+nothing; this is how long it takes to say that somebody has not confirmed it."""
+
+LOOK = 0.05
+"""[s] between two looks at who is there and has not been told."""
+
+LATE = 0.5
+"""[s] without a word from a robot, after which it is named."""
+
+ASLEEP = 0.7
+"""[s] without a word from a robot whose process is stopped, after which nobody waits for it any more."""
+
+UNLISTED = 0.8
+"""[s] for a process without a name to take one: each looks twice a second whether its own is there."""
+
+OnLate = Callable[[str], None]
+"""Takes a sentence that names who has not been heard yet."""
+
+
+class _Told:
+    """One robot, from the moment when it is told."""
+
+    def __init__(self, address: Address, now: float) -> None:
+        self.address, self.since = address, now
+        self.heard = False
+        """Whether it has said that it has the stop."""
+        self.answer: Sequence[str] | VrError | None = None
+        self.telling: asyncio.Task[None] | None = None
+
+    def hear(self) -> None:
+        self.heard = True
+
+    @property
+    def waiting(self) -> bool:
+        """Whether an answer may still come."""
+        return self.telling is not None and not self.telling.done()
+
+
+class Stop:
+    """One order, from giving it to what came of it. Used once, on the event loop."""
+
+    def __init__(
+        self,
+        directory: Directory,
+        transport: Transport,
+        name: str | None,
+        *,
+        reason: str,
+        on_late: OnLate,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            directory: knows the robots that are seen.
+            transport: the way to them.
+            name: of the robot; None: all.
+            reason: for those whose commands it ends.
+            on_late: told once, when a robot has not been heard for a while and is waited for.
+
+        Raises:
+            BadName: no robot can have this name.
+        """
+        self._pattern = everyone("robot", "*" if name is None else check_name(name))
+        self._directory, self._transport, self._name = directory, transport, name
+        self._reason, self._on_late = reason, on_late
+        self._order = fresh_key()
+        self._told: dict[Address, _Told] = {}
+        self._held: dict[Address, Held] = {}
+        self._unlisted: dict[Unlisted, float] = {}
+        """Those of whom nothing else is known, and since when [s]."""
+        self._named = False
+
+    async def give(self) -> Sequence[str]:
+        """Tell all whom it concerns, also those who come to sight meanwhile, and wait for what they say.
+
+        Returns:
+            The names of those that have confirmed it.
+
+        Raises:
+            NoSuchRobot: there is none of this name.
+            NotConfirmed: one has not confirmed it, or may have been missed; it names both sides.
+        """
+        try:
+            while True:
+                await self._look()
+                now = _now()
+                if self._settled(now):
+                    return self._verdict()
+                self._name_the_late(now)
+                await self._news()
+        finally:
+            await self._end()
+
+    # -- telling ----------------------------------------------------------------------------------
+
+    async def _look(self) -> None:
+        """See who is there, and tell who has not been told."""
+        held, unlisted = await self._transport.held(self._pattern), await self._transport.unlisted()
+        addresses = ((Address.parse(one.key), one) for one in held)
+        self._held = {address: one for address, one in addresses if address is not None}
+        self._unlisted = {one: self._unlisted.get(one, _now()) for one in unlisted}
+        seen = {one for one in self._directory.present("robot") if self._name in {None, one.name}}
+        for address in sorted(seen | self._held.keys()):
+            if address not in self._told:
+                told = self._told[address] = _Told(address, _now())
+                told.telling = asyncio.ensure_future(self._tell(told))
+
+    async def _tell(self, told: _Told) -> None:
+        """Tell one robot, until it has answered or its time is over."""
+        client, until = RobotClient(self._transport, told.address), told.since + CONFIRM
+        while (left := until - _now()) > LEAST:
+            try:
+                told.answer = await client.safe_stop(
+                    self._reason, order=self._order, timeout=left, heard=told.hear
+                )
+            except Unreachable as error:  # its process has ended, or is on its way
+                if told.address in self._held:
+                    await asyncio.sleep(LOOK)
+                    continue
+                told.answer = error
+            except NoAnswer:
+                pass
+            except VrError as error:
+                told.answer = error
+            return
+
+    # -- judging ----------------------------------------------------------------------------------
+
+    def _settled(self, now: float) -> bool:
+        """Whether nothing more can come of it, or all time is over."""
+        fresh = any(now < since + UNLISTED for since in self._unlisted.values())
+        return not fresh and not any(self._awaited(told, now) for told in self._told.values())
+
+    def _awaited(self, told: _Told, now: float) -> bool:
+        held = self._held.get(told.address)
+        hopeless = not told.heard and held is not None and held.asleep and now > told.since + ASLEEP
+        return told.waiting and not hopeless
+
+    def _name_the_late(self, now: float) -> None:
+        late = [told for told in self._told.values() if not told.heard and told.waiting]
+        names = [self._in_words(told.address) for told in late if now > told.since + LATE]
+        names += [one.where for one, since in self._unlisted.items() if now > since + LATE]
+        if names and not self._named:
+            self._named = True
+            self._on_late(f"the protective stop goes on, with no word yet from {', '.join(names)}")
+
+    def _in_words(self, address: Address) -> str:
+        held = self._held.get(address)
+        return address.name if held is None else f"{address.name} (in {held.where})"
+
+    def _verdict(self) -> Sequence[str]:
+        if self._name is not None and not self._told and not self._unlisted:
+            raise NoSuchRobot(name=self._name)
+        confirmations = Confirmations("the protective stop")
+        for address, told in self._told.items():
+            held, answer = self._held.get(address), told.answer
+            if answer is not None and not (held and isinstance(answer, Unreachable)):
+                confirmations.take(address.name, answer)
+            elif told.heard:
+                confirmations.deny(address.name, "it has the stop and has not confirmed it")
+            elif held is not None:
+                confirmations.miss(address.name, f"in {held.where}", held.remedy)
+            else:
+                confirmations.take(address.name, NoAnswer(key=address.key, seconds=CONFIRM))
+        for one in self._unlisted:
+            confirmations.miss(one.where, one.reason, one.remedy)
+        return confirmations.settle()
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _news(self) -> None:
+        """Wait until a robot has answered, or for a moment."""
+        if tellings := [told.telling for told in self._told.values() if told.telling and told.waiting]:
+            await asyncio.wait(tellings, timeout=LOOK, return_when=asyncio.FIRST_COMPLETED)
+        else:
+            await asyncio.sleep(LOOK)
+
+    async def _end(self) -> None:
+        tellings = [told.telling for told in self._told.values() if told.telling]
+        for telling in tellings:
+            telling.cancel()
+        await asyncio.gather(*tellings, return_exceptions=True)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
