@@ -35,11 +35,22 @@ class Held(msgspec.Struct, frozen=True):
     key: str
     """As announced."""
     where: str
-    """Who holds it and does not answer, for people: `process 4711, which hangs`."""
+    """Who holds it, for people: `process 4711`."""
     remedy: str
-    """What a person can do about that."""
+    """What a person can do if it does not answer."""
+    how: str = "which hangs"
+    """How that process is if it does not answer, as a clause."""
     asleep: bool = False
     """Whether that process is stopped, as by Ctrl-Z: it cannot answer anybody."""
+
+    @property
+    def in_words(self) -> str:
+        """Who holds it and does not answer, for people: `process 4711, which hangs`."""
+        return f"{self.where}, {self.how}"
+
+
+Silent = Held
+"""What is held and not seen from here."""
 
 
 class Unlisted(msgspec.Struct, frozen=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -100,6 +101,23 @@ async def test_a_stop_is_told_until_it_is_released() -> None:
     assert "STOPPED" in (await robotree("show", "talker"))[1]
     await robotree("resume")
     assert "STOPPED" not in (await robotree("show", "talker"))[1]
+
+
+async def test_a_stop_that_cannot_reach_a_robot_names_its_process_and_fails(crew: Crew, place: Path) -> None:
+    host = crew.members[-1].pid
+    os.kill(host, signal.SIGSTOP)
+    try:
+        stopping = await start("stop")
+        out, err = await asyncio.wait_for(stopping.communicate(), 60)
+    finally:
+        os.kill(host, signal.SIGCONT)
+    assert (stopping.returncode, out) == (exit_codes.NOBODY, b"")
+    (first, last), where = err.decode().splitlines(), f"talker (in process {host}, which hangs)"
+    assert first == f"robotree: the protective stop goes on, with no word yet from {where}"
+    assert f"by nobody but NOT by {where}" in last
+    assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n")
+    shutil.rmtree(place / "robotree" / REALM)
+    assert await robotree("stop") == (exit_codes.DONE, "stopped: talker\n"), "nobody has to be found first"
 
 
 async def test_a_process_that_hangs_does_not_hold_up_those_that_come_and_go(crew: Crew) -> None:

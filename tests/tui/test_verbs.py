@@ -43,9 +43,13 @@ class Listener:
     def __init__(self) -> None:
         self.heard: list[tuple[float, str]] = []
         self.outcomes: list[Outcome] = []
+        self.warnings: list[str] = []
 
     def progress(self, fraction: float, text: str) -> None:
         self.heard.append((fraction, text))
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
 
     def outcome(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)

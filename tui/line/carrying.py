@@ -31,6 +31,9 @@ class Silent:
     def progress(self, fraction: float, text: str) -> None:
         """Take no notice."""
 
+    def warn(self, text: str) -> None:
+        """Take no notice."""
+
     def outcome(self, outcome: Outcome) -> None:
         """Take no notice."""
 

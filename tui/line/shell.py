@@ -67,6 +67,14 @@ class Console:
         elif outcome.text:
             put(outcome.text)
 
+    def warn(self, text: str) -> None:
+        """Print a sentence on standard error, at once."""
+        self.settle()
+        if self.as_json:
+            note(json.dumps({"warning": text}, ensure_ascii=False))
+        else:
+            complain(text)
+
     def error(self, error: Exception) -> None:
         """Print one sentence on standard error; as an object where plain data was asked for."""
         self.settle()
@@ -111,7 +119,10 @@ async def once(line: Line, realm: str) -> int:
         console.error(NothingToAsk(realm))
         return exit_codes.NOBODY
     try:
-        async with joined(realm) as fleet:
+        urgent = line.verb == "stop"
+        async with joined(realm, looking=not urgent) as fleet:
+            if urgent and await fleet.inhabited():
+                return await obey(fleet, line, console)
             if any(fleet.directory.present(role) for role in ROLES):
                 return await obey(fleet, line, console)
         console.error(NothingToAsk(realm))

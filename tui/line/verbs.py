@@ -50,6 +50,10 @@ class Teller(Protocol):
         """Take how far a command is: 0 to 1, NaN when it cannot be said."""
         ...
 
+    def warn(self, text: str) -> None:
+        """Take what a person should know before the verb has ended, as a sentence."""
+        ...
+
     def outcome(self, outcome: Outcome) -> None:
         """Take one of many outcomes (`watch`)."""
         ...
@@ -228,9 +232,9 @@ async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({"cancelled": line.text("NAME")}, f"the commands of {line.text('NAME')} are cancelled")
 
 
-async def stop(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
-    told = await fleet.stop(line.text("NAME") or None)
+    told = await fleet.stop(line.text("NAME") or None, on_late=teller.warn)
     return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'nobody is there'}")
 
 

@@ -39,8 +39,12 @@ def anybody_met(realm: str) -> bool:
 
 
 @contextlib.asynccontextmanager
-async def joined(realm: str) -> AsyncGenerator[Fleet]:
+async def joined(realm: str, *, looking: bool = True) -> AsyncGenerator[Fleet]:
     """Join a realm and see its fleet; leave when the block ends.
+
+    Args:
+        realm: its name.
+        looking: wait for the lookup services. A stop is given without that.
 
     Raises:
         TransportError: the realm cannot be joined.
@@ -51,7 +55,8 @@ async def joined(realm: str) -> AsyncGenerator[Fleet]:
     transport = await join(realm)
     try:
         fleet = Fleet(transport)
-        await fleet.start()
+        if looking:
+            await fleet.start()
         try:
             yield fleet
         finally:

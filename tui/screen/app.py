@@ -209,6 +209,10 @@ class Supervisor(Fenced, Unasked[int]):
         share = "" if math.isnan(fraction) else f"{fraction:.0%} "
         self.tell(f"… {share}{text}".rstrip())
 
+    def warn(self, text: str) -> None:
+        """Hear what a person should know before a verb has ended (`verbs.Teller`)."""
+        self.tell(text, "warning")
+
     def outcome(self, outcome: Outcome) -> None:
         """Hear one of many outcomes of a verb (`verbs.Teller`)."""
         self.tell(outcome.text)

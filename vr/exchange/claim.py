@@ -65,7 +65,7 @@ async def expect_free(transport: Transport, address: Address) -> None:
             raise DuplicateName(role=other.role, name=other.name)
         for one in await _silent(transport, address):
             role = one.key.partition("/")[0]
-            raise NameInSilence(role=role, name=address.name, where=one.where, remedy=one.remedy)
+            raise NameInSilence(role=role, name=address.name, where=one.in_words, remedy=one.remedy)
 
 
 async def outlast(transport: Transport, address: Address) -> None:

@@ -254,4 +254,4 @@ class Directory:
 def _complain(silent: list[Held]) -> None:
     for one in silent:
         if address := Address.parse(one.key):
-            raise Hanging(role=address.role, name=address.name, where=one.where, remedy=one.remedy)
+            raise Hanging(role=address.role, name=address.name, where=one.in_words, remedy=one.remedy)

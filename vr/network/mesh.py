@@ -273,9 +273,9 @@ class Mesh:
             found += _held(process_of(peer.tag), [key for key in keys if matches(pattern, key)])
         for tag in self._strangers:
             process = process_of(tag)
-            where, advice = f"process {process}, which is not understood", REPLACE.format(process)
+            where, how, advice = f"process {process}", "which is not understood", REPLACE.format(process)
             keys = self.place.keys_of(tag)
-            found += [Held(key, where, advice) for key in sorted(keys) if matches(pattern, key)]
+            found += [Held(key, where, advice, how) for key in sorted(keys) if matches(pattern, key)]
         return found
 
     def ask(self, key: str, body: bytes, *, latest: float, urgent: bool, hear: Hear) -> Callable[[], None]:
@@ -732,4 +732,4 @@ def _held(process: int, keys: Iterable[str]) -> list[Held]:
     how = "which hangs" if sleeps else "which lives and could not be reached from here"
     end = f"ask again from another terminal; should nobody get an answer, `kill {process}` ends it"
     advice = remedy(process, end)
-    return [Held(key, f"process {process}, {how}", advice, asleep=sleeps) for key in sorted(keys)]
+    return [Held(key, f"process {process}", advice, how, sleeps) for key in sorted(keys)]

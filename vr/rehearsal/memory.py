@@ -108,7 +108,7 @@ class MemoryNetwork:
         """Return what the record says of something that a member holds."""
         frozen = member in self._frozen
         how = "which hangs" if frozen else "which lives and could not be reached from here"
-        return Held(key, f"{member.name}, {how}", f"thaw {member.name}", asleep=frozen)
+        return Held(key, member.name, f"thaw {member.name}", how, frozen)
 
     def refresh(self) -> None:
         """Let every watcher compare what it sees with what it saw."""

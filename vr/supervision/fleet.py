@@ -71,6 +71,10 @@ class Fleet:
         """Return the views."""
         return self.directory.find(Template(role="view"))
 
+    async def inhabited(self) -> bool:
+        """Whether any agent lives on this machine, as far as its own record tells. Needs no `start`."""
+        return bool(await self._transport.held("*/*/*") or await self._transport.unlisted())
+
     async def hosts(self) -> Sequence[HostDescribed]:
         """Ask all hosts what they run, by name. One that does not answer is left out."""
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))

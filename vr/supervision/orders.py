@@ -114,7 +114,7 @@ class Orders:
         missed = {one.key for one in silent}
         for one in silent:
             address = Address.parse(one.key)
-            confirmations.miss(one.key if address is None else address.name, f"in {one.where}", one.remedy)
+            confirmations.miss(one.key if address is None else address.name, f"in {one.in_words}", one.remedy)
         # those last who obey only their parent: it may have told them, and then it names them
         for address, answer in sorted(answers.items(), key=lambda each: isinstance(each[1], NotInControl)):
             above = isinstance(answer, NotInControl) and confirmations.names(address.name)

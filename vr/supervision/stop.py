@@ -124,6 +124,8 @@ class Stop:
             if address not in self._told:
                 told = self._told[address] = _Told(address, _now())
                 told.telling = asyncio.ensure_future(self._tell(told))
+        if self._name is not None and self._told:
+            self._unlisted.clear()  # the robot that is meant is found
 
     async def _tell(self, told: _Told) -> None:
         """Tell one robot, until it has answered or its time is over."""
@@ -166,7 +168,7 @@ class Stop:
 
     def _in_words(self, address: Address) -> str:
         held = self._held.get(address)
-        return address.name if held is None else f"{address.name} (in {held.where})"
+        return address.name if held is None else f"{address.name} (in {held.in_words})"
 
     def _verdict(self) -> Sequence[str]:
         if self._name is not None and not self._told and not self._unlisted:
@@ -179,7 +181,7 @@ class Stop:
             elif told.heard:
                 confirmations.deny(address.name, "it has the stop and has not confirmed it")
             elif held is not None:
-                confirmations.miss(address.name, f"in {held.where}", held.remedy)
+                confirmations.miss(address.name, f"in {held.in_words}", held.remedy)
             else:
                 confirmations.take(address.name, NoAnswer(key=address.key, seconds=CONFIRM))
         for one in self._unlisted:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import os
+import shutil
 import signal
+import socket
+import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -16,6 +20,7 @@ from robotree.vr.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from tests.withheld import Withheld
 
 Start = Callable[[str, str], Awaitable[Any]]
 Look = Callable[[], Awaitable[Fleet]]
@@ -34,6 +39,42 @@ async def look(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIter
     yield come
     for fleet in fleets:
         await fleet.close()
+
+
+WITHOUT_A_NAME = """
+import os, signal, socket, sys
+door = socket.socket(socket.AF_UNIX)
+door.bind(f"{sys.argv[1]}/.{os.getpid()}-0123abcd")
+door.listen()
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+"""What a newcomer has done that is stopped just before it gives its socket the name by which it is found."""
+
+AT_ONCE = 1.0
+"""[s] in which a person knows whom a stop may have missed."""
+
+
+class Newcomer:
+    """Comes to a realm to stop all, as `robotree stop` does: it looks around for nobody before."""
+
+    def __init__(self, join_realm: Callable[[], Awaitable[LocalTransport]]) -> None:
+        self._join = join_realm
+        self.late: list[str] = []
+        self.took = 0.0
+
+    async def stop(self, name: str | None = None) -> list[str]:
+        withheld, began = Withheld(os.getpid()), time.monotonic()
+        transport = await self._join()
+        try:
+            return sorted(await Fleet(transport).stop(name, on_late=self.late.append))
+        finally:
+            self.took = time.monotonic() - began - withheld.seconds
+            await transport.close()
+
+
+@pytest.fixture
+def newcomer(join_realm: Callable[[], Awaitable[LocalTransport]]) -> Newcomer:
+    return Newcomer(join_realm)
 
 
 async def robots(start: Start, *names: str) -> list[Any]:
@@ -172,3 +213,77 @@ async def test_of_thirty_levels_in_four_processes_ten_of_ten_stops_are_told_trul
         for _ in range(10):
             assert sorted(await fleet.stop(name)) == sorted([*names, "rover"])
             assert sorted(await fleet.resume(name)) == sorted([*names, "rover"])
+
+
+async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start, newcomer: Newcomer) -> None:
+    _, frozen = await robots(start, "awake", "frozen")
+    lookup = await start("lookup", "l1")
+    await lookup.ready()
+    for process in (frozen, lookup):  # nobody is waited for who could say who is there
+        process.signal(signal.SIGSTOP)
+    with pytest.raises(NotConfirmed, match=r"confirmed by awake " + hangs("frozen", frozen)):
+        await newcomer.stop()
+    assert newcomer.took < AT_ONCE
+    (late,) = newcomer.late
+    assert late.endswith(f"no word yet from frozen (in process {frozen.process.pid}, which hangs)")
+    frozen.signal(signal.SIGCONT)
+    assert await newcomer.stop() == ["awake", "frozen"]
+    assert await newcomer.stop("frozen") == ["frozen"]
+    assert newcomer.took < AT_ONCE
+    lookup.signal(signal.SIGCONT)
+
+
+async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
+    start: Start, newcomer: Newcomer
+) -> None:
+    """It may answer others: only of a process that is stopped it is certain that it does not."""
+    (deaf,) = await robots(start, "deaf")
+    pid = deaf.process.pid
+    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
+    (sock,) = folder.glob(f"{pid}-*.sock")
+    sock.unlink()
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(sock))  # takes its place, and answers nobody
+    listening.listen()
+    with pytest.raises(NotConfirmed) as caught:
+        await newcomer.stop()
+    assert f"NOT by deaf (in process {pid}, which lives and could not be reached" in str(caught.value)
+    assert f"`kill {pid}` ends it" in str(caught.value)
+    assert "kill -9" not in str(caught.value)
+    assert len(newcomer.late) == 1
+    listening.close()
+
+
+async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newcomer: Newcomer) -> None:
+    await robots(start, "awake")
+    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
+    nameless = await asyncio.create_subprocess_exec(sys.executable, "-c", WITHOUT_A_NAME, str(folder))
+    while not list(folder.glob(f".{nameless.pid}-*")):  # noqa: ASYNC110 # what is seen of it is the condition
+        await asyncio.sleep(0.01)
+    try:
+        with pytest.raises(
+            NotConfirmed, match=rf"by awake but NOT by process {nameless.pid} \(it has no name"
+        ):
+            await newcomer.stop()
+        assert newcomer.took < AT_ONCE
+        assert await newcomer.stop("awake") == ["awake"], "it is not the one that was meant"
+    finally:
+        nameless.kill()
+        await nameless.wait()
+    assert await newcomer.stop() == ["awake"]
+
+
+async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start, newcomer: Newcomer) -> None:
+    _, frozen = await robots(start, "awake", "frozen")
+    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
+    shutil.rmtree(folder)
+    assert await newcomer.stop() == ["awake", "frozen"]
+    frozen.signal(signal.SIGSTOP)
+    shutil.rmtree(folder)
+    with pytest.raises(
+        NotConfirmed, match=rf"by awake but NOT by process {frozen.process.pid} \(it has no name"
+    ):
+        await newcomer.stop()
+    assert newcomer.took < AT_ONCE
+    frozen.signal(signal.SIGCONT)
+    assert await newcomer.stop() == ["awake", "frozen"]
