@@ -133,8 +133,7 @@ class Stage:
 
     async def run_command(self, page: PanelPage, name: str, within: float) -> None:
         """Go to a command of the panel and run it."""
-        await self.press("escape", "home") if not page.query_one("#commands").has_focus else None
-        await self.press("home")
+        await self.press("ctrl+l", "home")
         for command in page.robot.commands:
             if command.name == name:
                 break

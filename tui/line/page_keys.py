@@ -67,6 +67,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         label="Run",
         help="Run the command as it is filled in.",
     ),
+    PageKey(page="panel", name="list", key="ctrl+l", action="list", help="Go to the list of commands."),
     PageKey(
         page="panel",
         name="now",

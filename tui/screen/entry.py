@@ -6,11 +6,13 @@ A form is made from a command's types; the same reader judges it that the robot 
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from robotree.tui.seen import wording
+from robotree.tui.terminal import one_line
 from robotree.vr.arguments import check_argument
 from robotree.vr.description import CommandSpec, FieldSpec
 from robotree.vr.errors import BadArgument
@@ -40,6 +42,25 @@ def first_text(field: FieldSpec, readings: Mapping[str, float]) -> str:
     if field.type == "bool":
         return "no"
     return ""
+
+
+def follows(field: FieldSpec, readings: Mapping[str, float]) -> bool:
+    """Whether a field that nobody touched shows what the robot reads now, as long as its form is open."""
+    return first_text(field, readings) != first_text(field, {})
+
+
+def command_line(robot: str, spec: CommandSpec, texts: Mapping[str, str], *, realm: str = "") -> str:
+    """Return the line for a shell that does the same as a form.
+
+    Args:
+        robot: its name.
+        spec: the command.
+        texts: what stands in the fields, by name; empty fields are left out.
+        realm: named in the line, unless it is empty.
+    """
+    words = ["robotree", *(["--realm", realm] if realm else []), "call", f"{robot}.{spec.name}"]
+    given = [(field.name, texts.get(field.name, "")) for field in spec.parameters]
+    return shlex.join([*words, *(f"{name}={one_line(text)}" for name, text in given if text)])
 
 
 def complaint(field: FieldSpec, text: str) -> str:

@@ -13,7 +13,7 @@ from textual.widgets import Button, Input
 
 from robotree.tui.screen import unasked
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.new import NewPage, SourceTree
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
@@ -86,7 +86,11 @@ async def create_finisher(operator: Operator) -> NewPage:
     await operator.press("n")
     page = await operator.at(NewPage)
     await operator.sees("good.py")
-    await operator.press("home", "enter")
+    tree = operator.one(SourceTree)
+    await operator.until(lambda: tree.has_focus, "the files")
+    await operator.press("home")
+    await operator.until(lambda: "good.py" in str(tree.cursor_node and tree.cursor_node.label), "the file")
+    await operator.press("enter")
     await operator.until(lambda: page.query_one("#name", Input).has_focus, "its name")
     await operator.press("enter")
     await operator.until(lambda: bool(page.carrying), "it is being made")

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import pytest
-from textual.widgets import Button, Input, OptionList, ProgressBar
+from textual.widgets import Button, Input, OptionList
 
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
@@ -111,13 +111,13 @@ async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate
         realm.arm.pace = 0.5
         await fill(operator, form, "x", "45 cm")
         await operator.press("ctrl+r")
-        await operator.until(lambda: form.query_one(ProgressBar).display, "the bar")
-        await operator.until(lambda: (form.query_one(ProgressBar).percentage or 0) > 0, "progress")
+        await operator.sees("◐ go_to  ━━", "0%", " to go")
+        assert "--%" not in operator.text
         await operator.sees("◐ go_to")
         realm.arm.pace = 0.0
         await operator.sees("done in")
         assert realm.arm.pose["x"] == pytest.approx(0.45)
-        assert not form.query_one(ProgressBar).display
+        assert not form.query_one("#progress").display
         await choose(operator, page, "get_info")
         await operator.press("ctrl+r")
         await operator.sees("twist", "0.45", "fz", "-20")
@@ -238,7 +238,7 @@ async def test_a_command_goes_on_when_its_panel_is_left(realm: Realm, operate: O
         await fill(operator, form, "x", "0.45")
         await operator.press("ctrl+r")
         await operator.until(lambda: form.running, "it runs")
-        await operator.press("escape", "escape")
+        await operator.press("escape")
         await operator.at(MainPage)
         await operator.sees("◐ go_to")
         realm.arm.under_way = False
@@ -273,7 +273,7 @@ async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, o
         await operator.sees("✗ has gone")
         await operator.until(lambda: not form.running, "the call has ended")
         assert form.query_one("#run", Button).disabled
-        await operator.press("escape", "escape")
+        await operator.press("escape")
         await operator.at(MainPage)
         await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
 

@@ -96,7 +96,7 @@ class NewPage(Form, Page):
                 yield Label("host", classes="caption", markup=False)
                 yield Choice(self._hosts(), chosen=ANY_HOST, id="host")
                 yield Label("", id="new-complaint", classes="field-complaint", markup=False)
-                yield Button("Create", id="create", variant="primary", disabled=True)
+                yield Button("Create", id="create", variant="primary", disabled=True, compact=True)
 
     def _hosts(self) -> list[tuple[str, str]]:
         return [("any", ANY_HOST), *((name, name) for name in self.app.store.hosts)]

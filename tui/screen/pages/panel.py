@@ -15,6 +15,7 @@ from textual.widgets.option_list import Option
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
+from robotree.tui.screen.widgets.beside import Beside
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.marks import mood_mark, tint
@@ -53,8 +54,10 @@ class PanelPage(Page):
                 yield OptionList(
                     *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
                 )
+                yield Beside(classes="beside -within")
                 yield Gauges(id="readings")
             yield ContentSwitcher(id="forms")
+            yield Beside(classes="beside -own")
 
     def _option(self, index: int) -> Option:
         command = self.robot.commands[index]
@@ -82,7 +85,7 @@ class PanelPage(Page):
         wanted = _form_id(event.option_index)
         if not forms.query(f"#{wanted}"):
             spec = self.robot.commands[event.option_index]
-            form = CommandForm(spec, self._readings)
+            form = CommandForm(self.robot.name, spec, self._readings)
             form.id = wanted
             form.gone = self._gone
             form.display = False  # until all of it is there
@@ -93,9 +96,8 @@ class PanelPage(Page):
     @on(OptionList.OptionSelected, "#commands")
     def action_fill_in(self) -> None:
         """Go into the form in front."""
-        form = self.query_one("#forms", ContentSwitcher).visible_content
-        if isinstance(form, CommandForm):
-            form.focus_first()
+        if self._in_front:
+            self._in_front.focus_first()
 
     @on(CommandForm.Run)
     def _run(self, event: CommandForm.Run) -> None:
@@ -110,18 +112,36 @@ class PanelPage(Page):
     # -- keys --------------------------------------------------------------------------------------
 
     def action_back(self) -> None:
-        """Out of a form to the list of commands; from there back to where one came from."""
-        commands = self.query_one("#commands", OptionList)
-        if commands.has_focus:
-            self.dismiss()
-        else:
-            commands.focus()
+        """Leave; what runs goes on."""
+        for form in self.query(CommandForm):
+            if form.running:
+                self.app.tell(f"{self.robot.name}.{form.spec.name} goes on", "plain")
+        self.dismiss()
+
+    def action_list(self) -> None:
+        """Go to the list of commands."""
+        self.query_one("#commands").focus()
+
+    @property
+    def _in_front(self) -> CommandForm | None:
+        form = self.query_one("#forms", ContentSwitcher).visible_content
+        return form if isinstance(form, CommandForm) else None
+
+    def action_follow(self) -> None:
+        """Let a field follow the robot again."""
+        if self._in_front:
+            self._in_front.follow()
+
+    def action_copy(self) -> None:
+        """Copy the command line that does the same as the form in front."""
+        if self._in_front:
+            self.app.copy_to_clipboard(self._in_front.line)
+            self.app.tell(f"copied: {self._in_front.line}", "good")
 
     def action_run(self) -> None:
         """Have the command in front carried out, as it is filled in."""
-        form = self.query_one("#forms", ContentSwitcher).visible_content
-        if isinstance(form, CommandForm):
-            form.send()
+        if self._in_front:
+            self._in_front.send()
 
     def action_about(self) -> None:
         """Describe the robot in full."""
@@ -171,9 +191,13 @@ class PanelPage(Page):
         state_now = store.state(name)
         stale = self._gone or (state_now is not None and not state_now.online)
         self.query_one(Gauges).draw(self._readings, store.units(name), stale=stale)
-        form = self.query_one("#forms", ContentSwitcher).visible_content
-        if isinstance(form, CommandForm):
-            form.tell_readings(self._readings)
+        if form := self._in_front:
+            form.draw(self._readings)
+        running = any(one.running for one in self.query(CommandForm))
+        self.set_class(running, "-running")
+        if running:
+            for beside in self.query(Beside):
+                beside.draw(name)
 
     def _notice(self, newest: RobotDescription | None) -> None:
         """Follow the robot: it may go, come back as another incarnation, or have other commands now."""

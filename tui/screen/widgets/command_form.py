@@ -14,15 +14,20 @@ from textual.dom import DOMNode
 from textual.events import Event, Key
 from textual.message import Message
 from textual.widget import Widget
-from textual.widgets import Button, Label, ProgressBar, Static
+from textual.widgets import Button, Label, Static
 
 from robotree.tui.screen import entry, unasked
 from robotree.tui.screen.busy import Form
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen import wording
 from robotree.vr.description import CommandSpec
+from robotree.vr.network.rendezvous import DEFAULT_REALM
+
+CELLS = 20
+"""Of the bar that shows how far a command is."""
 
 HOW_TO_RUN = "ctrl+r runs it, or the button"
 
@@ -41,10 +46,11 @@ class CommandForm(Form, Fenced, VerticalScroll):
     class Cancel(Message):
         """What runs shall be cancelled."""
 
-    def __init__(self, spec: CommandSpec, readings: Mapping[str, float]) -> None:
-        """Draw `spec`, with what the robot reads now."""
+    def __init__(self, robot: str, spec: CommandSpec, readings: Mapping[str, float]) -> None:
+        """Draw a command of a robot, with what that reads now."""
         super().__init__(classes="form", can_focus=False)
-        self.spec = spec
+        self.robot, self.spec = robot, spec
+        self._fraction, self._told = math.nan, ""
         self._readings = dict(readings)
         self.gone = False
         self._began = 0.0
@@ -71,14 +77,15 @@ class CommandForm(Form, Fenced, VerticalScroll):
         with Horizontal(classes="buttons"):
             yield Button(Text(f"▶ {self.spec.name}"), variant="primary", id="run", compact=True)
             yield Button("■ cancel", id="cancel", disabled=True, compact=True)
-        progress = ProgressBar(total=1.0, show_eta=False, id="progress")
-        progress.display = False
-        yield progress
+        yield Still(id="progress")
         yield Static("", id="outcome", markup=False)
+        yield Still(id="line")
 
     def on_mount(self) -> None:
         """Say at once when the command cannot be used."""
         self._enable()
+        self.query_one("#progress").display = False
+        self._draw_line()
         if not self.spec.available:
             slot = self.spec.through.partition(".")[0]
             self._say("!", "warning", f"the slot {slot} is empty: enslave a robot first (key e)")
@@ -103,10 +110,38 @@ class CommandForm(Form, Fenced, VerticalScroll):
         else:
             self._say("·", "muted", HOW_TO_RUN)
 
-    def tell_readings(self, readings: Mapping[str, float]) -> None:
-        """Show the values now."""
+    def draw(self, readings: Mapping[str, float]) -> None:
+        """Show the values now; a form that is carried out keeps what was sent, and tells how far it is."""
+        if self.running:
+            self._draw_progress()
+            return
         for row in self.query(FieldRow):
             row.tell_readings(readings)
+
+    # -- the same as a line ------------------------------------------------------------------------
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """What stands in the fields, by name."""
+        return {row.spec.name: row.text for row in self.query(FieldRow)}
+
+    @property
+    def line(self) -> str:
+        """The command line that does the same as the form."""
+        realm = self.app.realm
+        return entry.command_line(
+            self.robot, self.spec, self.texts, realm="" if realm == DEFAULT_REALM else realm
+        )
+
+    @on(FieldRow.Changed)
+    def _draw_line(self) -> None:
+        self.query_one("#line", Still).show(Text(f"$ {self.line}", tint(self.app, "muted")))
+
+    def follow(self) -> None:
+        """Let the field with the cursor, or all of them, follow the robot again."""
+        rows = list(self.query(FieldRow))
+        for row in [one for one in rows if one.has_focus_within] or rows:
+            row.follow()
 
     # -- what the person does ----------------------------------------------------------------------
 
@@ -119,7 +154,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
         if self.gone or not self.spec.available:
             return
         rows = {row.spec.name: row for row in self.query(FieldRow)}
-        read = entry.read(self.spec, {name: row.text for name, row in rows.items()})
+        read = entry.read(self.spec, self.texts)
         for name, row in rows.items():
             row.complain(read.complaints.get(name, ""))
         if read.complaints:
@@ -138,10 +173,12 @@ class CommandForm(Form, Fenced, VerticalScroll):
 
     def began(self) -> None:
         """The command was sent."""
-        bar = self.query_one(ProgressBar)
-        bar.display = True
-        bar.update(total=None, progress=0)
-        self._say("…", "accent", "sent")
+        if self._left:
+            return
+        self._fraction, self._told = math.nan, ""
+        self.query_one("#outcome", Static).update("")
+        self.query_one("#progress").display = True
+        self._draw_progress()
 
     @property
     def _left(self) -> bool:
@@ -152,10 +189,21 @@ class CommandForm(Form, Fenced, VerticalScroll):
         """The command tells how far it is."""
         if self._left:
             return
-        bar = self.query_one(ProgressBar)
-        if math.isfinite(fraction):
-            bar.update(total=1.0, progress=min(max(fraction, 0.0), 1.0))
-        self._say("…", "accent", text or "running")
+        self._fraction, self._told = fraction, text
+        self._draw_progress()
+
+    def _draw_progress(self) -> None:
+        """Say how far it is, as far as the command says, and in any case for how long it has been running."""
+        style, muted = tint(self.app, "accent"), tint(self.app, "muted")
+        line = Text.assemble(("◐ ", style), (self.spec.name, "bold"))
+        if math.isfinite(self._fraction):
+            share = min(max(self._fraction, 0.0), 1.0)
+            whole = round(share * CELLS)
+            line.append_text(Text.assemble("  ", ("━" * whole, style), ("─" * (CELLS - whole), muted)))
+            line.append(f" {share:.0%}")
+        line.append(f"  {self.app.now() - self._began:.0f} s", muted)
+        line.append(f"  {self._told}" if self._told else "")
+        self.query_one("#progress", Still).show(line)
 
     def returned(self, value: Any, seconds: float) -> None:
         """The command succeeded."""
@@ -180,7 +228,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
 
     def _ended(self) -> None:
         self.carrying = ""
-        self.query_one(ProgressBar).display = False
+        self.query_one("#progress").display = False
         if self.query_one("#cancel", Button).has_focus and self._came_from is not None:
             self._came_from.focus()  # a button that can no longer be pressed would keep the keys
         self._enable()

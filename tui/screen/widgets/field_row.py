@@ -22,6 +22,9 @@ YES_NO = ("yes", "no")
 class FieldRow(Fenced, Vertical):
     """Draws one parameter of a command."""
 
+    class Changed(Message):
+        """Something else stands in the field."""
+
     class Onward(Message):
         """Enter was pressed in the field: the next one shall have the cursor."""
 
@@ -34,9 +37,11 @@ class FieldRow(Fenced, Vertical):
         """Draw `spec`, with what the robot reads now."""
         super().__init__(classes="field")
         self.spec = spec
-        self._first = entry.first_text(spec, readings)
+        self._first = self._shown = entry.first_text(spec, readings)
         self._hint = entry.hint(spec, readings)
-        self._touched = False
+        self._readings = readings
+        self.touched = False
+        """A person typed something into it."""
 
     @property
     def _options(self) -> tuple[str, ...]:
@@ -70,16 +75,38 @@ class FieldRow(Fenced, Vertical):
         self.query_one(".entry").focus()
 
     def tell_readings(self, readings: Mapping[str, float]) -> None:
-        """Show the value now; a field that nobody touched and that is empty takes it over."""
-        hint = entry.hint(self.spec, readings)
+        """Show the value now; a field that nobody touched takes it over."""
+        self._readings = readings
+        touched = "typed · " if self.touched else ""
+        hint = touched + entry.hint(self.spec, readings)
         if hint != self._hint:
             self._hint = hint
             self.query_one(".field-hint", Label).update(hint)
-        if not self._options and not self._touched and not self.text:
-            with self.prevent(Input.Changed):
-                self.query_one(Input).value = entry.first_text(self.spec, readings)
-            if self.text:
-                self.complain("")
+        if not self._options and not self.touched and entry.follows(self.spec, readings):
+            self._take(entry.first_text(self.spec, readings))
+
+    def _take(self, text: str) -> None:
+        line = self.query_one(Input)
+        if text == line.value:
+            return
+        self._shown = line.value = text
+        if line.has_focus:
+            line.select_all()  # what is typed replaces it, as when the cursor came
+        self.complain("")
+        self.post_message(self.Changed())
+
+    def follow(self) -> None:
+        """Follow the robot again, or go back to the default."""
+        if not self._options:
+            self._touch(False)
+            self._take(entry.first_text(self.spec, self._readings))
+            self.tell_readings(self._readings)
+
+    def _touch(self, touched: bool) -> None:  # noqa: FBT001 # a setter
+        """Mark a field in which a person typed: it follows the robot no more."""
+        self.touched = touched
+        self.set_class(touched, "-touched")
+        self.query_one(".field-name", Label).update(f"{self.spec.name} *" if touched else self.spec.name)
 
     def complain(self, reason: str) -> None:
         """Show why the field is refused; empty: nothing is wrong."""
@@ -89,17 +116,22 @@ class FieldRow(Fenced, Vertical):
         self.set_class(bool(reason), "-wrong")
 
     @on(Input.Changed)
-    def _changed(self) -> None:
-        self._touched = True
+    def _changed(self, event: Input.Changed) -> None:
+        if event.value == self._shown and not self.touched:
+            return  # it was put there for the person
+        self._touch(True)
         self.complain("")
+        self.tell_readings(self._readings)
+        self.post_message(self.Changed())
 
     @on(Choice.Changed)
     def _chosen(self) -> None:
         self.complain("")
+        self.post_message(self.Changed())
 
     @on(Input.Blurred)
     def _left(self) -> None:
-        if self._touched:
+        if self.touched:
             self.complain(entry.complaint(self.spec, self.text))
 
     @on(Input.Submitted)

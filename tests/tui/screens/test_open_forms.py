@@ -1,0 +1,145 @@
+"""An open form lives: untouched fields follow the robot, a line does the same, what runs is seen."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import Input
+
+from robotree.tui.line import grammar
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.place import Place
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.picture import PictureView
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+@asynccontextmanager
+async def at_go_to(
+    realm: Realm, operate: Operate, robot: str = "arm-1", size: tuple[int, int] = (120, 34)
+) -> AsyncIterator[tuple[Operator, PanelPage]]:
+    """Open the panel of the arm at its first form, go_to."""
+    async with operate(realm.fleet, size=size) as operator:
+        await operator.until(lambda: operator.app.store.state(robot) is not None, "its state")
+        await operator.until(lambda: robot in operator.app.store.descriptions, "its description")
+        await operator.until(lambda: "x" in operator.app.store.readings(robot), "its readings")
+        operator.app.ask_for("panel", Place(robot))
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query(CommandForm)), "the form")
+        yield operator, page
+
+
+def row(page: PanelPage, name: str) -> FieldRow:
+    return {one.spec.name: one for one in page.query(FieldRow)}[name]
+
+
+async def test_fields_that_nobody_touched_follow_the_robot_and_touched_ones_are_marked(
+    realm: Realm, operate: Operate
+) -> None:
+    async with at_go_to(realm, operate) as (operator, page):
+        realm.arm.pose |= {"x": 0.5, "y": 0.25}
+        await operator.until(lambda: (row(page, "x").text, row(page, "y").text) == ("0.5", "0.25"), "both")
+        await operator.press("enter")
+        await operator.until(lambda: row(page, "x").query_one(Input).has_focus, "the cursor")
+        await operator.press("ctrl+u", *"01")
+        realm.arm.pose |= {"x": 0.55, "y": 0.1}
+        await operator.sees("x *", "typed · -0.8 … 0.8 m · now 0.55")
+        await operator.until(lambda: row(page, "y").text == "0.1", "y follows on")
+        assert row(page, "x").text == "01"
+        assert "y *" not in operator.text
+        await operator.press("ctrl+n")
+        await operator.until(lambda: row(page, "x").text == "0.55", "x follows again")
+        assert "x *" not in operator.text
+
+
+async def test_after_tele_operation_a_form_that_is_sent_as_it_stands_moves_nothing(
+    realm: Realm, operate: Operate
+) -> None:
+    async with at_go_to(realm, operate) as (operator, page):
+        await operator.press("x")
+        await operator.at(TeleopPage)
+        await operator.press("up", "up")
+        await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.37), "it is jogged")
+        await operator.press("escape")
+        assert await operator.at(PanelPage) is page
+        await operator.until(lambda: row(page, "x").text == "0.37", "the field is there, too")
+        await operator.press("ctrl+r")
+        await operator.sees("done in")
+        assert realm.arm.pose["x"] == pytest.approx(0.37)
+
+
+async def test_the_form_is_a_line_for_a_shell_that_can_be_copied(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copied: list[str] = []
+    async with at_go_to(realm, operate) as (operator, _page):
+        monkeypatch.setattr(operator.app, "copy_to_clipboard", copied.append)
+        await operator.press("enter", "ctrl+u", *"45", "space", *"cm")
+        await operator.sees("$ robotree --realm test call arm-1.go_to 'x=45 cm' y=0 z=0.4 twist=0")
+        await operator.press("ctrl+y")
+        await operator.sees("✓ copied: robotree")
+        words = shlex.split(copied[0])
+        assert words[:3] == ["robotree", "--realm", "test"]
+        line = grammar.parse(words[3:], shapes(Where.SHELL), {})
+        await operator.app.attempt(line)
+        assert realm.arm.pose["x"] == pytest.approx(0.45), "the line does what the form would"
+
+
+async def test_branch_and_picture_stand_beside_a_command_while_it_runs(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("teleop.py", "teleop")
+    await realm.fleet.enslave("teleop", "arm", "arm-1")
+    realm.arm.under_way = True
+    async with at_go_to(realm, operate, "teleop") as (operator, page):
+        commands = [one.name for one in page.robot.commands]
+        await operator.press(*["down"] * commands.index("go_to"), "ctrl+r")
+        await operator.sees("teleop  ◐ go_to", "└ arm: arm-1  ◐ go_to", "cell / cell", "▀▀▀")
+        assert "--%" not in operator.text
+        await operator.sees("  2 s")  # how long it has run is told also where nobody says how far it is
+        realm.arm.under_way = False
+        await operator.sees("done in")
+        await operator.until(lambda: "└ arm:" not in operator.text, "the form has its room back")
+        assert not any(one.seen for one in page.query(PictureView))
+
+
+async def test_a_small_terminal_has_branch_and_picture_instead_of_the_readings(
+    realm: Realm, operate: Operate
+) -> None:
+    async with at_go_to(realm, operate, size=(80, 24)) as (operator, _page):
+        realm.arm.under_way = True
+        await operator.press("ctrl+r")
+        await operator.sees("arm-1  ◐ go_to", "▀▀▀", "◐ go_to")
+        realm.arm.under_way = False
+        await operator.sees("done in", "readings")
+
+
+async def test_one_escape_leaves_the_panel_from_anywhere_and_what_runs_goes_on(
+    realm: Realm, operate: Operate
+) -> None:
+    async with at_go_to(realm, operate) as (operator, _page):
+        await operator.press("enter", "enter", "enter", "escape")
+        await operator.at(MainPage)
+        operator.app.ask_for("panel", Place("arm-1"))
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        realm.arm.under_way = True
+        await operator.press("enter", "ctrl+r")
+        await operator.until(lambda: page.query(CommandForm).first().running, "it runs")
+        await operator.press("escape")
+        await operator.at(MainPage)
+        await operator.sees("arm-1.go_to goes on")
+        realm.arm.under_way = False
+        await operator.sees("arm-1.go_to: done")

@@ -1,0 +1,30 @@
+"""What one looks at while a command runs: the branch that works, and the workspace."""
+
+from __future__ import annotations
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+
+from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.widgets.branch import Branch
+from robotree.tui.screen.widgets.cameras import Cameras
+from robotree.tui.screen.widgets.picture import PictureView
+
+
+class Beside(Fenced, Vertical):
+    """Branch above, picture below. It asks for pictures only where it can be seen."""
+
+    def compose(self) -> ComposeResult:
+        """Branch, name of the camera, picture."""
+        yield Branch(classes="branch")
+        yield Cameras()
+        yield PictureView()
+
+    def on_mount(self) -> None:
+        """Point the picture."""
+        self.query_one(Cameras).attach(self.query_one(PictureView))
+
+    def draw(self, name: str) -> None:
+        """Draw the branch of a robot."""
+        self.query_one(Branch).draw(self.app.store, name, self.app.now())
+        self.query_one(Cameras).draw()

@@ -1,0 +1,45 @@
+"""One robot and all beneath it, with what each of them does: a branch of the tree, to be looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.text import Text
+
+from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen.store import Store
+
+
+class Branch(Still):
+    """Draws the branch of one robot, a line for each slot."""
+
+    def draw(self, store: Store, name: str, now: float) -> None:
+        """Draw the robot of this name and those beneath it."""
+        text = Text(no_wrap=True, overflow="ellipsis")
+        for depth, slot, robot in _lines(store, name):
+            text.append("  " * (depth - 1) + "└ " if depth else "", tint(self.app, "muted"))
+            text.append(f"{slot}: " if slot else "", tint(self.app, "muted"))
+            if robot:
+                text.append(f"{robot}  ", "bold")
+                text.append_text(mood_mark(self.app, store.mood(robot, now), store.doing(robot, now)))
+            else:
+                text.append("empty", tint(self.app, "warning"))
+            text.append("\n")
+        text.rstrip()
+        self.show(text)
+
+
+def _lines(
+    store: Store, name: str, slot: str = "", above: tuple[str, ...] = ()
+) -> Iterator[tuple[int, str, str]]:
+    """Yield depth, slot and robot of each line; an empty slot has no robot."""
+    yield len(above), slot, name
+    robot = store.descriptions.get(name)
+    if robot is None or name in above:
+        return
+    for one in robot.slots:
+        if one.child:
+            yield from _lines(store, one.child.name, one.name, (*above, name))
+        else:
+            yield len(above) + 1, one.name, ""
