@@ -125,6 +125,15 @@ class RequestDataStream(Message, frozen=True, gc=False):
     start_stop: int
 
 
+@wire("SET_MODE")
+class LegacySetMode(Message, frozen=True, gc=False):
+    """The old way to ask for a mode, before the command DO_SET_MODE."""
+
+    target_system: int
+    base_mode: int
+    custom_mode: int
+
+
 @wire("MISSION_REQUEST_LIST")
 class MissionRequestList(Message, frozen=True, gc=False):
     """Asks how many mission items there are."""

@@ -16,11 +16,13 @@ from typing import Final
 import msgspec
 
 from robotree.protocol.messages import (
+    CommandAck,
     CommandCancel,
     CommandInt,
     CommandLong,
     GoalState,
     GripperActions,
+    LegacySetMode,
     MavCmd,
     MavResult,
     MavSeverity,
@@ -42,7 +44,7 @@ from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.firmware.stops import PX4_HOLD, stop_commanded
+from robotree.sim.firmware.stops import PX4_HOLD, modes_of, stop_commanded
 
 _RESULTS: Final = {
     GoalState.SUCCEEDED: MavResult.ACCEPTED,
@@ -56,6 +58,8 @@ _WIDTHS: Final[Mapping[float, float]] = {
     GripperActions.HOLD: nan,
 }
 """[m] between the fingers that DO_GRIPPER means; NaN: as they are."""
+
+_LEGACY: Final = LegacySetMode.codec.definition.id
 
 Arguments = Callable[[Request], tuple[float, ...]]
 """The (7,) arguments of a verb from a command's parameters."""
@@ -119,6 +123,7 @@ class Commands:
             MavCmd.COMPONENT_ARM_DISARM: self._stop_or(self._arm),
             MavCmd.DO_FLIGHTTERMINATION: self._stop_or(self._terminate),
             MavCmd.DO_SET_MODE: self._stop_or(self._set_mode),
+            MavCmd.DO_PAUSE_CONTINUE: self._pause_or_continue,
             MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
             MavCmd.REQUEST_OPERATOR_CONTROL: rights.control.handle,
         }
@@ -132,6 +137,21 @@ class Commands:
                 self._movement.leave((effect.peer, effect.command))
         news, self._news = self._news, []
         return sends(effects) + news
+
+    def set_mode(self, wish: LegacySetMode, peer: Peer, now: int) -> list[Outgoing]:
+        """Take the old message SET_MODE: the same as the command, answered under the message's number.
+
+        MAVLink defines no answer but the mode in HEARTBEAT; ArduPilot answers so, and clients wait for it.
+        """
+        main, sub = modes_of(wish)
+        asked = (float(wish.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
+        out = self.hear(CommandLong(wish.target_system, 0, MavCmd.DO_SET_MODE, 0, *asked), peer, now)
+        return [
+            each._replace(message=msgspec.structs.replace(each.message, command=_LEGACY))
+            if isinstance(each.message, CommandAck)
+            else each
+            for each in out
+        ]
 
     def tick(self, now: int) -> list[Outgoing]:
         """Tell those who wait that their command still goes on."""
@@ -204,7 +224,30 @@ class Commands:
             return self._allowed(request, lambda: self._held(now))
         if main == ModeKind.READY:
             return self._released(request)
+        if main == PX4_HOLD[0]:
+            text = "This robot cannot take off, return or land: sub-mode 3 holds, 0 is the safe stop."
+            return self._refuse(MavResult.DENIED, text)
         return self._refuse(MavResult.DENIED, "Modes that can be set: 1 ready, 3 hold, 4 safe stop.")
+
+    def _pause_or_continue(self, request: Request, now: float) -> Answer:
+        """Hold; or be ready again, though what was held does not go on by itself."""
+        match request.param(1, default=-1.0):
+            case 0.0:
+                return self._allowed(request, lambda: self._held(now))
+            case 1.0:
+                return self._allowed(request, self._ready)
+            case _:
+                return self._refuse(MavResult.DENIED, "Pause with 0, continue with 1.")
+
+    def _ready(self) -> Answer:
+        if self._movement.bar:
+            return self._refuse(MavResult.TEMPORARILY_REJECTED, self._movement.bar, Reason.STOPPED)
+        if self._movement.job is None:
+            self._movement.release()
+            self._news += self._herald.tell(
+                MavSeverity.NOTICE, "Ready. What was held has ended; ask for it again."
+            )
+        return Answer(MavResult.ACCEPTED)
 
     def _reboot(self, _: Request, __: float) -> Answer:
         return self._refuse(

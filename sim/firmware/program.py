@@ -21,6 +21,7 @@ from robotree.protocol.messages import (
     Goal,
     GoalCancel,
     Heartbeat,
+    LegacySetMode,
     MavCmd,
     MavResult,
     MavType,
@@ -39,8 +40,9 @@ from robotree.protocol.messages import (
     SysStatus,
     SystemTime,
     Timesync,
+    Untyped,
 )
-from robotree.protocol.services import control, heartbeat, interval, ping, timesync
+from robotree.protocol.services import absent, control, heartbeat, interval, ping, timesync
 from robotree.protocol.services.command import Answer, Handler
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware import description
@@ -205,7 +207,10 @@ class Firmware:
                 _route(ParamRequestList, all_or_us, parameters),
                 _route(ParamRequestRead, all_or_us, parameters),
                 _route(ParamSet, all_or_us, parameters),
+                _route(LegacySetMode, all_or_us, self._commands.set_mode),
                 _route(MissionRequestList, all_or_us, _no_mission),
+                (MissionCount, self._say_absent),
+                (Untyped, self._say_absent),
                 _route(Timesync, any_, _tell_time),
                 _route(Ping, any_, _echo),
             )
@@ -221,6 +226,11 @@ class Firmware:
         self, message: ParamRequestRead | ParamRequestList | ParamSet, peer: Peer, now: int
     ) -> list[Outgoing]:
         return self._parameters.hear(message, peer, now, self._schedule.links)
+
+    def _say_absent(self, frame: Frame, peer: Peer, _: int, __: int) -> list[Outgoing]:
+        """Say of what is asked for that it is not here."""
+        said = absent.answer(frame.message, peer) if self._is_for_all_or_us(frame) else None
+        return [] if said is None else [Outgoing(said, peer.via)]
 
     # -- what is told without a device
 

@@ -1,19 +1,41 @@
 """What asks for the protective stop, in every form that the wire knows. The only place that says so. Pure."""
 
 from collections.abc import Sequence
+from math import isnan
 from typing import Final
 
-from robotree.protocol.messages import AnyMessage, CommandInt, CommandLong, MavCmd, ModeKind, SetMode
+from robotree.protocol.messages import (
+    AnyMessage,
+    CommandInt,
+    CommandLong,
+    LegacySetMode,
+    MavCmd,
+    ModeKind,
+    SetMode,
+)
 
 PX4_HOLD: Final = (4, 3)
 """MAVSDK's "hold": main mode and sub-mode (auto, loiter) of PX4 in DO_SET_MODE, whatever the autopilot. It is
-no stop, although its main mode has the number of ours: who holds may be asked to go on by the next goal."""
+no stop, although its main mode has the number of ours: who holds may be asked to go on by the next goal.
+PX4's other sub-modes of 4 (take off, mission, return, land) are no stops either: they ask for something that
+these robots cannot do, and are refused."""
+_PX4_MAIN, _PX4_SUB = 16, 24
+"""[bit] Where PX4 keeps main mode and sub-mode in the custom mode of HEARTBEAT and SET_MODE."""
+
+
+def modes_of(wish: LegacySetMode) -> tuple[int, int]:
+    """Return the main mode and the sub-mode that a SET_MODE asks for: ours, or PX4's in the upper half."""
+    if wish.custom_mode >> _PX4_MAIN:
+        return wish.custom_mode >> _PX4_MAIN & 0xFF, wish.custom_mode >> _PX4_SUB
+    return wish.custom_mode, 0
 
 
 def stop_asked_by(message: AnyMessage) -> bool:
     """Whether a message asks for the stop."""
     if isinstance(message, SetMode):
         return message.mode == ModeKind.SAFE_STOP
+    if isinstance(message, LegacySetMode):
+        return modes_of(message) == (ModeKind.SAFE_STOP, 0)
     if isinstance(message, CommandLong | CommandInt):
         return stop_commanded(message.command, (message.param1, message.param2, message.param3))
     return False
@@ -32,6 +54,6 @@ def stop_commanded(command: int, params: Sequence[float]) -> bool:
         case MavCmd.DO_FLIGHTTERMINATION:
             return params[0] > 0.5  # as MAVLink defines it
         case MavCmd.DO_SET_MODE:
-            return params[1] == ModeKind.SAFE_STOP and (params[1], params[2]) != PX4_HOLD
+            return params[1] == ModeKind.SAFE_STOP and (params[2] == 0.0 or isnan(params[2]))
         case _:
             return False

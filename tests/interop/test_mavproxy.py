@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -33,6 +34,31 @@ def test_it_fetches_the_whole_parameter_list(with_parameters: Any) -> None:
     assert proxy.count >= 8
     proxy.type("param status")
     proxy.reads(rf"Have {proxy.count}/{proxy.count} params")
+
+
+def test_it_asks_for_a_file_first_and_loses_no_time_by_it(
+    start: Callable[..., Any], tools: Path, arm: str
+) -> None:
+    """With its module for files, as it is by default, it fetches the parameters as a file if it can."""
+    options = (f"--master=tcp:{arm}", "--mav20", "--no-state", "--dialect=robotree")
+    modules = "--default-modules=ftp,param,link,cmdlong,wp,log"
+    proxy = start(tools / "python", tools / "mavproxy.py", *options, modules)
+    proxy.reads(r"Detected vehicle 1:1 on link 0\n")
+    began = time.monotonic()
+    proxy.reads(r"Received \d+ parameters")
+    assert time.monotonic() - began < 6.0, "11 s where nobody answers"
+    proxy.type("ftp list /")
+    proxy.reads(r"LIST: .*opcode:129 req_opcode:3")
+    proxy.type("wp clear")
+    proxy.reads(r"MISSION_ACK: TYPE_MISSION: UNSUPPORTED")
+    proxy.type("log list")
+    proxy.reads(r"No logs")
+
+
+def test_a_mode_that_it_cannot_have_is_denied_with_a_sentence(proxy: Any) -> None:
+    proxy.type("long DO_SET_MODE 1 4 5")
+    proxy.reads(r"Got COMMAND_ACK: DO_SET_MODE: DENIED")
+    proxy.reads(r"cannot take off, return or land")
 
 
 def test_it_sets_a_parameter_and_sees_one_refused(with_parameters: Any) -> None:

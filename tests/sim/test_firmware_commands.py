@@ -357,3 +357,35 @@ def test_a_command_for_another_system_or_component_is_not_ours(arm: ArmBench) ->
     arm.operator.wait(0.1)
     assert arm.operator.all(CommandAck) == []
     assert arm.operator.mode()[0] == ModeKind.READY
+
+
+@pytest.mark.parametrize("sub", [1.0, 2.0, 4.0, 5.0, 6.0])
+def test_a_mode_that_only_px4_has_is_refused_and_is_no_stop(arm: ArmBench, sub: float) -> None:
+    """Take off, mission, return to launch, land: who asks for one must not read that it was done."""
+    go(arm.operator, speed=0.02)
+    arm.operator.wait(0.2)
+    assert result(arm.operator, MavCmd.DO_SET_MODE, 1.0, 4.0, sub) == MavResult.DENIED
+    arm.operator.wait(0.02)
+    assert "cannot take off, return or land" in text(arm.operator)
+    assert arm.operator.mode()[0] == ModeKind.ACTIVE
+
+
+def test_a_pause_holds_and_a_continue_makes_ready_but_moves_nothing(arm: ArmBench) -> None:
+    operator = arm.operator
+    go(operator, speed=0.02)
+    operator.wait(0.2)
+    assert result(operator, MavCmd.DO_PAUSE_CONTINUE, 0.0) == MavResult.ACCEPTED
+    operator.wait(0.2)
+    assert operator.mode()[0] == ModeKind.READY
+    assert result(operator, MavCmd.DO_PAUSE_CONTINUE, 1.0) == MavResult.ACCEPTED
+    operator.wait(0.5)
+    assert text(operator).endswith("Ready. What was held has ended; ask for it again.")
+    assert operator.mode()[0] == ModeKind.READY
+
+
+def test_a_continue_releases_no_safe_stop(arm: ArmBench) -> None:
+    operator = arm.operator
+    assert result(operator, MavCmd.COMPONENT_ARM_DISARM, 0.0) == MavResult.ACCEPTED
+    assert result(operator, MavCmd.DO_PAUSE_CONTINUE, 1.0) == MavResult.TEMPORARILY_REJECTED
+    assert result(operator, MavCmd.DO_PAUSE_CONTINUE, 7.0) == MavResult.DENIED
+    assert operator.mode()[0] == ModeKind.SAFE_STOP
