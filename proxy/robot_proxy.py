@@ -31,6 +31,7 @@ from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_
 from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.vr.command import command
 from robotree.vr.context import Activity, running
+from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
 
@@ -86,7 +87,8 @@ class RobotProxy(Robot):
             BadName: that cannot be a name.
             ValueError: the kind has no such limit.
         """
-        super().__init__(name, {"controller": url})
+        link = SIGNED_LINK if security.signed else OPEN_LINK
+        super().__init__(name, {"controller": url, LINK: link})
         self.online = False
         self.on_change: Callable[[], None] = lambda: None
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""

@@ -137,6 +137,7 @@ def _start(line: Line, *, readonly: bool) -> int:
 def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
     from robotree.tui import demo
+    from robotree.tui.wire import security
 
     headless, without = line.flag("--headless"), no_screen()
     if without and not headless:
@@ -150,6 +151,7 @@ def _demo(line: Line, *, readonly: bool) -> int:
         pictures=line.text("--pictures"),
         wire=over,
         readonly=readonly,
+        key=security.wanted(line, security.REALM),
     )
     return _run(work, on_screen=not headless)
 
@@ -212,10 +214,16 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
     from robotree.sim.serving.server import serve
-    from robotree.tui.wire.security import securing
+    from robotree.tui.wire.security import openness, securing
 
     async with securing(line) as security:
-        await serve(line.text("KIND"), line.text("--listen"), ready=ready, security=security)
+
+        def listens(address: str) -> None:
+            if not security.signed:
+                note(openness(address))
+            ready(address)
+
+        await serve(line.text("KIND"), line.text("--listen"), ready=listens, security=security)
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:

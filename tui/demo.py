@@ -18,6 +18,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.tui.terminal import aside, complain, note, put
+from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.address import ROLES
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
@@ -56,6 +57,7 @@ async def demo(
     pictures: str = "",
     wire: Wire = Wire.TCP,
     readonly: bool = False,
+    key: str = REALM,
 ) -> int:
     """Start everything, hand over to a person or to the session script, and end everything.
 
@@ -66,6 +68,7 @@ async def demo(
         pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
         wire: between controllers and proxies.
         readonly: whether the screen leaves out all that changes robots.
+        key: of all links: a file, `realm` for the realm's own key, or `none`.
 
     Returns:
         The exit code.
@@ -73,7 +76,8 @@ async def demo(
     realm = realm or (f"demo-{os.getpid()}" if headless else "default")
     try:
         await _alone(realm)
-        async with Crew(realm) as crew:
+        file = await asyncio.to_thread(key_file, key, realm)
+        async with Crew(realm, key=str(file or NOTHING)) as crew:
             note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
             await cast(crew, counting=not headless, wire=wire)
             if headless:

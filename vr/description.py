@@ -19,6 +19,11 @@ Effect = Literal["read", "repeat", "once"]
 end (go to a point, close). once: adds up (move by, dispense)."""
 
 
+LINK, OPEN_LINK, SIGNED_LINK = "link", "open", "signed"
+"""The attribute of a robot with a controller that says how its link is guarded, and its values. Open: the
+controller obeys every program that reaches it (docs/security.md)."""
+
+
 class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One typed value of a command: a parameter, or a part of its result."""
 
@@ -115,6 +120,16 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
         """The most special kind."""
         return self.kinds[0]
 
+    @property
+    def link(self) -> str:
+        """How the link to its controller is guarded: `open` or `signed`; empty: it has no controller."""
+        return self.attributes.get(LINK, "")
+
+    @property
+    def unguarded(self) -> bool:
+        """Whether its controller obeys every program that reaches it."""
+        return self.link == OPEN_LINK
+
     def command(self, name: str) -> CommandSpec | None:
         """Return the command of this name, or None."""
         return next((command for command in self.commands if command.name == name), None)
@@ -145,6 +160,16 @@ class Listing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     def kind(self) -> str:
         """The most special kind."""
         return self.kinds[0]
+
+    @property
+    def link(self) -> str:
+        """How the link to its controller is guarded: `open` or `signed`; empty: it has no controller."""
+        return self.attributes.get(LINK, "")
+
+    @property
+    def unguarded(self) -> bool:
+        """Whether its controller obeys every program that reaches it."""
+        return self.link == OPEN_LINK
 
 
 class Template(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -36,6 +36,11 @@ class Seals(TypedDict):
 class Sealing(Protocol):
     """Decides which links are signed."""
 
+    @property
+    def signed(self) -> bool:
+        """Whether links are signed; else everybody is heard who reaches them."""
+        ...
+
     def seals(self, address: str) -> Seals:
         """What the link at an address needs."""
         ...
@@ -69,6 +74,8 @@ class Sealing(Protocol):
 class Unsigned:
     """No link is signed, and everybody is heard."""
 
+    signed = False
+
     def seals(self, address: str) -> Seals:  # noqa: ARG002  all are alike
         """Nothing."""
         return Seals(signer=None, verifier=None)
@@ -91,7 +98,7 @@ class Unsigned:
 
 
 UNSIGNED = Unsigned()
-"""For whoever has no keys."""
+"""For programs without keys."""
 
 
 class Security:
@@ -106,6 +113,8 @@ class Security:
     Raises:
         KeyFileError: the persisted time cannot be read.
     """
+
+    signed = True
 
     def __init__(self, keyring: Keyring, clock: Callable[[], float], *, first_link: int = 0) -> None:
         self._keyring = keyring

@@ -50,7 +50,7 @@ def test_a_file_with_one_class_is_a_kind(write: Path) -> None:
     for kind in ("door.py", "./door.py", "door.py:Door", str(write / "door.py")):
         robot = kinds.make(kind, "door-1", URL)
         assert robot.kinds() == ("Door", "RobotProxy", "Robot")
-        assert (robot.name, robot.attributes) == ("door-1", {"controller": URL})
+        assert (robot.name, robot.attributes) == ("door-1", {"controller": URL, "link": "open"})
 
 
 def test_of_several_kinds_in_a_file_one_is_named(write: Path) -> None:

@@ -78,7 +78,7 @@ async def made(realm: Realm) -> None:
 async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
     robots = await do(realm, "ls")
     assert [one["address"]["name"] for one in robots.data] == ["arm-1", "rover-1"]
-    assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "STATE", "HOST", "ABOUT"]
+    assert robots.text.splitlines()[0].split() == ["NAME", "KIND", "STATE", "LINK", "HOST", "ABOUT"]
     assert "An arm of paper" in robots.text
     assert [one["address"]["name"] for one in (await do(realm, "ls --views")).data] == ["cell"]
     assert (await do(realm, "ls --hosts")).data == [{"name": "host-1", "robots": []}]

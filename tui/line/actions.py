@@ -151,8 +151,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- run
     Action(
-        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic]",
-        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD.",
+        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic] [--key FILE | --open]",
+        help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
+        " Its links are signed with the realm's own key, with --open they are not.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("demo --can", "demo --headless --can --classic"),
@@ -172,21 +173,21 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
-        usage="sim KIND --listen URL [--key FILE]",
-        help="Simulate a robot's controller on the wire.",
+        usage="sim KIND --listen URL [--key FILE | --open]",
+        help="Simulate a robot's controller; it is open to all unless it has a key (realm: the realm's).",
         group=PROCESS,
         where=Where.SHELL,
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE]",
+        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE | --open]",
         help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with yours.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="view NAME --connect URL [--key FILE]",
+        usage="view NAME --connect URL [--key FILE | --open]",
         help="Show the workspace of a robot's controller to whoever looks.",
         group=PROCESS,
         where=Where.SHELL,

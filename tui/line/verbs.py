@@ -99,13 +99,13 @@ def _listed(
     extra = {"stale": True} if doubt else {}
     mark = ("stale",) if doubt else ()
     data: list[dict[str, Any]] = []
-    rows = [("NAME", "KIND", *(["STATE"] if states else []), "HOST", *(["LISTED"] if doubt else []), "ABOUT")]
+    about = ["STATE", "LINK"] if states else []
+    rows = [("NAME", "KIND", *about, "HOST", *(["LISTED"] if doubt else []), "ABOUT")]
     for one in sorted(listings, key=lambda one: one.name):
-        state = {"state": states[one.name]} if states else {}
+        state = {"state": states[one.name], "link": one.link} if states else {}
         data.append({**plain(one), **state, **extra})
-        rows.append(
-            (one.name, one.kind, *state.values(), one.host or "-", *mark, wording.summary(one.doc)),
-        )
+        cells = (value or "-" for value in (*state.values(), one.host))
+        rows.append((one.name, one.kind, *cells, *mark, wording.summary(one.doc)))
     text = wording.columns(rows) if data else f"no {what} is {'known' if doubt else 'listed'}"
     return Outcome(data, text, doubt)
 

@@ -98,12 +98,17 @@ class Member:
 class Crew:
     """Starts members, in order or at once, and ends them all, the last one first."""
 
-    def __init__(self, realm: str, logs: Path | None = None) -> None:
-        """Members live in `realm` and write what they have to say to files in the folder `logs`.
+    def __init__(self, realm: str, logs: Path | None = None, *, key: str = "") -> None:
+        """Prepare a crew without members.
 
-        Without a folder those files have no name, so that nothing of them stays behind, whatever ends us.
+        Args:
+            realm: in which the members live.
+            logs: folder of the files to which they write what they have to say. Without one those files have
+                no name, so that nothing of them stays behind, whatever ends us.
+            key: file with the key of all links between members, or `none`; empty: `$ROBOTREE_KEY` decides.
         """
         self.realm, self.logs = realm, logs
+        self._environment = {"ROBOTREE_REALM": realm, **({"ROBOTREE_KEY": key} if key else {})}
         self.members: list[Member] = []
 
     async def start(self, *words: str) -> Member:
@@ -119,7 +124,7 @@ class Crew:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=log,
-            env={**os.environ, "ROBOTREE_REALM": self.realm},
+            env={**os.environ, **self._environment},
             start_new_session=True,  # Ctrl-C is for the starter, who then ends its crew in order
         )
         member = Member(words, process, log)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import AsyncGenerator
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from robotree.files import private_folder
+from robotree.tui.errors import sentence
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -36,6 +40,25 @@ def anybody_met(realm: str) -> bool:
     from robotree.vr.network.rendezvous import met
 
     return met(realm)
+
+
+def folder_of(realm: str) -> Path:
+    """Return the folder in which a realm's processes meet, made if need be; only its owner can enter it.
+
+    Raises:
+        RealmUnusable: it cannot be made, or belongs to somebody else.
+    """
+    from robotree.vr.errors import RealmUnusable
+    from robotree.vr.network.rendezvous import runtime_directory
+
+    top = runtime_directory()
+    try:
+        for folder in (top, top / realm):
+            private_folder(folder)
+    except OSError as error:
+        reason = f"{sentence(error)}; set XDG_RUNTIME_DIR to a directory of your own"
+        raise RealmUnusable(realm=realm, reason=reason) from None
+    return top / realm
 
 
 @contextlib.asynccontextmanager

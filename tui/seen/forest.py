@@ -87,7 +87,8 @@ def label(branch: Branch) -> str:
     place = f"{branch.slot.name}: " if branch.slot else ""
     if branch.robot:
         shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.words(branch.robot)}"
-        return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}"
+        link = f"  {mood.UNGUARDED}" if branch.robot.unguarded else ""
+        return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}{link}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
     wants = f"takes {branch.slot.kind}" if branch.slot else ""
@@ -110,6 +111,8 @@ def structure(branch: Branch) -> dict[str, object]:
         "kind": branch.robot.kind if branch.robot else "",
         "state": mood.words(branch.robot, branch.robot.slots) if branch.robot else "",
     }
+    if branch.robot and branch.robot.link:
+        facts["link"] = branch.robot.link
     if branch.slot:
         facts |= {"slot": branch.slot.name, "takes": branch.slot.kind}
     return {**facts, "children": [structure(one) for one in branch.branches]}

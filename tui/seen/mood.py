@@ -22,6 +22,9 @@ CALM: frozenset[Mood] = frozenset({"free", "enslaved"})
 LONG = 120.0
 """[s] from which on a time is told in minutes."""
 
+UNGUARDED = "open link"
+"""Beside a robot whose controller obeys every program that reaches it."""
+
 
 class Condition(Protocol):
     """What a robot tells of itself: a state has it, and so has a description."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
-from robotree.tui.seen.mood import MOODS, Mood
+from robotree.tui.seen.mood import MOODS, UNGUARDED, Mood
 from robotree.tui.seen.store import Store
 
 Order = Literal["tree", "name", "kind", "state", "by", "host"]
@@ -54,6 +54,8 @@ class RobotRow:
     marked: bool = False
     unlisted: bool = False
     """No lookup service says that it is still there."""
+    unguarded: bool = False
+    """Its controller obeys every program that reaches it: the link has no key."""
 
     @property
     def name(self) -> str:
@@ -119,6 +121,7 @@ def row(store: Store, seat: Seat, now: float, marks: Container[str] = ()) -> Rob
         old=store.old(name, now),
         marked=name in marks,
         unlisted=store.stale and name in store.robots,
+        unguarded=known is not None and known.unguarded,
     )
 
 
@@ -174,7 +177,7 @@ def said(store: Store, one: RobotRow) -> dict[str, str]:
     return {
         "name": one.name,
         "kind": " ".join(robot.kinds) if robot else one.kind,
-        "state": f"{one.mood} {one.state}",
+        "state": f"{one.mood} {one.state} {UNGUARDED if one.unguarded else ''}",
         "by": one.by,
         "host": one.host,
         "about": f"{one.seat.slot} {one.about} {store.speaks_of(one.name)}",

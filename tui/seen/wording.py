@@ -123,8 +123,9 @@ def portrait(robot: RobotDescription) -> str:
         ("state", mood.words(robot, robot.slots)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
+        ("link", _link(robot)),
         ("parent", f"{robot.bond.parent.name}.{robot.bond.slot}" if robot.bond else ""),
-        *((f"@{key}", text) for key, text in sorted(robot.attributes.items())),
+        *((f"@{key}", text) for key, text in sorted(robot.attributes.items()) if key != "link"),
     ]
     blocks = [columns([fact for fact in facts if fact[1]])]
     if robot.slots:
@@ -152,6 +153,13 @@ def _abandoned(robot: RobotDescription) -> str:
         return ""
     home = f"host {robot.host}" if robot.host else "its process"
     return f"{', '.join(robot.abandoned)} heeds no cancel and still runs; restart {home}"
+
+
+def _link(robot: RobotDescription) -> str:
+    """Say how the link to its controller is guarded."""
+    if robot.unguarded:
+        return "open: every program that reaches its controller can command it; start both with --key"
+    return robot.link
 
 
 def _calls(robot: RobotDescription, command: str) -> str:

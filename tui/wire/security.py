@@ -1,6 +1,7 @@
-"""The keys of the links that a command opens: `--key FILE`, or `$ROBOTREE_KEY`.
+"""The keys of the links that a command opens: `--key FILE`, or `$ROBOTREE_KEY`; `--open`: none.
 
-The file is one that `robotree wire key FILE` makes. Its path is all that command lines, logs and errors show.
+The file is one that `robotree wire key FILE` makes, or `realm`: the realm's own, made without a question for
+processes that one command starts together. Its path is all that command lines, logs and errors show.
 """
 
 from __future__ import annotations
@@ -9,23 +10,80 @@ import os
 import secrets
 import time
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
-from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.errors import KeyFileError
+from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.security import UNSIGNED, Sealing, Security, persisting
 from robotree.tui.line.grammar import Line
+from robotree.tui.processes.realm import chosen, folder_of
 
 VARIABLE = "ROBOTREE_KEY"
 NOTHING = "none"
-"""What is given instead of a file by who wants links without keys although the variable is set."""
+"""What is given instead of a file for links without keys, although the variable is set."""
+REALM = "realm"
+"""What is given instead of a file for the realm's own key."""
+REALM_KEY = "realm.key"
+"""The name of its file, in the realm's folder."""
+
+
+def wanted(line: Line, otherwise: str = NOTHING) -> str:
+    """Return what a line, or else the environment, says of keys: a file, `realm` or `none`.
+
+    Args:
+        line: with `--key` or `--open`, or neither.
+        otherwise: what is meant when nothing is said.
+    """
+    return NOTHING if line.flag("--open") else line.text("--key") or os.environ.get(VARIABLE) or otherwise
+
+
+def key_file(given: str, realm: str) -> Path | None:
+    """Return the file that is meant by a file, `realm` or `none`; None: links are open.
+
+    Raises:
+        RealmUnusable: the realm's folder cannot be used.
+        KeyFileError: its key cannot be made.
+    """
+    if given == NOTHING:
+        return None
+    return realm_key(realm) if given == REALM else Path(given)
+
+
+def realm_key(realm: str) -> Path:
+    """Return the file with a realm's key; who comes first makes it, for all who come later.
+
+    Raises:
+        RealmUnusable: the realm's folder cannot be used.
+        KeyFileError: the file cannot be made.
+    """
+    folder = folder_of(realm)
+    path, draft = folder / REALM_KEY, folder / f".{secrets.token_hex(8)}.key"
+    if not path.exists():
+        create(draft)
+        try:
+            with suppress(FileExistsError):  # somebody else was quicker
+                os.link(draft, path)  # at once: nobody finds half a file
+        except OSError as error:
+            raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
+        finally:
+            draft.unlink()
+    return path
+
+
+def openness(url: str) -> str:
+    """Say who may command a controller that listens at an address without a key."""
+    scheme = url.partition(":")[0]
+    who = {"serial": "whatever is at the other end of the line", "can": "everything on its bus"}
+    anybody = who.get(scheme, "every user and program of this machine")
+    return f"this controller has no key: {anybody} may command it; --key FILE asks for one (docs/security.md)"
 
 
 @asynccontextmanager
 async def securing(line: Line) -> AsyncGenerator[Sealing]:
     """Read the keys for what a line starts, and keep their time inside the block.
 
-    Whoever gives a file wants what it opens to be signed: an address that the file has no key for is refused.
+    With a file everything that is opened is signed: an address that the file has no key for is refused.
 
     Yields:
         What signs the links; without a file, nothing does.
@@ -34,11 +92,11 @@ async def securing(line: Line) -> AsyncGenerator[Sealing]:
         KeyFileError: the file cannot be used, or has no key for an address of the line.
         BadUrl: an address means nothing.
     """
-    given = line.text("--key") or os.environ.get(VARIABLE) or NOTHING
-    if given == NOTHING:
+    file = key_file(wanted(line), chosen(line.text("--realm")))
+    if file is None:
         yield UNSIGNED
         return
-    keys = Keyring(Path(given))
+    keys = Keyring(file)
     for option in ("--listen", "--connect"):
         if line.text(option):
             keys.require(line.text(option), listening=option == "--listen")

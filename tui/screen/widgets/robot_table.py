@@ -27,6 +27,8 @@ from robotree.tui.seen.rows import GAP, MOST, Column, RobotRow, Seat, columns, r
 
 HEADER = 1
 """Lines above the first robot."""
+OPEN = "open"
+"""Behind the state of a robot whose controller obeys every program that reaches it (docs/security.md)."""
 STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
@@ -165,7 +167,8 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                     cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)), name))
                 case "STATE":
                     words = strong if shown.mood not in CALM else plain
-                    tail = " stale" if shown.unlisted else ""
+                    tail = f" {OPEN}" if shown.unguarded else ""
+                    tail += " stale" if shown.unlisted else ""
                     tail = f" ({BY_VERB['enslave'].key})" if shown.mood == "needs" else tail
                     told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]

@@ -1,0 +1,207 @@
+"""What another user of this machine can do to a robot: docs/security.md says it, here it is tried.
+
+The attacker is a process of its own that has nothing but Python and an address. Where the tests run as root
+it runs as another user; else as ours, which can do no less.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import AsyncGenerator
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol import encode
+from robotree.protocol.messages import CommandLong, Goal, Heartbeat, Message
+from robotree.tui import exit_codes
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.tui.wire.security import realm_key
+from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.testing import until
+
+pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
+ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+NOBODY = 65534
+AS_ANOTHER = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if os.geteuid() == 0 else {}
+another_user = pytest.mark.skipif(not AS_ANOTHER, reason="only root can play a second user")
+
+SAY = """
+import socket, sys, time
+host, port, said = sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.stdin.read())
+with socket.create_connection((host, port), 5) as line:
+    line.settimeout(0.1)
+    heard, end = 0, time.monotonic() + 1.0
+    while time.monotonic() < end:
+        line.sendall(said)
+        try:
+            heard += len(line.recv(65536))
+        except TimeoutError:
+            pass
+        time.sleep(0.05)
+print(heard)
+"""
+"""Says the same to a controller again and again, for a second."""
+
+INTRUDE = """
+import json, os, socket, sys
+folder, told = sys.argv[1], {}
+def attempt(name, deed):
+    try:
+        deed()
+        told[name] = "done"
+    except OSError as error:
+        told[name] = error.strerror
+attempt("list", lambda: os.listdir(folder))
+attempt("read the key", lambda: open(folder + "/realm.key").read())
+attempt("make an entry", lambda: open(folder + "/1-00000000.sock", "w"))
+for name in sys.argv[2:]:
+    attempt("speak to a process", lambda: socket.socket(socket.AF_UNIX).connect(folder + "/" + name))
+print(json.dumps(told))
+"""
+
+
+def attack(script: str, *words: str, said: bytes = b"") -> str:
+    """Run a program of another user; it cannot reach our files, so it brings its own text."""
+    python = shutil.which("python3", path="/usr/bin:/bin:/usr/local/bin") or sys.executable
+    done = subprocess.run(
+        [python, "-I", "-S", "-c", script, *words],
+        input=said.hex(),
+        capture_output=True,
+        text=True,
+        cwd="/",
+        check=False,
+        timeout=30,
+        **AS_ANOTHER,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def spoken(*messages: Message) -> bytes:
+    """What a ground station says without a key; it has the ids of our own proxies."""
+    return b"".join(
+        encode(message, sequence=number, system=255, component=190) for number, message in enumerate(messages)
+    )
+
+
+HERE = Heartbeat(6, 8, 0, 0, 4)
+STOP = CommandLong(1, 1, 400, 0, 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+DRIVE = Goal(7, 1, 5000, (0.3, 0.1, 0.4, 0.0, 0.2, 0.0, 0.0), 1, 1, 1)
+
+
+async def say(address: str, *messages: Message) -> int:
+    """Have another user say something to a controller; return how many bytes it answered."""
+    _, host, port = address.split(":")
+    return int(await asyncio.to_thread(attack, SAY, host, port, said=spoken(*messages)))
+
+
+async def run(*words: str, realm: str = "") -> subprocess.CompletedProcess[bytes]:
+    """One command line, as a person types it."""
+    given = [*ROBOTREE, *words, *(["--realm", realm] if realm else [])]
+    return await asyncio.to_thread(subprocess.run, given, capture_output=True, check=False, timeout=30)
+
+
+async def until_online(fleet: Fleet, name: str) -> None:
+    await until(lambda: any(one.name == name for one in fleet.robots()), f"{name} is listed")
+    async with asyncio.timeout(60):
+        while not (await fleet.describe(name)).online:  # noqa: ASYNC110  an answer has no event
+            await asyncio.sleep(0.02)
+
+
+@contextlib.asynccontextmanager
+async def played(folder: Path, *options: str) -> AsyncGenerator[Fleet]:
+    """The demo as `robotree demo` starts it, in the realm `demo`, with its arm online."""
+    demo = await asyncio.create_subprocess_exec(
+        *(*ROBOTREE, "demo", "--headless", "--realm", "demo", *options),
+        cwd=folder,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    try:
+        assert demo.stdout
+        await demo.stdout.readline()  # the first step of its script: everybody is up
+        async with joined("demo") as fleet:
+            await until_online(fleet, "rover-1")
+            yield fleet
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            demo.send_signal(signal.SIGTERM)
+        await demo.communicate()
+
+
+async def test_the_demo_obeys_no_other_user(place: Path, tmp_path: Path) -> None:
+    async with played(tmp_path) as fleet:
+        for name in ("arm-1", "rover-1"):
+            robot = await fleet.describe(name)
+            assert robot.link == "signed"
+            heard = await say(robot.attributes["controller"], HERE, STOP, DRIVE)
+            assert heard > 0, "what a robot tells is no secret: it can be read, and not forged"
+        assert not (await fleet.describe("rover-1")).stopped
+        assert not (await fleet.describe("arm-1")).stopped
+        await fleet.call("rover-1", "move", {"x": 0.05, "y": 0.0})
+    key = place / "robotree" / "demo" / "realm.key"
+    assert key.stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.soak
+async def test_the_demo_over_can_obeys_nobody_without_the_realms_key(tmp_path: Path) -> None:
+    ping = ["wire", "ping", "--count", "2"]
+    async with played(tmp_path, "--can") as fleet:
+        robot = await fleet.describe("rover-1")
+        assert robot.link == "signed"
+        ping += ["--connect", robot.attributes["controller"]]
+        codes = [(await run(*ping, *key, realm="demo")).returncode for key in ((), ("--key", "realm"))]
+    assert codes == [exit_codes.NOBODY, exit_codes.DONE]
+
+
+async def test_an_open_controller_says_so_obeys_anybody_and_is_marked_everywhere(tmp_path: Path) -> None:
+    async with Crew("open", tmp_path) as crew:
+        rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
+        assert "every user and program of this machine may command it; --key FILE" in rover.log
+        await crew.start("lookup", "lookup-1")
+        await crew.start("proxy", "rover", "rover-1", "--connect", rover.address, "--space", "none")
+        async with joined("open") as fleet:
+            await until_online(fleet, "rover-1")
+            await say(rover.address, HERE, STOP)
+            async with asyncio.timeout(10):
+                while not (await fleet.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
+                    await asyncio.sleep(0.02)
+        told = [
+            (await run(*words, realm="open")).stdout
+            for words in (("ls", "--json"), ("show", "rover-1"), ("tree",))
+        ]
+    listed, shown, tree = told
+    assert [one["link"] for one in json.loads(listed)] == ["open"]
+    assert b"open: every program that reaches its controller can command it" in shown
+    assert b"open link" in tree
+
+
+@pytest.fixture
+def open_above(place: Path) -> Path:
+    """A runtime folder that lies where everybody can go; else the folders above would keep others out."""
+    for folder in (place.parent, place):
+        folder.chmod(0o755)
+    return place
+
+
+@another_user
+async def test_another_user_can_neither_enter_a_realm_nor_read_its_key(open_above: Path) -> None:
+    async with Crew("mine") as crew:
+        await crew.start("lookup", "lookup-1")
+        realm_key("mine")
+        folder = open_above / "robotree" / "mine"
+        sockets = [path.name for path in folder.iterdir() if path.is_socket()]
+        assert sockets
+        told = json.loads(await asyncio.to_thread(attack, INTRUDE, str(folder), *sockets))
+    assert told == dict.fromkeys(
+        ("list", "read the key", "make an entry", "speak to a process"), "Permission denied"
+    )
