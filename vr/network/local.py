@@ -100,6 +100,7 @@ class LocalTransport:
     def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
         """See `Transport.request`."""
         self._check(key)
+        latest = time.monotonic() + timeout  # first: nothing may begin after the asker has given up
         replies = Replies(key, timeout)
         self._asking.add(replies)
         if key in self._served:
@@ -111,7 +112,6 @@ class LocalTransport:
             action = partial(self._done, replies) if reply is None else partial(replies.feed, reply)
             self._turns.put(action, urgent=urgent)
 
-        latest = time.monotonic() + timeout
         self.mesh.ask(key, bytes(body), latest=latest, urgent=urgent, hear=hear)
         return replies
 
