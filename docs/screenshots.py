@@ -1,0 +1,247 @@
+"""Takes the pictures of the full screen: the real supervisor over the real demo, as SVG.
+
+    python docs/screenshots.py [SCENE …] [--out FOLDER] [--png]
+
+Without a name all scenes are taken, into `docs/screens/NAME-SIZE.svg`, and the one for the README into
+`docs/supervisor.svg`. `--png` writes a PNG beside each with `rsvg-convert`, to be looked at. It starts the
+demo's processes in a realm of its own, puts virtual robots on its robots as an operator would, and presses
+keys.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from svg import svg
+from textual._compositor import LayoutUpdate
+from textual.pilot import Pilot
+from textual.strip import Strip
+
+from robotree.tui.demo import cast
+from robotree.tui.line.actions import BY_VERB
+from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.place import Place
+from robotree.vr.supervision.fleet import Fleet
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parent / "examples"
+REALM = "demo"
+BIG, USUAL, SMALL, COLOURS = "160x48", "80x24", "50x15", "256-colours"
+SIZES = {BIG: (160, 48), USUAL: (80, 24), SMALL: (50, 15), COLOURS: (120, 32)}
+SETTLED = 1.5
+"""[s] for what was asked for to be drawn, and for what moves to be on its way."""
+README = ("lever", (120, 30))
+"""Scene and size of the README's picture."""
+
+
+@dataclass
+class Stage:
+    """What a scene has to play with."""
+
+    fleet: Fleet
+    app: Supervisor
+    pilot: Pilot[int]
+
+    async def key(self, verb: str) -> None:
+        """Press the key of a verb."""
+        await self.pilot.press(BY_VERB[verb].key)
+
+    async def open(self, verb: str, robot: str = "") -> None:
+        """Do what a key does with a robot selected."""
+        self.app.ask_for(verb, Place(robot))
+        await self.settle()
+
+    async def settle(self) -> None:
+        """Let the screen come to rest."""
+        await self.pilot.pause(SETTLED)
+
+
+Scene = Callable[[Stage], Awaitable[None]]
+SCENES: dict[str, tuple[Scene, tuple[str, ...]]] = {}
+
+
+def scene(*sizes: str) -> Callable[[Scene], Scene]:
+    """Enter a scene, under the name of its function, at these sizes."""
+
+    def keep(play: Scene) -> Scene:
+        SCENES[play.__name__.replace("_", "-")] = (play, sizes)
+        return play
+
+    return keep
+
+
+@scene(BIG, USUAL, SMALL, COLOURS)
+async def lever(stage: Stage) -> None:
+    """The lever closes: three robots work together."""
+    stage.app.obey("call lever.close")
+    await stage.settle()
+
+
+@scene(BIG, USUAL, SMALL, COLOURS)
+async def stopped(stage: Stage) -> None:
+    """Everything was stopped while the lever opened."""
+    stage.app.obey("call lever.open")
+    await stage.pilot.pause(1.0)
+    await stage.key("stop")
+    await stage.settle()
+
+
+@scene(BIG, USUAL, SMALL)
+async def panel(stage: Stage) -> None:
+    """The form of a command."""
+    await stage.open("panel", "mover")
+
+
+@scene(BIG, USUAL, SMALL, COLOURS)
+async def teleoperation(stage: Stage) -> None:
+    """The arm is driven by hand."""
+    await stage.fleet.release("mover", "arm")
+    await stage.settle()
+    stage.app.open_teleoperation(await stage.fleet.describe("arm-1"))
+    await stage.settle()
+    await stage.pilot.press("w", "w")
+    await stage.settle()
+
+
+@scene(BIG, USUAL, SMALL)
+async def create(stage: Stage) -> None:
+    """A virtual robot is about to be made."""
+    await stage.open("create")
+
+
+@scene(USUAL, SMALL)
+async def confirm(stage: Stage) -> None:
+    """A question before something is taken away."""
+    await stage.open("delete", "square")
+
+
+@scene(USUAL, SMALL)
+async def prompt(stage: Stage) -> None:
+    """A verb is being typed."""
+    await stage.key("prompt")
+    await stage.pilot.press(*"call", "space", *"m")
+    await stage.settle()
+
+
+@scene(USUAL, SMALL)
+async def log(stage: Stage) -> None:
+    """All that happened."""
+    await stage.open("log")
+
+
+@scene(BIG, USUAL)
+async def views(stage: Stage) -> None:
+    """The pictures of the workspace."""
+    await stage.open("views")
+
+
+@scene(BIG, USUAL)
+async def help(stage: Stage) -> None:  # noqa: A001 # the scene is named after the verb
+    """All keys."""
+    await stage.open("help")
+
+
+async def prepare(fleet: Fleet) -> None:
+    """Put virtual robots on top of the demo's."""
+    for file, name in (
+        ("move_square.py", "square"),
+        ("move_to.py", "mover"),
+        ("open_close_lever.py", "lever"),
+    ):
+        await fleet.create(str(EXAMPLES / file), name)
+    for parent, slot, child in (
+        ("square", "rover", "rover-1"),
+        ("mover", "arm", "arm-1"),
+        ("lever", "mover", "mover"),
+    ):
+        await fleet.enslave(parent, slot, child)
+
+
+async def tidy(fleet: Fleet) -> None:
+    """Bring back what a scene has changed, and wait until nothing moves."""
+    for robot in await fleet.tree():
+        if robot.stopped:
+            await fleet.resume(None)
+            break
+    await fleet.cancel("lever")
+    mover = (await fleet.describe("mover")).slot("arm")
+    if mover is not None and mover.child is None:
+        await fleet.enslave("mover", "arm", "arm-1")
+
+
+async def take(fleet: Fleet, name: str, size: tuple[int, int], path: Path, *, colours: int = 0) -> None:
+    """Play a scene and write its picture."""
+    terminal = {"TERM": "xterm-256color", "COLORTERM": "" if colours else "truecolor"}
+    os.environ.update(terminal)
+    app = Supervisor(fleet, realm=REALM)
+    async with app.run_test(size=size) as pilot:
+        stage = Stage(fleet, app, pilot)
+        while not (app.store.joined and any(isinstance(one, MainPage) for one in app.screen_stack)):
+            await pilot.pause(0.05)
+        await stage.settle()
+        await SCENES[name][0](stage)
+        text = svg(strips(app), f"robotree: {name}", colours=colours)
+        await asyncio.to_thread(path.write_text, text, encoding="utf-8")
+        app.exit(0)
+
+
+def strips(app: Supervisor) -> list[Strip]:
+    """Return what is to be seen, with the pages behind a dialog."""
+    # as Textual's own screenshot does it
+    behind = app._background_screens  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
+    compositor = app.screen._compositor  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
+    shown = compositor.render_update(full=True, screen_stack=behind)
+    if not isinstance(shown, LayoutUpdate):
+        raise TypeError("a full update of the screen is no layout any more")
+    return [Strip.join(parts) for parts in shown.strips]
+
+
+async def shoot(names: list[str], folder: Path) -> list[Path]:
+    """Take the pictures of these scenes; return where they are."""
+    taken: list[Path] = []
+    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
+    async with Crew(REALM) as crew:
+        await cast(crew, counting=False)
+        async with joined(REALM) as fleet:
+            await prepare(fleet)
+            for name in names:
+                for label in SCENES[name][1]:
+                    path = folder / f"{name}-{label}.svg"
+                    await take(fleet, name, SIZES[label], path, colours=256 * (label == COLOURS))
+                    await tidy(fleet)
+                    taken.append(path)
+            if README[0] in names:
+                await take(fleet, *README, folder.parent / "supervisor.svg")
+                taken.append(folder.parent / "supervisor.svg")
+    return taken
+
+
+def main() -> None:
+    """Take the pictures that the command line names."""
+    reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    reader.add_argument("scene", nargs="*", choices=[*SCENES, []], help="all, if none is named")
+    reader.add_argument("--out", type=Path, default=HERE / "screens", help="folder of the pictures")
+    reader.add_argument("--png", action="store_true", help="a PNG beside each, made by rsvg-convert")
+    given = reader.parse_args()
+    with tempfile.TemporaryDirectory(prefix="rt-") as apart:  # no realm and no state of the user's
+        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart)
+        for path in asyncio.run(shoot(given.scene or list(SCENES), given.out)):
+            sys.stdout.write(f"{path}\n")
+            if given.png:
+                picture = str(path.with_suffix(".png"))
+                subprocess.run(["rsvg-convert", str(path), "-o", picture], check=True)  # noqa: S607
+
+
+if __name__ == "__main__":
+    main()
