@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robotree.tui.screen.jog import AXES, LEASH, STEPS, Jog
+from robotree.tui.screen.jog import AXES, STEPS, Jog, leash
 
 HOME = {"x": 0.4, "y": 0.0, "z": 0.3, "twist": 0.0}
 BOUNDS = {"x": (0.2, 0.6), "y": (-0.4, 0.4), "z": (0.05, 0.5), "twist": (-3.0, 3.0)}
@@ -55,7 +55,28 @@ def test_a_robot_that_is_held_back_is_not_asked_for_more_and_more() -> None:
         jog.take()
         jog.arrived()
     assert jog.wish is not None
-    assert jog.wish["z"] == pytest.approx(HOME["z"] - LEASH * 0.01)
+    assert jog.wish["z"] == pytest.approx(HOME["z"] - leash("z", 0.01))
+
+
+def test_five_quick_jogs_of_10_mm_move_50_mm() -> None:
+    jog = Jog(BOUNDS)
+    assert [jog.press("x", +1, HOME) for _ in range(5)] == [0.0] * 5
+    assert jog.take() == pytest.approx({**HOME, "x": 0.45})
+
+
+def test_what_is_dropped_is_told_to_the_micrometre() -> None:
+    jog = Jog(BOUNDS)
+    dropped = [jog.press("x", +1, HOME) for _ in range(8)]
+    assert dropped == pytest.approx([0.0] * 6 + [0.01] * 2)
+    assert jog.short(HOME) == pytest.approx(0.06)
+    jog.resize(+9)
+    jog.drop()
+    assert jog.press("y", +1, {**HOME, "y": 0.37}) == pytest.approx(0.02), "the bound is at 0.4"
+
+
+@given(step=st.sampled_from(STEPS))
+def test_the_leash_is_never_shorter_than_three_steps_nor_longer_than_it_must(step: float) -> None:
+    assert 3 * step - 1e-12 <= leash("x", step) <= max(3 * step, 0.06) + 1e-12
 
 
 def test_after_a_refusal_the_next_step_starts_where_the_robot_is() -> None:
@@ -88,13 +109,14 @@ class Operator(RuleBasedStateMachine):
     @rule(axis=st.sampled_from(AXES), direction=st.sampled_from([-1, 1]))
     def press(self, axis: str, direction: int) -> None:
         before = (self.jog.wish or self.actual)[axis]
-        self.jog.press(axis, direction, self.actual)
+        dropped = self.jog.press(axis, direction, self.actual)
         assert self.jog.wish is not None
         moved = (self.jog.wish[axis] - before) * direction
         assert -1e-12 <= moved <= self.jog.step(axis) + 1e-12
         if moved > 1e-12:
             ahead = (self.jog.wish[axis] - self.actual[axis]) * direction
-            assert ahead <= LEASH * self.jog.step(axis) + 1e-12
+            assert ahead <= leash(axis, self.jog.step(axis)) + 1e-12
+        assert moved + dropped == pytest.approx(self.jog.step(axis), abs=1e-5), "nothing is lost silently"
 
     @rule(by=st.sampled_from([-1, 1]))
     def resize(self, by: int) -> None:

@@ -128,6 +128,8 @@ class Supervisor(Fenced, Unasked[int]):
         self.marks: frozenset[str] = frozenset()
         """Robots that an action may take together."""
         self._harmless = Harmless()
+        self.steps: dict[str, int] = {}
+        """The step of tele-operation that was chosen last, by robot: an index of `jog.STEPS`."""
         self.mended: list[Exception] = []
         """Errors that the fence held back."""
         self.fatal: Exception | None = None

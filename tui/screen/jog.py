@@ -1,15 +1,16 @@
 """Tele-operation by key: small steps that add up to a target, never far ahead of the robot. Pure.
 
 A key press moves the *wish* by one step; one `go_to` runs at a time and the newest wish is the next one, so
-that presses never queue up. The wish stays on a leash: it is never more than `LEASH` steps ahead of where
-the robot is, so a robot that is held back by what it touches is not asked for more and more.
+that presses never queue up. The wish stays on a leash (`leash`): it is never further ahead of where the robot
+is, so a robot that is held back by what it touches is not asked for more and more. What a press could not
+add to the wish is counted (`press` returns it), so that a person can be told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, radians
+from math import dist, inf, radians
 
 AXES = ("x", "y", "z", "twist")
 
@@ -22,8 +23,27 @@ TURNS = tuple(radians(degrees) for degrees in (1, 2, 5, 10, 15, 30))
 FIRST = 3
 """Index of the step at the beginning: 10 mm and 10 degrees."""
 
+LEAST = 1e-6
+"""[m] or [rad] that no person has dropped: rounding."""
+
 LEASH = 3
-"""Steps that the wish may be ahead of the robot."""
+"""Steps that the wish may always be ahead of the robot."""
+
+QUICK = 2 * LEASH
+"""Steps that it may be ahead as long as that is no more than `NEAR`: so many quick presses are not lost."""
+
+NEAR = 0.06
+"""[m] 60 mm: six quick steps of 10 mm."""
+
+NEAR_TURN = radians(60)
+"""[rad] The same for the twist: six quick steps of 10 degrees."""
+
+
+def leash(axis: str, step: float) -> float:
+    """Return how far the wish may be ahead of the robot along an axis, for a step; all in [m] or [rad]."""
+    near = NEAR_TURN if axis == "twist" else NEAR
+    return max(LEASH * step, min(QUICK * step, near))
+
 
 Pose = Mapping[str, float]
 """Value by axis: x, y, z [m], twist [rad], in the robot's frame."""
@@ -53,21 +73,34 @@ class Jog:
         """Choose a larger (+1) or smaller (-1) step."""
         self.choice = min(max(self.choice + by, 0), len(STEPS) - 1)
 
-    def press(self, axis: str, direction: int, actual: Pose) -> None:
+    def press(self, axis: str, direction: int, actual: Pose) -> float:
         """Move the wish by one step; it never moves against the direction that was pressed.
 
         Args:
             axis: one of `AXES`.
             direction: +1 or -1.
             actual: where the robot is.
+
+        Returns:
+            What of the step was dropped, [m] or [rad]: the leash or a bound has been reached.
         """
         wish = dict(self.wish) if self.wish else {one: actual[one] for one in AXES}
         step = self.step(axis)
-        before, leash = wish[axis], actual[axis] + direction * LEASH * step
-        after = min(before + step, leash) if direction > 0 else max(before - step, leash)
+        before, furthest = wish[axis], actual[axis] + direction * leash(axis, step)
+        after = min(before + step, furthest) if direction > 0 else max(before - step, furthest)
         after = max(after, before) if direction > 0 else min(after, before)
         wish[axis] = self._bounded(axis, before, after)
         self.wish = wish
+        dropped = step - abs(wish[axis] - before)
+        return dropped if dropped > LEAST else 0.0
+
+    def short(self, actual: Pose) -> float:
+        """Return how far the robot is from the wish, along a straight line [m]; the twist is left out."""
+        return (
+            0.0
+            if self.wish is None
+            else dist(*([pose[axis] for axis in "xyz"] for pose in (self.wish, actual)))
+        )
 
     def _bounded(self, axis: str, before: float, after: float) -> float:
         """Stay inside the bounds, or where it was if that is outside already."""

@@ -6,6 +6,7 @@ from math import radians
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.widgets import Button
 
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
@@ -13,6 +14,7 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.still import Still
 from robotree.vr.supervision.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -20,11 +22,18 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
+UP = "\x1b[A"
+
+
 async def sit_at(operator: Operator, name: str = "arm-1") -> TeleopPage:
     await operator.until(lambda: name in operator.app.store.descriptions, name)
     await operator.until(lambda: "x" in operator.app.store.readings(name), "readings")
     operator.app.open_teleoperation(operator.app.store.descriptions[name])
     return await operator.at(TeleopPage)
+
+
+def state_line(page: TeleopPage) -> str:
+    return str(page.query_one("#state", Still).render())
 
 
 async def moved(operator: Operator, page: TeleopPage) -> None:
@@ -63,6 +72,75 @@ async def test_the_step_can_be_changed_within_bounds(realm: Realm, operate: Oper
         assert realm.arm.pose["x"] == pytest.approx(0.40)
         await operator.press(*["minus"] * 9)
         await operator.sees("step 1 mm · 1°")
+
+
+async def test_five_quick_jogs_of_10_mm_move_50_mm(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await sit_at(operator)
+        realm.arm.pace = 0.05
+        operator.burst(UP * 5)
+        await operator.until(lambda: len(realm.arm.calls) >= 1, "it goes")
+        await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.40), "all of it")
+        await moved(operator, page)
+        assert len(realm.arm.calls) <= 5
+
+
+async def test_what_quick_jogs_drop_is_told(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await sit_at(operator)
+        realm.arm.under_way = True
+        operator.burst(UP * 8)
+        await operator.sees("! 20 mm of x dropped", "◐ moving", "mm to go")
+        await operator.sees("20 mm of x dropped: arm-1 is as far behind as it may be")
+        realm.arm.under_way = False
+        await moved(operator, page)
+        assert realm.arm.pose["x"] == pytest.approx(0.41)
+        await operator.until(lambda: "dropped" not in state_line(page), "it is told in the log from then on")
+
+
+async def test_the_state_stands_on_top_and_a_robot_that_is_held_back_says_how_short_it_is(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readings = realm.arm.readings
+    async with operate(realm.fleet) as operator:
+        page = await sit_at(operator)
+        assert page.query_one("#state").region.y <= 1
+        assert page.query_one("#state").region.width == 120, "the whole width"
+        assert page.query_one("#state").styles.text_style.bold
+        monkeypatch.setattr(realm.arm, "readings", lambda: {**readings(), "x": 0.35})
+        await operator.press("up", "up", "up", "up")
+        await moved(operator, page)
+        await operator.until(lambda: "✗ 40 mm short  ✗ 20 N" in state_line(page), "held back")
+        monkeypatch.setattr(realm.arm, "readings", lambda: {**readings(), "fz": 0.0})
+        await operator.until(lambda: state_line(page).strip().startswith("● holds"), "it holds there")
+
+
+async def test_a_pressed_key_is_lit_for_a_moment_and_the_step_is_remembered(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await sit_at(operator)
+        await operator.press("minus", "left")
+        lit = [str(one.label) for one in page.query(".-lit").results(Button)]
+        assert lit == ["← +y"]
+        await operator.until(lambda: not page.query(".-lit"), "it goes out")
+        await operator.press("escape")
+        await operator.at(MainPage)
+        await sit_at(operator)
+        await operator.sees("step 5 mm · 5°")
+
+
+async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await sit_at(operator)
+        realm.arm.under_way = True
+        await operator.press("up", "up")
+        await operator.until(lambda: page.jog.moving, "it goes")
+        await operator.press("c")
+        await operator.sees("the commands of arm-1 are cancelled")
+        await operator.until(lambda: page.jog.wish is None, "nothing is wished any more")
+        realm.arm.under_way = False
+        assert realm.arm.width == 0.08, "the gripper is as it was"
 
 
 async def test_hasty_keys_become_few_movements_on_a_leash(realm: Realm, operate: Operate) -> None:

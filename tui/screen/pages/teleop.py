@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees
+from functools import partial
+from math import degrees, hypot
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from rich.text import Text
@@ -14,9 +15,10 @@ from textual.containers import Grid, Horizontal, Vertical
 from textual.widgets import Button, Static
 
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.busy import SOON
 from robotree.tui.screen.jog import AXES, Bounds, Jog
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
+from robotree.tui.screen.teleoperable import FORCES, GET_INFO, GO_TO, GRIP
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.marks import tint
@@ -32,6 +34,15 @@ MOVE_LIMIT = 20.0
 
 GAUGES = 0.1
 """[s] between two drawings of the readings."""
+
+LIT = 0.3
+"""[s] that the button of a pressed key is lit."""
+
+FAR = 0.003
+"""[m] from the wish at which a robot that rests counts as held back; tracking errors are below 1 mm."""
+
+FELT, HIGH = 3.0, 15.0
+"""[N] from which on a force is told, and told in red: the arm's controller bounds it at 35 N."""
 
 OLD_NEWS = 1.5
 """[s] after our own movement in which the robot's state may still speak of it."""
@@ -61,6 +72,10 @@ class TeleopPage(Page):
         self.robot = robot
         self.jog = Jog(bounds)
         self._refusal = ""
+        self._cancelled = False
+        """What runs was cancelled from here."""
+        self._dropped: dict[str, float] = {}
+        """[m] or [rad] by axis that the presses of the last moment could not add to the wish."""
         self._rested_at = 0.0
         """[s] When the last of our movements ended."""
 
@@ -69,7 +84,8 @@ class TeleopPage(Page):
         return f"{self.robot.name} / tele-operation"
 
     def parts(self) -> ComposeResult:
-        """Pad and gauges on the left, the picture on the right."""
+        """The state over the whole width; pad and gauges on the left, the picture on the right."""
+        yield Still(id="state")
         with Horizontal(classes="columns"):
             with Vertical(classes="pad-side"):
                 with Grid(classes="pad"):
@@ -81,7 +97,6 @@ class TeleopPage(Page):
                         yield _jog_button(label)
                     yield Still(id="step")
                 yield Gauges(id="gauges", in_degrees=True)
-                yield Still(id="wish")
             with Vertical(classes="picture-side"):
                 yield Cameras()
                 yield PictureView(id="picture")
@@ -91,26 +106,38 @@ class TeleopPage(Page):
         self.query_one("#gauges").border_title = "readings"
         self.set_interval(GAUGES, self.fenced(self._draw_gauges))
         self.query_one(Cameras).attach(self.query_one(PictureView))
+        self.jog.choice = self.app.steps.get(self.robot.name, self.jog.choice)
+        self.draw()
 
     # -- keys and buttons --------------------------------------------------------------------------
 
     def action_jog(self, axis: str, direction: int) -> None:
         """Move one axis by one step."""
+        self._light(axis, direction)
         self._press(axis, direction)
+
+    def _light(self, axis: str, direction: int) -> None:
+        """Light the button of a key for a moment."""
+        label = next(one for one, jog in JOGS.items() if jog == (axis, direction))
+        for button in self.query(".jog").results(Button):
+            if str(button.label) == label:
+                button.add_class("-lit")
+                self.set_timer(LIT, partial(button.remove_class, "-lit"))
 
     @on(Button.Pressed, ".jog")
     def _jog_pressed(self, event: Button.Pressed) -> None:
-        axis, direction = JOGS[str(event.button.label)]
-        self._press(axis, direction)
+        self.action_jog(*JOGS[str(event.button.label)])
 
     def action_resize(self, by: int) -> None:
         """Choose a larger or a smaller step."""
         self.jog.resize(by)
+        self.app.steps[self.robot.name] = self.jog.choice
         self.draw()
 
     def action_cancel(self) -> None:
         """Cancel all that the robot does, and what was still wished."""
         self.jog.drop()
+        self._cancelled = True
         self.app.do("cancel", NAME=self.robot.name)
 
     def action_camera(self) -> None:
@@ -131,8 +158,20 @@ class TeleopPage(Page):
         rested = self.app.now() - self._rested_at > OLD_NEWS
         if state and state.busy and rested and not self.jog.moving:
             self.jog.drop()  # somebody else moves it: the next step starts where that ends
-        self.jog.press(axis, direction, actual)
+        if dropped := self.jog.press(axis, direction, actual):
+            self._dropped[axis] = self._dropped.get(axis, 0.0) + dropped
+            self.set_timer(SOON, partial(self._tell_dropped, dict(self._dropped)))
         self._go()
+
+    def _tell_dropped(self, dropped: Mapping[str, float]) -> None:
+        """Tell what of the last presses was dropped, unless more was dropped meanwhile."""
+        if dropped != self._dropped:
+            return
+        self._dropped = {}
+        ways = ", ".join(_way(axis, way) for axis, way in dropped.items())
+        self.app.tell(
+            f"{ways} dropped: {self.robot.name} is as far behind as it may be, or at a bound", "warning"
+        )
 
     async def _actual(self) -> Mapping[str, float] | None:
         """Return where the robot is: from its readings, or by asking it."""
@@ -154,10 +193,16 @@ class TeleopPage(Page):
     async def _go(self) -> None:
         """Carry out the newest wish, then the one that came meanwhile; never two at a time."""
         while target := self.jog.take():
+            self._cancelled = False
             refusal = await self._ask(GO_TO, target)
             self._rested_at = self.app.now()
-            if refusal:
+            if refusal and self._cancelled:
                 self.jog.drop()
+                refusal = ""  # the person who cancelled need not be told
+            elif refusal:
+                rest = self._short()
+                self.jog.drop()
+                refusal += f"; the last {_way('', rest)} of the way are dropped" if rest > FAR else ""
             else:
                 self.jog.arrived()
             self._tell(refusal)
@@ -181,6 +226,7 @@ class TeleopPage(Page):
 
     def _draw_gauges(self) -> None:
         if self.is_active:
+            self.query_one("#state", Still).show(self._state_line())
             state = self.app.store.state(self.robot.name)
             store, stale = self.app.store, state is not None and not state.online
             readings, units = store.readings(self.robot.name), store.units(self.robot.name)
@@ -197,18 +243,49 @@ class TeleopPage(Page):
             (f"{degrees(self.jog.step('twist')):.0f}°", strong),
         )
         self.query_one("#step", Still).show(step)
-        self.query_one("#wish", Still).show(self._wish_line())
+        self.query_one("#state", Still).show(self._state_line())
         self.query_one(Cameras).draw()
 
-    def _wish_line(self) -> Text:
-        muted = tint(self.app, "muted")
-        if self._refusal:
-            return Text(f"✗ {self._refusal}", tint(self.app, "error"))
-        if self.jog.wish is None:
-            return Text("● at rest; press a key to move", muted)
-        x, y, z, twist = (self.jog.wish[axis] for axis in AXES)
-        word = "◐ moving to" if self.jog.moving else "● holds"
-        return Text(f"{word}  x {x:.3f}  y {y:.3f}  z {z:.3f} m  {degrees(twist):.0f}°", muted)
+    def _short(self) -> float:
+        """[m] How far the robot is from the wish."""
+        readings = self.app.store.readings(self.robot.name)
+        return self.jog.short(readings) if set(AXES) <= readings.keys() else 0.0
+
+    def _state_line(self) -> Text:
+        """Return how the robot is, in one bold line: stopped, refused, moving, held back, or holding."""
+        store, name = self.app.store, self.robot.name
+        state, readings, short = store.state(name), store.readings(name), self._short()
+        error, accent = tint(self.app, "error", bold=True), tint(self.app, "accent", bold=True)
+        force = hypot(*(readings.get(axis, 0.0) for axis in FORCES))
+        line = Text(" ", "bold", overflow="ellipsis")
+        if state is not None and not state.online:
+            line.append("✗ LOST its controller  ", error)
+        elif state is not None and state.stopped:
+            line.append("■ STOPPED  ", error)
+        elif self._refusal:
+            line.append(f"✗ {self._refusal}  ", error)
+        if self.jog.moving:
+            line.append(f"◐ moving  {_way('', short)} to go  ", accent)
+        elif self.jog.wish is not None and short > FAR:
+            line.append(f"✗ {_way('', short)} short  ", error)
+        elif len(line) == 1:
+            rests = "holds" if self.jog.wish else "at rest; press a key to move"
+            line.append(f"● {rests}  ", tint(self.app, "success", bold=True))
+        if force >= FELT:
+            line.append(f"{'✗ ' if force >= HIGH else ''}{force:.0f} N  ", error if force >= HIGH else "bold")
+        if self._dropped:
+            line.append(f"! {', '.join(_way(*one) for one in self._dropped.items())} dropped  ", error)
+        if self.jog.wish is not None:
+            x, y, z, twist = (self.jog.wish[axis] for axis in AXES)
+            line.append(f"to x {x:.3f}  y {y:.3f}  z {z:.3f} m  {degrees(twist):.0f}°", "bold")
+        line.rstrip()
+        return line
+
+
+def _way(axis: str, length: float) -> str:
+    """Return a length along an axis [m], or an angle [rad], as one steps it: `12 mm of x`, `10° of twist`."""
+    text = f"{degrees(length):.0f}°" if axis == "twist" else f"{1000 * length:.0f} mm"
+    return f"{text} of {axis}" if axis else text
 
 
 def _jog_button(label: str) -> Button:
