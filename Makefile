@@ -3,6 +3,7 @@ PYTHON ?= python3
 # Everything happens in .venv; an interpreter that is named on the command line has an environment of its own.
 NAMED = $(or $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'),$(error $(PYTHON) cannot be run))
 VENV := .venv$(if $(filter command,$(origin PYTHON)),-$(NAMED))
+SEED := 1
 INTERPRETERS := 3.11 3.12 3.13
 BIN := $(VENV)/bin
 LOCK := requirements.lock
@@ -52,8 +53,9 @@ interpreters:  ## the test suite on every interpreter that the project supports 
 	done; \
 	printf "$$said\n"; exit $$code
 
-soak: $(STAMP)  ## the slow tests
+soak: $(STAMP)  ## the slow tests, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
 	$(BIN)/python -m pytest -m soak
+	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK
 	$(BIN)/python -m pytest -m interop tests/interop

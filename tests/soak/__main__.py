@@ -1,0 +1,125 @@
+"""The campaign: what may go wrong, with real processes, and whether what robotree says of it is true.
+
+    python -m tests.soak --seed 1            about 15 minutes
+    python -m tests.soak --seed 1 --quick    less than two
+    python -m tests.soak --seed 1 --only kill-17
+
+All takes place in folders and on ports of its own. The table goes to standard output, progress to standard
+error; the exit code is 0 if every trial was as it should be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from robotree.tui.errors import MemberFailed
+from robotree.vr.errors import VrError
+from tests.soak import freezes, kills, rules, stops
+from tests.soak.stage import Stage, staged
+from tests.soak.table import Row, Trial, is_good, table
+
+Try = Callable[[Stage, random.Random], Awaitable[Sequence[Trial]]]
+LONGEST_TRIAL = 60.0
+"""[s]; more is a trial that hangs."""
+BROKEN = Row("campaign", "the trial itself", "")
+
+
+def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one option that there is
+    """Name all trials, in their order."""
+    victims = list(kills.VICTIMS)
+    for number in range(8 if quick else 64):
+        yield f"kill-{number}", partial(kills.kill, victim=victims[number % len(victims)])
+    for number in range(3 if quick else 54):
+        victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
+        yield f"freeze-{number}", partial(freezes.freeze, victim=victim)
+    for number in range(3 if quick else 15):
+        yield f"split-{number}", partial(stops.split, how=("removed", "renamed", "paused")[number % 3])
+    for number in range(1 if quick else 10):
+        yield f"stop-{number}", stops.stop_anew
+        yield f"order-{number}", stops.stop_resident
+    for number in range(0 if quick else 10):
+        yield f"deep-{number}", stops.stop_deep
+    if not quick:
+        yield "deep-end", stops.take_down
+    for number in range(1 if quick else 4):
+        yield f"epoch-{number}", rules.great_epochs
+        yield f"second-{number}", rules.second_proxy
+        yield f"once-{number}", rules.lost_result
+        yield f"foreign-{number}", rules.foreign_heartbeat
+        yield f"replay-{number}", rules.replay
+
+
+async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:
+    """Run the trials, each with its own chance drawn from the seed and its name."""
+    trials, began = list[Trial](), time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="soak-") as folder:
+        logs = Path(folder)
+        for variable, name in (("XDG_RUNTIME_DIR", "run"), ("XDG_STATE_HOME", "state")):
+            (logs / name).mkdir(mode=0o700)
+            os.environ[variable] = str(logs / name)
+        for variable in ("ROBOTREE_REALM", "ROBOTREE_KEY"):
+            os.environ.pop(variable, None)
+        async with staged(f"soak-{seed}", logs) as stage:
+            for name, attempt in plan(quick):
+                if (only and not name.startswith(only)) or time.monotonic() - began > limit:
+                    continue
+                results = await _one(stage, name, attempt, random.Random(f"{seed}/{name}"))
+                trials += results
+                for one in results:
+                    seconds = "" if one.seconds is None else f" {one.seconds:.2f} s"
+                    good = "reached" if one.reached else "NOT REACHED"
+                    told = f"{name}: {one.row.what}: {good}{seconds} {one.note} {one.false or ''}"
+                    _tell(f"{time.monotonic() - began:6.1f} {told}")
+    return trials
+
+
+async def _one(stage: Stage, name: str, attempt: Try, chance: random.Random) -> list[Trial]:
+    try:
+        async with asyncio.timeout(LONGEST_TRIAL):
+            results = list(await attempt(stage, chance) or ())
+    except (TimeoutError, VrError, MemberFailed, OSError, AssertionError) as error:
+        results = [Trial(BROKEN, False, note=f"{type(error).__name__}: {error}")]
+        await _mend(stage)
+    for one in results:
+        one.number = name
+    return results
+
+
+async def _mend(stage: Stage) -> None:
+    """Bring back whom a broken trial has left dead."""
+    for name in stage.dead():
+        await stage.restart(name)
+    await stage.whole()
+
+
+def _tell(text: str) -> None:
+    sys.stderr.write(f"{text.rstrip()}\n")
+    sys.stderr.flush()
+
+
+def main() -> int:
+    """Read the line, run the campaign, write the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="fewer trials, less than two minutes")
+    parser.add_argument("--only", default="", help="trials whose names begin so")
+    parser.add_argument("--limit", type=float, default=1200.0, help="[s] after which no further trial begins")
+    given = parser.parse_args()
+    began = time.monotonic()
+    trials = asyncio.run(run(given.seed, quick=given.quick, only=given.only, limit=given.limit))
+    words = " ".join(sys.argv[1:])
+    sys.stdout.write(f"`python -m tests.soak {words}`, {time.monotonic() - began:.0f} s\n\n{table(trials)}\n")
+    return 0 if is_good(trials) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

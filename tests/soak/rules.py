@@ -1,0 +1,280 @@
+"""Who may command, and what happens once: links, proxies and frames that should change nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import random
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from robotree.protocol import Endpoint, Parser
+from robotree.protocol.links.keyring import create
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import Goal, GoalStatus, ModeKind, SetMode, Verb
+from robotree.protocol.testing import Recorder
+from robotree.vr.errors import VrError
+from tests.scenarios.test_replay_after_a_kill import Operator
+from tests.soak.observer import BEAT, Observer, holds
+from tests.soak.stage import ARM, Stage
+from tests.soak.table import Row, Trial
+
+FOREIGN = Row(
+    "rule",
+    "a killed proxy over UDP, with a ground station that beats as 255/190",
+    "kill to the arm standing",
+    2.5,
+)
+SECOND = Row(
+    "rule", "a second proxy takes no robot whose first one lives", "the first one's call after it", 5.0
+)
+ONCE = Row("rule", "a move, its result lost, its controller restarted: done once or said in doubt", "", None)
+REPLAY = Row(
+    "rule",
+    "a signed controller after a crash: who has the key is obeyed, a recording is not",
+    "order to safe stop",
+    5.0,
+)
+EPOCH = Row("rule", "frames with epochs near 2^32 leave the robot commandable", "the call after them", 5.0)
+
+
+class GroundStation:
+    """Somebody else with the id that ground stations and proxies share."""
+
+    def __init__(self) -> None:
+        self._mouth: Endpoint
+
+    async def dial(self, address: str) -> GroundStation:
+        """Connect."""
+        self._link = await connect(address, self._accept)
+        return self
+
+    def _accept(self, link: Link) -> Endpoint:
+        self._mouth = Endpoint(link, system=255, component=190, on_frame=lambda _frame: None)
+        return self._mouth
+
+    def say(self, message: object) -> None:
+        """Say something."""
+        self._mouth.send(message)  # type: ignore[arg-type] # any message
+
+    async def beat(self) -> None:
+        """Say again and again that it lives."""
+        while True:
+            self.say(BEAT)
+            await asyncio.sleep(0.2)
+
+    def close(self) -> None:
+        """Leave."""
+        self._link.close()
+
+
+async def foreign_heartbeat(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Kill the proxy of an arm on UDP while another one beats with its id."""
+    async with AsyncExitStack() as ties:
+        arm = await stage.start("udp arm", "sim", "arm", "--listen", "udp:127.0.0.1:0")
+        await stage.start("udp proxy", "proxy", "arm", "arm-2", "--connect", arm.address)
+        observer = await ties.enter_async_context(Observer(arm.address, 78))
+        station = await GroundStation().dial(arm.address)
+        ties.callback(station.close)
+        beating = asyncio.create_task(station.beat())
+        ties.callback(beating.cancel)
+        goal = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0.0, "speed": 0.05}
+        await holds(lambda: observer.fresh, 5.0)
+        call = asyncio.ensure_future(stage.fleet.call("arm-2", "go_to", goal, deadline=20))
+        moved = await observer.moves()
+        await asyncio.sleep(chance.uniform(0.2, 0.8))
+        mark = observer.mark()
+        await stage.kill("udp proxy")
+        trial = Trial(FOREIGN, moved and await observer.stands(8.0))
+        trial.seconds = observer.stood_after(mark)
+        trial.note = "" if trial.reached else "the arm did not move" if not moved else "it drives on"
+        if trial.reached and observer.place[1] > 0.28:
+            trial.false.append("it drove to the end of the movement")
+        call.cancel()
+        await asyncio.gather(call, return_exceptions=True)
+    await stage.kill("udp arm")
+    return [trial]
+
+
+async def second_proxy(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Start another proxy for the arm's controller and command it by that; then by the first one."""
+    await stage.furnish()
+    trial = Trial(SECOND, True)
+    intruder = await stage.verb("proxy", "arm", "intruder", "--connect", stage.arm.address)
+    try:
+        call, _ = await stage.move_arm(speed=0.05)
+        await stage.arm.moves()
+        await holds(lambda: intruder.over, 2.0)
+        over = {"x": 0.5, "y": 0.0, "z": 0.4, "twist": 0.0}
+        with contextlib.suppress(VrError):
+            await stage.fleet.call("intruder", "go_to", over, deadline=6)
+            trial.false.append("a second proxy commanded a robot whose first one lives")
+        await stage.fleet.cancel(ARM)
+        await call.end()
+        began = time.monotonic()
+        said = await stage.say(
+            "call", f"{ARM}.go_to", "x=0.45", "y=0.1", "z=0.35", "twist=0", "--within", "10 s"
+        )
+        trial.reached, trial.seconds = said.done, time.monotonic() - began
+        trial.note = "" if said.done else str(said)
+    finally:
+        intruder.kill()
+    return [trial]
+
+
+class Relay:
+    """A line between a proxy and its controller that can lose what says that a goal has ended."""
+
+    def __init__(self, far: str) -> None:
+        host, _, port = far.removeprefix("tcp:").rpartition(":")
+        self._far = (host, int(port))
+        self.losing = False
+        self.lost = 0
+        self._tasks = set[asyncio.Task[None]]()
+
+    @asynccontextmanager
+    async def listening(self) -> AsyncIterator[str]:
+        """Listen. Yields: its address."""
+        server = await asyncio.start_server(self._join, "127.0.0.1", 0)
+        try:
+            yield f"tcp:127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        finally:
+            server.close()
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _join(self, near: asyncio.StreamReader, to_near: asyncio.StreamWriter) -> None:
+        try:
+            far, to_far = await asyncio.open_connection(*self._far)
+        except OSError:
+            to_near.close()
+            return
+        for work in (self._carry(near, to_far, answers=False), self._carry(far, to_near, answers=True)):
+            task = asyncio.ensure_future(work)
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _carry(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, *, answers: bool
+    ) -> None:
+        parser = Parser()
+        try:
+            while data := await reader.read(65536):
+                if not answers:
+                    writer.write(data)
+                    continue
+                for frame in parser.feed(data):
+                    if self.losing and isinstance(frame.message, GoalStatus):
+                        self.lost += 1
+                    else:
+                        writer.write(bytes(frame.raw))
+        except OSError:
+            pass
+        finally:
+            writer.close()
+
+
+async def lost_result(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Lose all goal states of a relative move, and restart its controller in the middle or after it."""
+    trial = Trial(ONCE, True)
+    rover = await stage.start("far rover", "sim", "rover", "--listen", "tcp:127.0.0.1:0")
+    stage.comes_back_at("far rover", rover.address)
+    relay = Relay(rover.address)
+    async with relay.listening() as address:
+        await stage.start("far proxy", "proxy", "rover", "rover-2", "--connect", address, "--space", "none")
+        async with Observer(rover.address, 79) as observer:
+            await holds(lambda: observer.fresh, 5.0)
+            relay.losing = True
+            verb = await stage.verb("call", "rover-2.move", "x=0.4", "y=0", "--within", "15 s")
+            moved = await observer.moves()
+            await asyncio.sleep(chance.uniform(0.0, 1.5))
+            first = observer.place[0]
+            await stage.kill("far rover")
+            relay.losing = False
+            await stage.restart("far rover")
+            said = await verb.end()
+            await observer.stands(5.0)
+            again = observer.place[0]  # a controller begins its life in the middle of its floor
+            trial.reached = moved and said.code is not None
+            trial.note = "" if trial.reached else str(said)
+            if again > 0.02 and first > 0.02:
+                trial.false.append(f"it moved {first:.2f} m, and in its next life {again:.2f} m; {said}")
+            if said.done and abs(first - 0.4) > 0.03:
+                trial.false.append(f"{said}; but it moved {first:.2f} m and then {again:.2f} m")
+    await stage.kill("far proxy")
+    await stage.kill("far rover")
+    return [trial]
+
+
+async def replay(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Record what releases a signed arm, kill its controller, and say it again to the next one."""
+    key = stage.folder / "replay.key"
+    create(key)
+    words = ("sim", "arm", "--key", str(key), "--listen")
+    arm = await stage.start("signed arm", *words, "tcp:127.0.0.1:0")
+    stage.comes_back_at("signed arm", arm.address)
+    operator = await Operator(key, 1).dial(arm.address)
+    operator.arm(0.0)
+    stopped = await holds(lambda: operator.latest() == ModeKind.SAFE_STOP, 5.0)
+    operator.arm(1.0)
+    released = await holds(lambda: operator.latest() == ModeKind.READY, 5.0)
+    await stage.kill("signed arm")
+    await stage.restart("signed arm")
+    witness = await Operator(key, 100).dial(arm.address)
+    await holds(lambda: witness.latest() == ModeKind.READY, 10.0)
+    witness.arm(0.0)
+    began = time.monotonic()
+    trial = Trial(REPLAY, await holds(lambda: witness.latest() == ModeKind.SAFE_STOP, 5.0))
+    trial.seconds = time.monotonic() - began
+    trial.reached = trial.reached and stopped and released
+    attacker = await connect(arm.address, Recorder)
+    for frame in operator.said:
+        attacker.send(frame)
+    if await holds(lambda: witness.latest() != ModeKind.SAFE_STOP, 1.0):
+        trial.false.append("frames of the controller's last life released it in this one")
+    attacker.close()
+    await stage.kill("signed arm")
+    key.unlink()
+    return [trial]
+
+
+async def great_epochs(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Send frames with epochs that no honest clock explains, and then command the robot as ever."""
+    await stage.furnish()
+    station = await GroundStation().dial(stage.arm.address)
+    epoch = 2**32 - 1 - chance.randrange(3)
+    nothing = (math.nan,) * 7
+    for message in (
+        Goal(
+            chance.getrandbits(63),
+            epoch,
+            0,
+            (0.45, 0.0, 0.35, 0.0, 0.1, math.nan, math.nan),
+            Verb.GO_TO,
+            1,
+            1,
+        ),
+        SetMode(epoch, 1, 1, ModeKind.SAFE_STOP),
+        Goal(chance.getrandbits(63), epoch, 0, nothing, Verb.HOLD, 1, 1),
+    ):
+        station.say(message)
+        await asyncio.sleep(0.2)
+    station.close()
+    began = time.monotonic()
+    await asyncio.sleep(0.5)
+    with contextlib.suppress(VrError):
+        await stage.fleet.resume(None)
+    began = time.monotonic()
+    said = await stage.say(
+        "call", f"{ARM}.go_to", "x=0.45", "y=0.05", "z=0.35", "twist=0", "--within", "10 s"
+    )
+    trial = Trial(EPOCH, said.done, time.monotonic() - began, note="" if said.done else str(said))
+    if not said.done:  # so that the trials after this one find a robot
+        await stage.kill("arm controller")
+        await stage.restart("arm controller")
+        await stage.whole()
+    return [trial]

@@ -1,0 +1,170 @@
+"""Stops in the middle of everything: by who is new, by who is there, down a deep tree, past a broken door."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import shutil
+import signal
+import time
+from collections.abc import Sequence
+
+from robotree.vr.errors import VrError
+from tests.soak.observer import holds
+from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, Verb, names
+from tests.soak.table import Row, Trial
+
+ALL = {ARM, ROVER, SQUARE}
+DEPTH = 30
+NEW = Row(
+    "stop", "by a new command line, two robots moving", "start of the command line to both stopped", 1.5
+)
+ENDED = Row("stop", "the same: the command line has ended", "its start to its end", 2.0)
+RESIDENT = Row("stop", "by a supervisor that is there", "the order to both stopped", 0.2)
+DEEP = Row("stop", f"down a tree {DEPTH} deep", "the order to all having confirmed", 1.0)
+REMOVED = Row(
+    "split", "the realm's folder is removed, then `stop`", "start of the command line to its end", 2.0
+)
+RENAMED = Row(
+    "split", "the realm's folder is renamed, then `stop`", "start of the command line to its end", 2.0
+)
+PAUSED = Row(
+    "split", "a newcomer is frozen while it joins, then `stop`", "start of the command line to its end", 2.0
+)
+LAYERS = '''
+"""Layer: hands on what it is told."""
+from robotree.vr import Child, VirtualRobot, command
+
+class Layer(VirtualRobot):
+    """One of many."""
+
+    below = Child("Robot")
+
+    @command
+    def nothing(self) -> None:
+        """Do nothing."""
+'''
+
+
+async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Have a new command line stop both robots while they move."""
+    await stage.furnish()
+    calls = await stage.both_move()
+    verb = await stage.verb("stop", "--json")
+    standing = Trial(NEW, await _both_stopped(stage), time.monotonic() - verb.began)
+    said = await verb.end()
+    ended = Trial(ENDED, said.done and names(said) >= ALL, said.seconds)
+    ended.note = "" if ended.reached else str(said)
+    if said.done and not (stage.arm.stopped and stage.rover.stopped):
+        ended.false.append(f"{said}; but one of them is not stopped")
+    if standing.reached and not said.done:
+        ended.false.append(f"{said}; though all are stopped, and nobody was frozen")
+    ended.false += await _still(stage, calls)
+    return [standing, ended]
+
+
+async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Have a supervisor that is there already stop both robots while they move."""
+    await stage.furnish()
+    calls = await stage.both_move()
+    await asyncio.sleep(chance.uniform(0.0, 0.5))
+    began = time.monotonic()
+    order = asyncio.ensure_future(stage.fleet.stop(None))
+    trial = Trial(RESIDENT, await _both_stopped(stage), time.monotonic() - began)
+    try:
+        if not set(await order) >= ALL:
+            trial.false.append(f"it confirms {sorted(await order)} only")
+    except VrError as error:
+        trial.false.append(f"{error}; though nobody was frozen")
+    trial.false += await _still(stage, calls)
+    return [trial]
+
+
+async def stop_deep(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Stop a tree many levels deep from its top; the first trial builds it, and it stays."""
+    await stage.furnish()
+    tree = {one.name for one in await stage.fleet.tree()}
+    if f"layer-{DEPTH}" not in tree:
+        page = stage.folder.parent.parent / "layer.py"
+        page.write_text(LAYERS)
+        for level in range(1, DEPTH + 1):
+            await stage.fleet.create(str(page), f"layer-{level}")
+            child = SQUARE if level == 1 else f"layer-{level - 1}"
+            await stage.fleet.enslave(f"layer-{level}", "below", child)
+    wanted = {f"layer-{level}" for level in range(1, DEPTH + 1)} | {SQUARE, ROVER}
+    verb, _ = await stage.move_square()
+    await stage.rover.moves(3.0)
+    await asyncio.sleep(chance.uniform(0.0, 0.5))
+    began = time.monotonic()
+    try:
+        told = set(await stage.fleet.stop(f"layer-{DEPTH}"))
+    except VrError as error:
+        trial = Trial(
+            DEEP, stage.rover.stopped, time.monotonic() - began, [f"{error}; though nobody was frozen"]
+        )
+    else:
+        trial = Trial(DEEP, wanted <= told and stage.rover.stopped, time.monotonic() - began)
+        trial.note = "" if trial.reached else f"without {sorted(wanted - told)}"
+    await verb.end()
+    return [trial]
+
+
+async def take_down(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Take the deep tree down."""
+    await stage.furnish()
+    for level in range(DEPTH, 0, -1):
+        await stage.fleet.delete(f"layer-{level}")
+    return []
+
+
+async def split(stage: Stage, chance: random.Random, how: str) -> Sequence[Trial]:
+    """Break the door of the realm, or have somebody stand in it, and stop everything."""
+    await stage.furnish()
+    calls = await stage.both_move()
+    row, newcomer = {"removed": REMOVED, "renamed": RENAMED, "paused": PAUSED}[how], None
+    if how == "removed":
+        shutil.rmtree(stage.folder)
+    elif how == "renamed":
+        stage.folder.rename(stage.folder.with_name(f"{stage.realm}-{chance.randrange(10**9)}"))
+    else:
+        newcomer = await stage.verb("ls")
+        await asyncio.sleep(chance.uniform(0.05, 0.5))
+        if not newcomer.over:
+            os.kill(newcomer.pid, signal.SIGSTOP)
+    try:
+        said = await stage.say("stop", "--json")
+        trial = Trial(row, said.done and names(said) >= ALL and await _both_stopped(stage), said.seconds)
+        trial.note = "" if trial.reached else str(said)
+        trial.false = _false(said, stage)
+    finally:
+        if newcomer is not None:
+            newcomer.kill()
+    if not await stage.whole():
+        trial.reached, trial.note = False, "the realm is not whole 10 s later"
+    for call in calls:
+        await call.end()
+    return [trial]
+
+
+def _false(said: Said, stage: Stage) -> list[str]:
+    if said.done and not (stage.arm.stopped and stage.rover.stopped):
+        return [f"{said}; but one of them is not stopped"]
+    return []
+
+
+async def _both_stopped(stage: Stage) -> bool:
+    return await holds(lambda: stage.arm.stopped and stage.rover.stopped, 5.0)
+
+
+async def _still(stage: Stage, calls: Sequence[Verb]) -> list[str]:
+    """See that both stand, and that no call claims to have succeeded."""
+    found = list[str]()
+    for one in (stage.arm, stage.rover):
+        if not await one.stands(1.0):
+            found.append("a robot that says it is stopped still moves a second later")
+    for call in calls:
+        said = await call.end()
+        if said.done:
+            found.append(f"{said}; though it was stopped in the middle")
+    return found

@@ -1,0 +1,74 @@
+"""What came of the trials, as a table that a guide can hold."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table: what is tried, and what its time is."""
+
+    kind: str
+    what: str
+    measured: str
+    """From when to when."""
+    bar: float | None = None
+    """[s] that the time must not pass; None: there is none."""
+
+
+@dataclass(slots=True)
+class Trial:
+    """What came of one trial, for one row."""
+
+    row: Row
+    reached: bool
+    seconds: float | None = None
+    """[s] None: there is nothing to measure."""
+    false: list[str] = field(default_factory=list[str])
+    """Statements of robotree that were not true."""
+    note: str = ""
+    """Why it was not reached."""
+    number: str = ""
+    """By which it can be run alone."""
+
+
+def table(trials: Iterable[Trial]) -> str:
+    """Draw the table, in Markdown; below it each trial that was not as it should be."""
+    rows: dict[Row, list[Trial]] = {}
+    for one in trials:
+        rows.setdefault(one.row, []).append(one)
+    lines = [
+        "| | trials | reached | p50 [s] | max [s] | bar [s] | false | time from … to |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row, found in rows.items():
+        seconds = [one.seconds for one in found if one.reached and one.seconds is not None]
+        middle, most = (f"{statistics.median(seconds):.2f}", f"{max(seconds):.2f}") if seconds else ("", "")
+        bar = "" if row.bar is None else f"{row.bar:g}"
+        reached = sum(one.reached for one in found)
+        false = sum(len(one.false) for one in found)
+        cells = (f"{row.kind}: {row.what}", len(found), reached, middle, most, bar, false, row.measured)
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    bad = [one for found in rows.values() for one in found if _is_bad(one)]
+    lines += ["", *(f"* {_told(one)}" for one in bad)] if bad else ["", "Every trial was as it should be."]
+    return "\n".join(lines)
+
+
+def is_good(trials: Iterable[Trial]) -> bool:
+    """Whether every trial was as it should be."""
+    return not any(_is_bad(one) for one in trials)
+
+
+def _is_bad(one: Trial) -> bool:
+    late = one.row.bar is not None and one.seconds is not None and one.seconds > one.row.bar
+    return not one.reached or late or bool(one.false)
+
+
+def _told(one: Trial) -> str:
+    what = [*([one.note] if one.note else []), *(f"false: {each}" for each in one.false)]
+    if one.seconds is not None and one.row.bar is not None and one.seconds > one.row.bar:
+        what.append(f"{one.seconds:.2f} s instead of {one.row.bar:g}")
+    return f"{one.number} ({one.row.kind}: {one.row.what}): {'; '.join(what) or 'not reached'}"
