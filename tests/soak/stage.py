@@ -29,6 +29,8 @@ SIDE = 0.2
 """[m] of the square that the rover drives."""
 REACH = 0.2
 """[m] to the left and to the right, between which the arm goes."""
+FAR = 0.5
+"""[m] from the middle of its floor, from where on the rover is brought back before the next trial."""
 WHOLE = 10.0
 """[s] after which a realm that is not whole again counts as not healed."""
 LONGEST_CALL = 20.0
@@ -192,6 +194,9 @@ class Stage:
             known = {one.name: one for one in await self.fleet.tree()}
         if not any(slot.child for slot in known[SQUARE].slots):
             await self.fleet.enslave(SQUARE, "rover", ROVER)
+        away = self.rover.place
+        if max(map(abs, away[:2])) > FAR:
+            await self.fleet.call(SQUARE, "move", {"x": -away[0], "y": -away[1]}, deadline=10)
         for observer in (self.arm, self.rover):
             await observer.stands()
 
@@ -201,7 +206,8 @@ class Stage:
 
         async def complete(fleet: Fleet) -> bool:
             with contextlib.suppress(VrError):
-                return wanted <= {one.name for one in await fleet.tree()} and len(fleet.services) == 2
+                found = {one.name for one in await fleet.tree() if one.online}
+                return wanted <= found and len(fleet.services) == 2
             return False
 
         until = time.monotonic() + within
