@@ -13,6 +13,7 @@ from robotree.protocol.errors import BadUrl
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import parse
 from robotree.protocol.messages import Mode
+from robotree.protocol.services.fence import LAST_EPOCH
 from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
 from robotree.proxy.robot_proxy import RobotProxy
@@ -28,9 +29,6 @@ from robotree.vr.transport import Transport
 Ready = Callable[[str], None]
 """Told the address of an agent that is up."""
 
-LAST_EPOCH = 2**32 - 2**20
-"""Above it the wire has room for a million leases: what is told beyond is no clock's fault."""
-
 
 def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
@@ -44,6 +42,7 @@ async def run_proxy(
     realm: str | None = None,
     space_path: Path | None = None,
     security: Sealing = UNSIGNED,
+    take_over: bool = False,
     ready: Ready = _nobody,
 ) -> None:
     """Stand for one robot in a realm until cancelled. The controller may come and go.
@@ -55,6 +54,7 @@ async def run_proxy(
         realm: None: `$ROBOTREE_REALM`, else `default`.
         space_path: file in which calls are counted over restarts; None: they are not.
         security: the keys of the link to the controller.
+        take_over: have the controller obey this proxy also if another one holds it.
         ready: told the address once the robot can be called.
 
     Raises:
@@ -64,7 +64,7 @@ async def run_proxy(
         DuplicateName: a living robot has the name.
         TransportError: the realm cannot be joined.
     """
-    robot = kinds.make(kind, name, _checked(url), security=security)
+    robot = kinds.make(kind, name, _checked(url), security=security, take_over=take_over)
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)
@@ -204,8 +204,12 @@ async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
 
 
 def _obeyed(robot: RobotProxy) -> int | None:
-    """Return the epoch that its controller obeys: None before it has told one, 0 where none is above it."""
-    if robot._session.twin.latest(Mode) is None:  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
+    """Return the epoch that its controller obeys, for a robot's leases to go above.
+
+    None before it has told one, and where the proxy's claim goes above it; 0 where none is above it.
+    """
+    session = robot._session  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
+    if session.claims or session.twin.latest(Mode) is None:
         return None
     epoch = robot.controller_epoch
     return epoch if epoch < LAST_EPOCH else 0

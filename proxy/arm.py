@@ -49,6 +49,8 @@ Torque = Annotated[float, Unit("N*m"), "of the world on the tool"]
 class GoTo(Motion):
     """Move the tool to x, y, z [m] at speed [m/s], pointing down, twist [rad] about the vertical."""
 
+    effect = "repeat"
+
     x: float
     y: float
     z: float
@@ -63,6 +65,8 @@ class GoTo(Motion):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grip(Motion):
     """Bring the fingers to a width [m]; an object in between stops them earlier."""
+
+    effect = "repeat"
 
     width: float
 

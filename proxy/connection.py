@@ -89,6 +89,7 @@ class Connection:
             for each in done:
                 each.result()
         finally:
+            self.perform(self.session.farewell())
             for each in work:
                 each.cancel()
             await asyncio.gather(*work, return_exceptions=True)
@@ -198,7 +199,7 @@ class Connection:
         if self._endpoint is None:
             return
         try:
-            self._endpoint.send(message)
+            self._endpoint.send(message, component=self.session.component)
         except LocalProtocolError:  # our own mistake; the goal will be told silent
             _log.exception("%s: a message could not be sent", self.url)
 

@@ -64,7 +64,9 @@ class Desk:
 
     # -- from any thread ---------------------------------------------------------------------------
 
-    def send_out(self, key: int, request: Request, *, activity: Activity, ttl: float) -> Errand:
+    def send_out(
+        self, key: int, request: Request, *, activity: Activity, ttl: float, repeatable: bool
+    ) -> Errand:
         """Ask the controller for a movement.
 
         Args:
@@ -72,12 +74,13 @@ class Desk:
             request: what to do.
             activity: the command that asks for it.
             ttl: [s] it may take; 0: until reached.
+            repeatable: carried out twice, it ends the same.
 
         Returns:
             The errand; it ends at once when the controller is offline or the command has been ended.
         """
         errand = Errand(key, activity)
-        self._connection.soon(lambda: self._start(errand, request, ttl))
+        self._connection.soon(lambda: self._start(errand, request, ttl, repeatable=repeatable))
         return errand
 
     def recall(self, errand: Errand) -> None:
@@ -115,7 +118,7 @@ class Desk:
         while self._out:
             self._out.popitem()[1].finish(NotSent(trouble))
 
-    def _start(self, errand: Errand, request: Request, ttl: float) -> None:
+    def _start(self, errand: Errand, request: Request, ttl: float, *, repeatable: bool) -> None:
         session, now = self._connection.session, self._connection.now()
         if errand.activity.cancelled:  # here, where stops and resumes come too, none can slip in between
             errand.finish(NotSent("its command has been ended"))
@@ -123,8 +126,12 @@ class Desk:
         if not session.online:
             errand.finish(NotSent(session.trouble))
             return
+        if session.denial:
+            errand.finish(NotSent(session.denial))
+            return
         self._out[errand.key] = errand
-        self._connection.perform(session.start(errand.key, request, epoch=errand.epoch, ttl=ttl, now=now))
+        goal = session.start(errand.key, request, epoch=errand.epoch, ttl=ttl, now=now, repeatable=repeatable)
+        self._connection.perform(goal)
 
     def _cancel(self, errand: Errand) -> None:
         session, now = self._connection.session, self._connection.now()

@@ -1,6 +1,7 @@
 """Whether two words of a controller are of one life, and in which order they were said: by its clock. Pure.
 
-The clock begins anew when the controller restarts.
+A controller that tells a number of its life tells both by that and its clock. The rest of this page is about
+those that tell none. The clock begins anew when the controller restarts.
 
 A new life is younger than the time that has passed since the old one was heard. So a controller whose clock
 shows more than that is the old one, however slowly that clock goes: a simulation on a loaded machine may lose
@@ -13,6 +14,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+_TURN = 1 << 32
+"""[ms] After so long the wire's clock begins anew."""
 LATE = 1.0
 """[s] by which one word may have been longer on its way than another."""
 
@@ -24,13 +27,17 @@ class Word(NamedTuple):
     """[ms] since the controller began to live."""
     heard_at: float
     """[s] on our clock."""
+    life: int = 0
+    """Names the controller's life; 0: it is not told."""
 
 
 def restarted(before: Word, after: Word) -> bool:
     """Whether the controller began a new life between two words.
 
-    The wire's clock begins anew after 49.7 days; that passes for a new life, too.
+    The wire's clock begins anew after 49.7 days; where no life is told, that passes for a new one, too.
     """
+    if before.life and after.life:
+        return before.life != after.life
     advanced = (after.boot_ms - before.boot_ms) / 1000
     passed = after.heard_at - before.heard_at
     younger = after.boot_ms / 1000 < passed + LATE
@@ -43,4 +50,6 @@ def overtaken(before: Word, after: Word) -> bool:
     A word of a new life passes for it where the old one was not older than the new one by more than LATE.
     That is over within LATE.
     """
+    if before.life and after.life:
+        return before.life == after.life and 0 < (before.boot_ms - after.boot_ms) % _TURN < _TURN // 2
     return after.boot_ms < before.boot_ms and not restarted(before, after)

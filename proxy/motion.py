@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from robotree.protocol.messages import Verb
+from robotree.vr.description import Effect
 
 
 class Request(NamedTuple):
@@ -27,6 +28,10 @@ class Request(NamedTuple):
 class Motion(ABC):
     """One wish. Its fields are numbers, and each has a limit of the same name."""
 
+    effect: ClassVar[Effect] = "once"
+    """What it does when it is carried out twice: `once` adds up, `repeat` ends the same. After a restart of
+    the controller only the second is asked for again."""
+
     @abstractmethod
     def request(self) -> Request:
         """Put it into the wire's words. Pure."""
@@ -35,6 +40,8 @@ class Motion(ABC):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hold(Motion):
     """Stay, compliantly, and drop any other goal."""
+
+    effect = "repeat"
 
     def request(self) -> Request:
         """HOLD takes no arguments."""

@@ -9,7 +9,15 @@ from __future__ import annotations
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import PERIOD
-from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
+from robotree.vr.description import Effect
+from robotree.vr.errors import (
+    CommandCancelled,
+    CommandFailed,
+    CommandInDoubt,
+    DeadlineExceeded,
+    StaleEpoch,
+    VrError,
+)
 
 SENTENCES: dict[Reason, str] = {
     Reason.NONE: "the controller gave no reason",
@@ -25,7 +33,9 @@ SENTENCES: dict[Reason, str] = {
     Reason.LINK_SILENT: "the controller heard nothing from the proxy for too long and holds",
     Reason.OPERATOR: "somebody asked for it",
     Reason.FAULT: "the controller found a fault in itself",
-    Reason.NOT_IN_CONTROL: "somebody on another link is in operator control; ask them to give it up",
+    Reason.NOT_IN_CONTROL: "somebody else commands the controller; ask them to give it up",
+    Reason.BAD_EPOCH: "its controller finds the epoch impossible; set the clocks of both machines",
+    Reason.OTHER_LIFE: "its controller has restarted meanwhile; look at the robot, then try again",
 }
 """One for every reason of the dialect; a test compares."""
 LONGEST_TEXT = 80
@@ -63,7 +73,9 @@ def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
     return f"its controller is online but answers no goals; is it a {kind}? Look whether the robot moves"
 
 
-def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int) -> VrError | None:
+def error_of(
+    end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int, effect: Effect = "once"
+) -> VrError | None:
     """What the end of a goal raises at the caller; None when the goal was reached.
 
     Args:
@@ -72,6 +84,7 @@ def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: in
         command: name of the command, for the sentence.
         epoch: the one under which the goal was sent.
         obeyed: the highest that the controller has told of.
+        effect: of the command; what is done `once` must not be repeated unseen.
     """
     match end.state:
         case GoalState.SUCCEEDED:
@@ -83,7 +96,11 @@ def error_of(end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: in
         case GoalState.EXPIRED:
             return DeadlineExceeded(robot=robot, command=command)
         case GoalState.UNKNOWN:
-            detail = "the controller has forgotten it; was it restarted? Look at the robot, then repeat"
+            what = "has restarted meanwhile" if end.reason == Reason.OTHER_LIFE else "has forgotten it"
+            if effect == "once":
+                detail = f"its controller {what}. Look where the robot is before you give it again"
+                return CommandInDoubt(robot=robot, command=command, detail=detail)
+            detail = f"its controller {what}; look at the robot, then give it again"
             return CommandFailed(robot=robot, command=command, detail=detail)
         case _:
             return CommandFailed(robot=robot, command=command, detail=explain(end))

@@ -10,7 +10,10 @@ file of yours).
 
 from __future__ import annotations
 
+import logging
+import os
 import random
+import secrets
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -19,6 +22,7 @@ from weakref import WeakKeyDictionary
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Message
+from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.errand import Desk, Errand, NotSent
@@ -26,14 +30,16 @@ from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.orders import Order, Orders
 from robotree.proxy.outcome import error_of, silence_in_words
-from robotree.proxy.session import Event, HeldChanged, OnlineChanged, Session
-from robotree.proxy.translate import READERS, UNITS, Readers, goal_key, time_to_live
+from robotree.proxy.session import CONTROLLER, Event, HeldChanged, OnlineChanged, Session
+from robotree.proxy.translate import READERS, UNITS, Readers, component_of, goal_key, time_to_live
 from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
-from robotree.vr.command import command
+from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
-from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK
+from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
 from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
+
+_log = logging.getLogger(__name__)
 
 T = TypeVar("T", bound=Message)
 
@@ -72,6 +78,7 @@ class RobotProxy(Robot):
         dial: Dial = connect,
         chance: random.Random | None = None,
         security: Sealing = UNSIGNED,
+        take_over: bool = False,
     ) -> None:
         """Prepare the proxy; nothing is opened before `run`.
 
@@ -82,6 +89,7 @@ class RobotProxy(Robot):
             dial: opens a link.
             chance: for the waits between attempts to connect.
             security: the keys of our links.
+            take_over: have the controller obey us also if another proxy holds it.
 
         Raises:
             BadName: that cannot be a name.
@@ -93,13 +101,22 @@ class RobotProxy(Robot):
         self.on_change: Callable[[], None] = lambda: None
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self.limits = changed(self.limits, limits)
-        self._session = Session(readers=self.readers)
+        claim = ClaimClient(
+            *CONTROLLER,
+            holder=secrets.randbits(64) or 1,
+            name=f"{name}, pid {os.getpid()}",
+            take_over=take_over,
+        )
+        self._session = Session(component=component_of(name), readers=self.readers, claim=claim)
         self._connection = Connection(
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )
         self._desk = Desk(self._connection)
         self._orders = Orders(name)
         self._fence = Fence(name)
+        self._effects: dict[str, Effect] = {
+            each: known.spec.effect for each, known in commands_of(type(self)).items()
+        }
         self._settled_at = 0.0
         self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
         """How many motions each running command has asked for."""
@@ -171,15 +188,19 @@ class RobotProxy(Robot):
         self.check()
         context = self.context
         check(motion, self.limits, command=f"{self.name}.{context.command}")
-        self._fence.raise_to(self.controller_epoch)
+        if not self._session.claims:
+            self._fence.raise_to(self.controller_epoch)
         self._fence.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
-        errand = self._desk.send_out(self._next_key(), motion.request(), activity=running(), ttl=ttl)
+        effect = self._effect_of(motion)
+        errand = self._desk.send_out(
+            self._next_key(), motion.request(), activity=running(), ttl=ttl, repeatable=effect != "once"
+        )
         try:
             self._accompany(errand)
         finally:
             self._settled_at = self._connection.now()
-        self._judge(errand)
+        self._judge(errand, effect)
 
     def news(self, kind: type[T], *, since: float) -> T:
         """Wait for a message that was heard after a moment.
@@ -257,19 +278,27 @@ class RobotProxy(Robot):
             errand.wait(RECALL_WITHIN)
             raise
 
-    def _judge(self, errand: Errand) -> None:
+    def _effect_of(self, motion: Motion) -> Effect:
+        """What it does to carry out a motion of the running command twice: the graver of what both say."""
+        declared: Effect = self._effects.get(self.context.command, "once")
+        return "once" if "once" in {declared, motion.effect} else "repeat"
+
+    def _judge(self, errand: Errand, effect: Effect) -> None:
         """Raise what the end of an errand means for the command."""
         match errand.end:
             case NotSent(trouble=trouble):
                 self.check()
-                raise self._failed(f"{trouble}; {NEXT}")
+                raise self._failed(trouble if self.online else f"{trouble}; {NEXT}")
             case GoalSilent() | None as end:
                 acknowledged = end is not None and end.acknowledged
                 heard, kind = self._connection.now() - self._session.heard_at, self.kinds()[0]
                 raise self._failed(silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind))
             case end:
                 name, epoch = self.context.command, errand.epoch
-                error = error_of(end, robot=self.name, command=name, epoch=epoch, obeyed=self._session.obeyed)
+                obeyed = self._session.obeyed
+                error = error_of(
+                    end, robot=self.name, command=name, epoch=epoch, obeyed=obeyed, effect=effect
+                )
                 if error is not None:
                     raise error
                 if end.text:  # such as: it got there, but something pulls at it
@@ -288,5 +317,9 @@ class RobotProxy(Robot):
                 self.on_change()
             case StopConfirmed() | ReleaseConfirmed() | ReleaseRefused() | ReleaseUnanswered():
                 self._orders.hear(event, "" if self.online else self._session.trouble)
+            case ClaimGranted():
+                _log.info("%s commands its controller", self.name)
+            case ClaimDenied():
+                _log.warning("%s: %s", self.name, self._session.denial)
             case _:
                 self._desk.hear(event)

@@ -36,6 +36,8 @@ Speed = Annotated[float, Unit("m/s"), LIMITS["speed"].range, "along the way"]
 class Move(Motion):
     """Move a mobile base by x, y [m] from where it stands, without turning, at speed [m/s]."""
 
+    effect = "once"
+
     x: float
     y: float
     speed: float

@@ -10,6 +10,10 @@ A stop that was asked for here is kept until it is released here (`will.py`): a 
 meanwhile, or that somebody else releases, is stopped again as soon as it is heard. A stop that nobody asked
 for here (a former proxy did, or somebody on another link) is the controller's own: the session tells that the
 robot is *held*, until the controller tells that it is not. A restart is no release: it is then kept as ours.
+
+The session of a proxy claims the controller (`ClaimClient`): only while the controller grants that is the
+robot moved from here. A controller that tells no number of its life understands no claims, and is commanded
+without one. A view claims nothing.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from types import MappingProxyType
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     AnyMessage,
+    ClaimStatus,
     CommandAck,
     GoalStatus,
     Heartbeat,
@@ -33,7 +38,9 @@ from robotree.protocol.messages import (
     Message,
     Mode,
     ModeKind,
+    Reason,
 )
+from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.command_client import CommandClient
 from robotree.protocol.services.command_client import Effect as CommandEffect
 from robotree.protocol.services.goal_client import GoalClient, GoalEnded, GoalProgress, GoalSilent
@@ -44,7 +51,7 @@ from robotree.protocol.services.statustext import Listener, Sentence
 from robotree.proxy.life import Word, overtaken, restarted
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
-from robotree.proxy.translate import READERS, Readers, Target
+from robotree.proxy.translate import COMPONENTS, READERS, Readers, Target
 from robotree.proxy.twin import Twin
 from robotree.proxy.will import HOLDING, Answer, ReleaseConfirmed, Will
 
@@ -52,6 +59,8 @@ CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
 """Where a robot's controller is found on its own link, by MAVLink's custom."""
 SUPERVISOR_SYSTEM = 255
 """System id of ground stations, by the same custom."""
+FORMER_LIVES = 16
+"""Lives of a controller that are remembered as over; a word is not longer on its way than these last."""
 DEAD = 2 * SILENCE
 """[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
 
@@ -77,7 +86,9 @@ class Redial:
     trouble: str
 
 
-Event = OnlineChanged | HeldChanged | Answer | GoalProgress | GoalEnded | GoalSilent | Picture | Sentence
+Claim = ClaimGranted | ClaimDenied
+Goal = GoalProgress | GoalEnded | GoalSilent
+Event = OnlineChanged | HeldChanged | Answer | Claim | Goal | Picture | Sentence
 """What the session has to tell."""
 Effect = Send | Redial | Event
 """What the session has to tell, and what it asks the shell to do."""
@@ -91,6 +102,7 @@ class Session:
         controller: whom to speak to.
         readers: how the telemetry reads.
         rates: [Hz] at which telemetry is enough, by its kind; the rest comes as the controller sends it.
+        claim: by which we command the controller; None: we do not.
     """
 
     def __init__(
@@ -100,6 +112,7 @@ class Session:
         controller: Target = CONTROLLER,
         readers: Readers = READERS,
         rates: Mapping[type[Message], float] = MappingProxyType({}),
+        claim: ClaimClient | None = None,
     ) -> None:
         self.component = component
         self.controller = controller
@@ -113,6 +126,8 @@ class Session:
         """Why frames that arrive are not believed, as one clause; empty: no such frame came."""
         self._open = False
         self._opened_at = -math.inf
+        self._beats = 0
+        """Heartbeats of the controller on this link."""
         self._rates = rates
         self._commands = CommandClient(*controller)
         self._goals = GoalClient(*controller)
@@ -121,6 +136,22 @@ class Session:
         self._listener = Listener()
         self._will = Will(controller)
         self._held_told = ""
+        self._claim = claim
+        self._lives: list[int] = []
+        """Former lives of the controller; a word of one of them was long on its way."""
+        self._namesakes: set[int] = set()
+        """Components of our system that somebody else speaks as."""
+
+    @property
+    def claims(self) -> bool:
+        """Whether we command the controller by a claim: it understands them."""
+        return self._claim is not None and self._claim.life > 0
+
+    @property
+    def denial(self) -> str:
+        """Why the controller does not obey us, as a clause; empty: it does, or has not answered yet."""
+        denied = None if self._claim is None else self._claim.denied
+        return "" if denied is None else denial_in_words(denied)
 
     @property
     def stopped(self) -> bool:
@@ -158,7 +189,10 @@ class Session:
         """A link was opened; the controller has yet to be heard on it."""
         self._open = True
         self._opened_at = now
+        self._beats = 0
         self._will.opened()
+        if self._claim is not None:
+            self._claim.opened()
         self.trouble = self.disbelief or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
         self._goals.hurry()
@@ -173,6 +207,7 @@ class Session:
     def hear(self, frame: Frame, now: float) -> list[Effect]:
         """Take one intact frame."""
         if frame.system != self.controller.system:
+            self._note_namesake(frame)
             return []
         message = frame.message
         effects: list[Effect] = [*self._pictures.receive(frame, None)]
@@ -181,22 +216,22 @@ class Session:
             return effects
         self.heard_at = now
         before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
-        if (
-            isinstance(message, Mode)
-            and before is not None
-            and overtaken(Word(before.time_boot_ms, told_at), Word(message.time_boot_ms, now))
-        ):
+        if isinstance(message, Mode) and before is not None and self._is_over(before, told_at, message, now):
             return effects  # it tells of a stop or a release that is over
         self.twin.hear(message, now)
-        if isinstance(message, Heartbeat) and self._open:
-            if turned := self._turn(online=True, trouble=""):
-                effects += turned + self._ask_for_rates(now)
+        if isinstance(message, Heartbeat):
+            self._beats += 1
         elif isinstance(message, CommandAck) and frame.is_for(SUPERVISOR_SYSTEM, self.component):
             effects += _said(self._commands.receive(message, now))
         elif isinstance(message, GoalStatus) and self._for_us(message):
             effects += self._goals.receive(message, now)
+        elif isinstance(message, ClaimStatus) and self._claim is not None:
+            effects += self._claim.receive(message, for_us=self._for_us(message))
+            effects += self._keep_claim(now)
         elif isinstance(message, Mode):
             effects += self._compare(message, before, told_at, now)
+        if self._open and self._is_introduced() and (turned := self._turn(online=True, trouble="")):
+            effects += turned + self._ask_for_rates(now)
         return effects + self._held_news()
 
     def tick(self, now: float) -> list[Effect]:
@@ -211,7 +246,8 @@ class Session:
         if not self._open:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
             return effects + self._held_news()
-        self._heartbeats.keep(self._patience())
+        effects += self._keep_claim(now)
+        self._heartbeats.keep(math.inf if self._claim and self._claim.granted else self._patience())
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
         effects += _said(self._commands.tick(now))
         if now - max(self._opened_at, self.heard_at) >= DEAD:
@@ -220,7 +256,16 @@ class Session:
 
     # -- what is asked of the controller -----------------------------------------------------------
 
-    def start(self, key: int, request: Request, *, epoch: int, ttl: float, now: float) -> list[Effect]:
+    def start(
+        self,
+        key: int,
+        request: Request,
+        *,
+        epoch: int,
+        ttl: float,
+        now: float,
+        repeatable: bool = False,
+    ) -> list[Effect]:
         """Ask for a movement.
 
         Args:
@@ -229,12 +274,17 @@ class Session:
             epoch: of the lease under which it is asked.
             ttl: [s] it may take; 0: until reached.
             now: [s]
+            repeatable: carried out twice, it ends the same.
         """
-        return [*self._goals.start(key, request.verb, request.args, epoch=epoch, now=now, ttl=ttl)]
+        verb, args = request
+        under = self._epoch(epoch)
+        claim = self._keep_claim(now)
+        goal = self._goals.start(key, verb, args, epoch=under, now=now, ttl=ttl, repeatable=repeatable)
+        return [*claim, *goal]
 
     def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
         """Ask for the end of a movement; repeated until its end is heard."""
-        return [*self._goals.cancel(key, epoch=epoch, now=now)]
+        return [*self._goals.cancel(key, epoch=self._epoch(epoch), now=now)]
 
     def ask_for(self, message: AnyMessage) -> list[Effect]:
         """Say one thing once."""
@@ -255,7 +305,8 @@ class Session:
         told = self.twin.latest(Mode)
         if told is not None and told.mode not in HOLDING and not self._will.pending:
             return [ReleaseConfirmed()]
-        self._will.release(epoch, told.stops if told else 0, now)
+        stops, life = (told.stops, told.life) if told else (0, 0)
+        self._will.release(self._epoch(epoch), stops, now, life)
         return self._insist(now) + self._held_news()
 
     def take_back(self, now: float) -> list[Effect]:
@@ -263,9 +314,52 @@ class Session:
         self._will.take_back()
         return self._insist(now) + self._held_news()
 
+    def farewell(self) -> list[Effect]:
+        """Give the controller up, so that the next one need not wait until we count as silent."""
+        return [*self._claim.release()] if self._claim is not None and self._open else []
+
     # -- inside ------------------------------------------------------------------------------------
 
-    def _for_us(self, status: GoalStatus) -> bool:
+    def _epoch(self, epoch: int) -> int:
+        """The epoch under which the controller is told something that is said under a lease's `epoch`.
+
+        Not below the claim's, which is above those of proxies before us.
+        """
+        if self._claim is None or not self.claims:
+            return epoch
+        self._claim.raise_to(epoch)
+        return self._claim.epoch
+
+    def _is_introduced(self) -> bool:
+        """Whether the controller has told on this link who it is, how it is, and whether it obeys us.
+
+        So its life is known before the first goal. One that tells no mode is there with its second heartbeat.
+        """
+        if self._claim is not None and not self._claim.settled:
+            return False
+        return self._beats > 1 or (self._beats == 1 and self.twin.told_at(Mode) >= self._opened_at)
+
+    def _keep_claim(self, now: float) -> list[Effect]:
+        """Say the claim, if it is due."""
+        return [*self._claim.tick(now, self._patience())] if self._claim is not None and self._open else []
+
+    def _is_over(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
+        """Whether a mode was told before the one that was heard last."""
+        last, this = Word(before.time_boot_ms, told_at, before.life), Word(mode.time_boot_ms, now, mode.life)
+        return mode.life in self._lives or overtaken(last, this)
+
+    def _note_namesake(self, frame: Frame) -> None:
+        """Somebody else speaks as a component of our system. If it is ours, who holds no claim gives way."""
+        if frame.system != SUPERVISOR_SYSTEM:
+            return
+        self._namesakes.add(frame.component)
+        if self._claim is None or frame.component != self.component:
+            return
+        free = [each for each in COMPONENTS if each not in self._namesakes]
+        if free and not self._claim.granted and not self._goals.pursued:
+            self.component = free[self._claim.holder % len(free)]
+
+    def _for_us(self, status: GoalStatus | ClaimStatus) -> bool:
         return (status.target_system, status.target_component) == (SUPERVISOR_SYSTEM, self.component)
 
     def _turn(self, *, online: bool, trouble: str) -> list[Effect]:
@@ -292,10 +386,18 @@ class Session:
     def _compare(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
         """The controller has told its mode, and `told_at` [s] the one before: is it what is wished for?"""
         anew = before is not None and restarted(
-            Word(before.time_boot_ms, told_at), Word(mode.time_boot_ms, now)
+            Word(before.time_boot_ms, told_at, before.life), Word(mode.time_boot_ms, now, mode.life)
         )
         lost = before is not None and before.mode == ModeKind.SAFE_STOP
-        effects: list[Effect] = [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
+        effects: list[Effect] = []
+        if anew and before is not None:
+            effects += self._goals.restarted(mode.life)
+            self._lives = [*self._lives, before.life][-FORMER_LIVES:] if before.life else self._lives
+        self._goals.life = mode.life
+        if self._claim is not None:
+            self._claim.meet(mode.life, mode.epoch)
+            effects += self._keep_claim(now)
+        effects += [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
         if anew and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
             effects += self._ask_for_rates(now)
         return effects
@@ -317,3 +419,15 @@ def _said(effects: Sequence[CommandEffect]) -> list[Effect]:
 
 def _heartbeat() -> Heartbeat:
     return Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+
+
+def denial_in_words(denied: ClaimDenied) -> str:
+    """Why a controller does not obey us, and what to do, as a clause."""
+    if denied.reason == Reason.BAD_EPOCH:
+        return (
+            f"its controller refuses our epoch, or has none left above its own ({denied.epoch}); set the clocks "
+            "of both machines; if they are right, have the controller forget its epoch (robotree sim … "
+            "--reset-epoch)"
+        )
+    holder = f"{denied.name!r}" if denied.name else "another program"
+    return f"{holder} holds its controller; end that program, or start this proxy with --take-over"

@@ -35,6 +35,20 @@ class Target(NamedTuple):
     component: int
 
 
+COMPONENTS = range(25, 100)
+"""Component ids that MAVLink leaves to its users (MAV_COMP_ID_USER1 to USER75). No ground station has them."""
+
+
+def component_of(name: str) -> int:
+    """The component as which the proxy of a robot speaks, one of `COMPONENTS`.
+
+    By the robot's name, so that the next incarnation of the proxy is known to the controller as the sender of
+    the same goals. Two names may have the same one; a claim tells them apart.
+    """
+    digest = hashlib.blake2b(name.encode(), digest_size=4, person=b"robotree comp").digest()
+    return COMPONENTS[int.from_bytes(digest, "little") % len(COMPONENTS)]
+
+
 def goal_key(command_key: str, number: int = 0) -> int:
     """The 64-bit key of a goal that a command sends.
 

@@ -29,7 +29,13 @@ is away: nobody shall find a robot released by what was asked for long ago. A st
 less than an agent waits for it, so that whoever asked hears why."""
 HOLDING = {ModeKind.SAFE_STOP: "its controller is in safe stop", ModeKind.FAULT: "its controller cannot move"}
 """Modes in which a controller takes no goal until it is released, as clauses."""
-REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL}
+REFUSALS = {
+    Reason.STOPPED,
+    Reason.STALE_EPOCH,
+    Reason.NOT_IN_CONTROL,
+    Reason.BAD_EPOCH,
+    Reason.OTHER_LIFE,
+}
 """Reasons that a MODE gives only where it answers a release: that release is not obeyed. Said once more, it
 could undo a stop that came after it."""
 
@@ -68,6 +74,8 @@ class _Release:
     stops: int | None
     """The count of the stop that it ends; None: not told yet."""
     said: bool = False
+    life: int = 0
+    """Of the controller that told that count."""
 
 
 class Will:
@@ -107,19 +115,21 @@ class Will:
         if release is not None and release.said:
             self.stop()
 
-    def release(self, epoch: int, told: int, now: float) -> None:
+    def release(self, epoch: int, told: int, now: float, life: int = 0) -> None:
         """Have the stop released that is in force.
 
         Args:
             epoch: of whoever asks for it.
             told: the count of stops that the controller told last; 0: none.
             now: [s]
+            life: of the controller, as it told it with the count; 0: it tells none.
         """
         if self.stopped and not self._confirmed:
             self._release = _Release(epoch, now + RELEASE_WITHIN, None)
         else:  # what was said for an earlier one is still on its way
             said = self.releasing
-            self._release, self._said_at = _Release(epoch, now + RELEASE_WITHIN, told, said), -math.inf
+            self._release = _Release(epoch, now + RELEASE_WITHIN, told, said, life)
+            self._said_at = -math.inf
 
     def hear(self, mode: Mode, *, anew: bool, lost: bool) -> list[Answer]:
         """Take what the controller tells over the present link.
@@ -139,7 +149,7 @@ class Will:
             return news
         if release.stops is None:
             if mode.mode in HOLDING:
-                release.stops, self._said_at = mode.stops, -math.inf
+                release.stops, release.life, self._said_at = mode.stops, mode.life, -math.inf
         elif mode.mode not in HOLDING:
             if anew or not 0 < mode.stops < release.stops:  # else it was told before that stop
                 self._release, self.stopped = None, False
@@ -163,7 +173,8 @@ class Will:
             return []
         if release is not None and release.stops is not None:
             release.said = True
-            message = SetMode(release.epoch, *self._controller, ModeKind.READY, release.stops)
+            wish = ModeKind.READY
+            message = SetMode(release.epoch, *self._controller, wish, release.stops, release.life)
         elif self.stopped and not self._confirmed:
             message = SetMode(0, *self._controller, ModeKind.SAFE_STOP)
         else:

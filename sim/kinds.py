@@ -12,12 +12,14 @@ from robotree.protocol.messages import MavComponent, MavProtocolCapability, MavT
 from robotree.sim.errors import UnknownKind
 
 if TYPE_CHECKING:
+    from robotree.protocol.services.fence import Fence
     from robotree.sim.arm.world import ArmWorld
     from robotree.sim.firmware import Identity
     from robotree.sim.firmware.telemetry import Stream
     from robotree.sim.physics.cell import Cell
     from robotree.sim.rover.world import RoverWorld
     from robotree.sim.serving.controller import Controller
+    from robotree.sim.serving.fence_file import FenceFile
 
 NOTHING_MORE: Final = MavProtocolCapability(0)
 """What a kind offers beyond every controller of ours, if nothing."""
@@ -57,17 +59,26 @@ class Kind(Generic[W]):
     cameras: Mapping[int, str] = field(default_factory=dict[int, str])
     capabilities: MavProtocolCapability = NOTHING_MORE
 
-    def build(self, system: int, silence: float) -> "Controller":
+    def build(self, system: int, silence: float, memory: "FenceFile | None" = None) -> "Controller":
         """A controller with a world of its own.
 
         Args:
             system: its MAVLink system id.
             silence: of the link that it bears [s].
+            memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
         """
-        return self.controller(self.world(), system, silence, self._identity(system))
+        from robotree.sim.serving.fence_file import FenceFile
+
+        known = memory or FenceFile(None)
+        return self.controller(self.world(), system, silence, self._identity(system, known.life), known.fence)
 
     def controller(
-        self, world: W, system: int, silence: float, identity: "Identity | None" = None
+        self,
+        world: W,
+        system: int,
+        silence: float,
+        identity: "Identity | None" = None,
+        fence: "Fence | None" = None,
     ) -> "Controller":
         """A controller of a world that was built already; without an identity it tells no wall clock."""
         from robotree.sim.firmware import Firmware
@@ -80,11 +91,12 @@ class Kind(Generic[W]):
             mav_type=self.mav_type,
             silence=silence,
             identity=identity,
+            fence=fence,
         )
         return Controller(world.cell, firmware, self.cameras)
 
-    def _identity(self, system: int) -> "Identity":
-        """What the controller says of itself; its uid is the same at every start."""
+    def _identity(self, system: int, life: int) -> "Identity":
+        """What the controller says of itself; its uid is the same at every start, its life is not."""
         from hashlib import sha256
         from importlib.metadata import version
         from time import time
@@ -92,7 +104,9 @@ class Kind(Generic[W]):
         from robotree.sim.firmware import Identity
 
         uid = int.from_bytes(sha256(f"robotree {self.name} {system}".encode()).digest()[:8])
-        return Identity(version=version("robotree"), uid=uid, capabilities=self.capabilities, wall=time)
+        return Identity(
+            version=version("robotree"), uid=uid, capabilities=self.capabilities, wall=time, life=life
+        )
 
 
 def kind(name: str) -> Kind[Any]:

@@ -213,17 +213,23 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 
 
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
+    from robotree.sim.serving.fence_file import FenceFile
     from robotree.sim.serving.server import serve
+    from robotree.tui.processes.state_files import fence_file
     from robotree.tui.wire.security import openness, securing
 
+    url = line.text("--listen")
     async with securing(line) as security:
+        memory = FenceFile(fence_file(line.text("--state"), url), reset=line.flag("--reset-epoch"))
+        if memory.trouble:
+            note(memory.trouble)
 
         def listens(address: str) -> None:
             if not security.signed:
                 note(openness(address))
             ready(address)
 
-        await serve(line.text("KIND"), line.text("--listen"), ready=listens, security=security)
+        await serve(line.text("KIND"), url, ready=listens, security=security, memory=memory)
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:
@@ -232,9 +238,18 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
-    space = space_file(line.text("--space"), realm)
+    space, take_over = space_file(line.text("--space"), realm), line.flag("--take-over")
     async with securing(line) as security:
-        await run_proxy(kind, name, url, realm=realm, space_path=space, security=security, ready=ready)
+        await run_proxy(
+            kind,
+            name,
+            url,
+            realm=realm,
+            space_path=space,
+            security=security,
+            take_over=take_over,
+            ready=ready,
+        )
 
 
 async def _view(line: Line, realm: str, ready: Ready) -> None:

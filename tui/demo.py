@@ -124,8 +124,8 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> N
     at_arm, at_rover = wire.addresses(crew.realm)
     counters = () if counting else ("--space", "none")
     arm, rover, *_ = await crew.start_all(
-        ("sim", "arm", "--listen", at_arm),
-        ("sim", "rover", "--listen", at_rover),
+        ("sim", "arm", "--listen", at_arm, "--state", "none"),
+        ("sim", "rover", "--listen", at_rover, "--state", "none"),
         *(("lookup", name) for name in LOOKUPS),
         ("host", HOST, *counters),
     )

@@ -14,6 +14,7 @@ from robotree.vr.errors import (
     CommandCancelled,
     CommandError,
     CommandFailed,
+    CommandInDoubt,
     DeadlineExceeded,
     SlotEmpty,
     VrError,
@@ -41,6 +42,7 @@ __all__ = [
     "BadArgument",
     "CommandCancelled",
     "CommandFailed",
+    "CommandInDoubt",
     "DeadlineExceeded",
     "SlotEmpty",
 ]

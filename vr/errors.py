@@ -7,7 +7,7 @@ that a caller on the far side of the network catches the same class with the sam
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
                       NoSuchView
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
-                      Stopped · StillRunning · KeyReused
+                      CommandInDoubt · Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
@@ -153,6 +153,12 @@ class CommandFailed(CommandError):
     """The command began and did not succeed."""
 
     sentence = "{robot}.{command} failed: {detail}"
+
+
+class CommandInDoubt(CommandError):
+    """Nobody knows whether the command was carried out, in part or whole; a person has to look."""
+
+    sentence = "{robot}.{command} may have been carried out or not: {detail}"
 
 
 class CommandCancelled(CommandError):

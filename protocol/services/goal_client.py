@@ -1,7 +1,10 @@
 """Goals, the sender's side: ask until somebody answers, then listen, poll and cancel.
 
 A goal is repeated with its key until its first status comes. From then on only its status is asked for, so
-that a controller which restarted in the meantime says UNKNOWN instead of beginning again. When no answer
+that a controller which restarted in the meantime says UNKNOWN instead of beginning again. A goal names the life of
+the controller that it was made for, so that another life does not begin it. When the controller has restarted,
+a goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only one that was never answered and may be
+carried out twice (it ends the same) is asked for again, in the new life. When no answer
 came for `patience`, the goal is not repeated either: a link that comes back much later must not start a
 movement. A repetition carries what is left of the time to live. A goal whose time is over before it was
 answered is called off; when the controller then says that it never had it, it ends as EXPIRED. A cancelled
@@ -16,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Verb
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
 from robotree.protocol.services.peer import Send
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ class GoalProgress(msgspec.Struct, frozen=True):
 class GoalEnded(msgspec.Struct, frozen=True):
     """The last word on a goal.
 
-    UNKNOWN: the controller does not know it (any more). EXPIRED: it ran out of time, on the controller or on
+    UNKNOWN: the controller does not know it (any more); with OTHER_LIFE, it may have begun before a restart. EXPIRED: it ran out of time, on the controller or on
     its way there.
     """
 
@@ -76,6 +79,7 @@ class _Pursuit(msgspec.Struct):
     heard: float
     asked: float
     """[s] The last time; -inf: it is to be asked about at once."""
+    repeatable: bool = False
     acknowledged: bool = False
     silent: bool = False
     cancelled: bool = False
@@ -106,6 +110,8 @@ class GoalClient:
     ) -> None:
         self.system, self.component, self.via = system, component, via
         self._resend, self._poll, self._patience = resend, poll, patience
+        self.life = 0
+        """Of the controller, as it has told it; 0: it tells none."""
         self._pursuits: dict[int, _Pursuit] = {}
 
     @property
@@ -114,7 +120,15 @@ class GoalClient:
         return list(self._pursuits)
 
     def start(
-        self, key: int, verb: int, args: Sequence[float], *, epoch: int, now: float, ttl: float = 0.0
+        self,
+        key: int,
+        verb: int,
+        args: Sequence[float],
+        *,
+        epoch: int,
+        now: float,
+        ttl: float = 0.0,
+        repeatable: bool = False,
     ) -> list[Effect]:
         """Ask for a movement. With a key that is being pursued, the same request is sent once more.
 
@@ -125,11 +139,15 @@ class GoalClient:
             epoch: of the lease.
             now: [s]
             ttl: time to live, [s]; 0: until reached.
+            repeatable: carried out twice, it ends the same.
         """
         padded = (*args, *[float("nan")] * (ARGUMENTS - len(args)))
         lives = ttl or inf
-        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, self.system, self.component)
-        self._pursuits[key] = _Pursuit(goal, deadline=now + lives, heard=now, asked=now)
+        whom = (self.system, self.component)
+        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, *whom, life=self.life)
+        self._pursuits[key] = _Pursuit(
+            goal, deadline=now + lives, heard=now, asked=now, repeatable=repeatable
+        )
         return [Send(goal, self.via)]
 
     def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
@@ -137,7 +155,21 @@ class GoalClient:
         if (pursuit := self._pursuits.get(key)) is not None:
             pursuit.cancelled, pursuit.asked = True, now
             pursuit.goal = msgspec.structs.replace(pursuit.goal, epoch=epoch)
-        return [Send(GoalCancel(key, epoch, self.system, self.component), self.via)]
+        return [Send(GoalCancel(key, epoch, self.system, self.component, self.life), self.via)]
+
+    def restarted(self, life: int) -> list[Effect]:
+        """The controller has begun another life, of this number; 0: it tells none."""
+        self.life = life
+        effects: list[Effect] = []
+        for key, pursuit in list(self._pursuits.items()):
+            if pursuit.cancelled and not life:
+                continue  # the goal itself may still be under way, and this controller would begin it
+            if pursuit.repeatable and not (pursuit.acknowledged or pursuit.cancelled):
+                pursuit.goal, pursuit.asked = msgspec.structs.replace(pursuit.goal, life=life), -inf
+            else:
+                self.forget(key)
+                effects.append(GoalEnded(key, GoalState.UNKNOWN, Reason.OTHER_LIFE, ""))
+        return effects
 
     def hurry(self) -> None:
         """Ask about every goal at the next tick: on a new link, the controller must hear who wants it."""
@@ -157,6 +189,8 @@ class GoalClient:
             state = GoalState(status.state)
         except ValueError:
             return []
+        if state == GoalState.UNKNOWN and status.reason == Reason.OTHER_LIFE:
+            return []  # its MODE tells the new life, and then it is decided what becomes of the goal
         if (
             state == GoalState.UNKNOWN
             and not pursuit.acknowledged
@@ -198,7 +232,8 @@ class GoalClient:
         pursuit.asked = now
         goal = pursuit.goal
         if pursuit.cancelled:
-            return [Send(GoalCancel(goal.key, goal.epoch, self.system, self.component), self.via)]
+            cancel = GoalCancel(goal.key, goal.epoch, self.system, self.component, goal.life)
+            return [Send(cancel, self.via)]
         if pursuit.acknowledged or pursuit.silent:
             goal = msgspec.structs.replace(goal, verb=Verb.STATUS)
         else:

@@ -2,8 +2,11 @@
 
 A goal is known by its sender and key. The same key with the same content is answered with the stored
 status; with other content it is refused. A goal from an epoch older than one already obeyed is refused
-(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch and addresses are no
+(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch, life and addresses are no
 content: a sender may ask for its goal again under a newer lease.
+
+A goal names the life of the controller that it was made for. After a restart its key is unknown, and it may
+have begun before: it is answered by UNKNOWN with OTHER_LIFE, and does not begin.
 
 Stops and questions are everyone's: they are carried out and answered, whoever comes with them. All else is
 for those whom `guard` lets pass: to begin a goal, to raise the epoch, to be the one who is told of a goal.
@@ -20,6 +23,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
+from robotree.protocol.services.fence import Fence, Refusal
 from robotree.protocol.services.peer import Peer, Send
 
 if TYPE_CHECKING:
@@ -32,6 +36,7 @@ FORGOTTEN = 4096
 PROGRESS_PERIOD = 0.1
 """[s] between two statuses that tell nothing but progress."""
 LONGEST_TEXT = 80
+OTHER_LIFE = "This controller has restarted since; it may have begun before."
 
 
 class GoalId(msgspec.Struct, frozen=True):
@@ -58,7 +63,6 @@ class Abandon(msgspec.Struct, frozen=True):
 
 
 Effect = Send | Begin | Abandon
-Refusal = tuple[Reason, str]
 _Speaker = tuple[int, int]
 """System and component."""
 
@@ -85,6 +89,8 @@ class GoalServer:
         check: why a goal cannot be begun now; None: it can.
         guard: why a peer may not command; None: it may. Who may not has no goal begun (its key stays
             unused), raises no epoch, and does not become the one who is told of a goal.
+        fence: the epochs that it obeys.
+        life: of this controller; goals made for another one are not begun. 0: whatever they are made for.
     """
 
     def __init__(
@@ -92,12 +98,19 @@ class GoalServer:
         verbs: Collection[Verb],
         check: Callable[[Goal], Refusal | None],
         guard: Callable[[Peer], Refusal | None] = lambda _: None,
+        *,
+        fence: Fence | None = None,
+        life: int = 0,
     ) -> None:
         self._verbs, self._check, self._guard = frozenset(verbs), check, guard
+        self._fence, self._life = fence or Fence(), life
         self._records: dict[GoalId, _Record] = {}
         self._forgotten: dict[_Speaker, dict[GoalId, None]] = {}
-        self.epoch = 0
+
+    @property
+    def epoch(self) -> int:
         """The highest epoch obeyed."""
+        return self._fence.epoch
 
     @property
     def unfinished(self) -> list[GoalId]:
@@ -115,11 +128,8 @@ class GoalServer:
         return self._records[id_].peer
 
     def fence(self, epoch: int) -> bool:
-        """Obey an epoch from now on; False: it is older than one already obeyed."""
-        if epoch < self.epoch:
-            return False
-        self.epoch = epoch
-        return True
+        """Obey an epoch from now on; False: it is older than one already obeyed, or not honest."""
+        return self._fence.admit(epoch) is None
 
     def receive(self, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
         """Take a message that is addressed to this controller."""
@@ -128,8 +138,10 @@ class GoalServer:
         may = denial is None
         if isinstance(message, GoalCancel):
             if not message.key:
-                return self._cancel_whichever(message.epoch, id_, peer, now, may=may)
+                return self._cancel_whichever(message, id_, peer, now, may=may)
             return self._cancel(id_, peer, now, may=may)
+        if id_ not in self._records and self._is_of_another_life(message):
+            return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE, GoalState.UNKNOWN)]
         if message.verb == Verb.STATUS:
             return self._answer(id_, peer, may=may)
         if (record := self._records.get(id_)) is None:
@@ -137,8 +149,8 @@ class GoalServer:
         if record.content != _content(message):
             text = "The key was used before with other content; take a new one."
             return [self._refusal(id_, peer, Reason.KEY_REUSED, text)]
-        if may:
-            self.epoch = max(self.epoch, message.epoch)
+        if may and message.epoch > self.epoch:
+            self.fence(message.epoch)
         return self._answer(id_, peer, may=may)
 
     def activate(self, id_: GoalId, now: float) -> list[Effect]:
@@ -207,9 +219,7 @@ class GoalServer:
             return Reason.BAD_ARGUMENT, "The key of a goal must not be 0."
         if denial is not None:
             return denial
-        if not self.fence(goal.epoch):
-            return Reason.STALE_EPOCH, f"Epoch {goal.epoch} is over; {self.epoch} was already obeyed."
-        return None
+        return self._fence.admit(goal.epoch)
 
     def _objection(self, goal: Goal) -> Refusal | None:
         if goal.verb not in self._verbs:
@@ -220,14 +230,17 @@ class GoalServer:
         return self._check(goal)
 
     def _cancel_whichever(
-        self, epoch: int, id_: GoalId, peer: Peer, now: float, *, may: bool
+        self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool
     ) -> list[Effect]:
-        if epoch < self.epoch:
-            text = f"Epoch {epoch} is over; {self.epoch} was already obeyed."
-            return [self._refusal(id_, peer, Reason.STALE_EPOCH, text)]
-        if may:
-            self.epoch = epoch
+        if self._is_of_another_life(cancel):
+            return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE)]
+        refusal = self._fence.admit(cancel.epoch) if may else self._fence.objection(cancel.epoch)
+        if refusal is not None:
+            return [self._refusal(id_, peer, *refusal)]
         return self.abandon_all(Reason.OPERATOR, now)
+
+    def _is_of_another_life(self, message: Goal | GoalCancel) -> bool:
+        return bool(self._life) and message.life not in {0, self._life}
 
     def _cancel(self, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
         if id_ not in self._records and not self._is_forgotten(id_):
@@ -321,5 +334,7 @@ def _content(goal: Goal) -> bytes:
 
     The time to live is not among it: who asks again, later, has less of the same time left.
     """
-    asked = msgspec.structs.replace(goal, key=0, epoch=0, ttl_ms=0, target_system=0, target_component=0)
+    asked = msgspec.structs.replace(
+        goal, key=0, epoch=0, ttl_ms=0, target_system=0, target_component=0, life=0
+    )
     return Goal.codec.content(asked)

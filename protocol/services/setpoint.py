@@ -43,7 +43,7 @@ class SetpointStatistics(msgspec.Struct, frozen=True):
     late: int
     """Made too long ago, or in the future."""
     stale: int
-    """From an epoch that is over."""
+    """From an epoch that is over or not honest, or made for another life of the controller."""
     overtaken: int
     """Older than one already obeyed."""
     refused: int
@@ -78,10 +78,11 @@ class SetpointReceiver:
     Args:
         kinds: what this controller can follow.
         fence: obeys an epoch from now on, or says that it is over; `GoalServer.fence`.
+        life: of this controller; set-points made for another one are dropped. 0: none is.
     """
 
-    def __init__(self, kinds: Collection[SetpointKind], fence: Callable[[int], bool]) -> None:
-        self._kinds, self._fence = frozenset(kinds), fence
+    def __init__(self, kinds: Collection[SetpointKind], fence: Callable[[int], bool], life: int = 0) -> None:
+        self._kinds, self._fence, self._life = frozenset(kinds), fence, life
         self._current: Setpoint | None = None
         self._until = float("-inf")
         self._stream: _Stream | None = None
@@ -119,7 +120,8 @@ class SetpointReceiver:
         if not now - ttl < made <= now + LONGEST_TTL:
             self._late += 1
             return False
-        if not self._fence(setpoint.epoch):
+        elsewhere = bool(self._life) and setpoint.life not in {0, self._life}
+        if elsewhere or not self._fence(setpoint.epoch):
             self._stale += 1
             return False
         stream = self._continued(setpoint, sender, now)

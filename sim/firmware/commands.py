@@ -181,7 +181,7 @@ class Commands:
             out = sends(self._server.finish(peer, command, result, now / 1000, reason))
             return out + self._herald.tell(MavSeverity.NOTICE, text, peer.via) if text else out
 
-        job = Job((peer, command), peer, progress, finish)
+        job = Job((peer, command), peer, self._rights.voice(peer), progress, finish)
         self._news += self._movement.begin(job, start, round(1000 * now))
         return Answer(MavResult.IN_PROGRESS)
 

@@ -37,12 +37,14 @@ class Identity:
         uid: 64 bits that tell it from others; not 0.
         capabilities: what this kind offers beyond every controller of ours.
         wall: Unix time [s]; 0: unknown.
+        life: another number after each start, 1 to 65535.
     """
 
     version: str = "0.0.0"
     uid: int = 1
     capabilities: MavProtocolCapability = NOTHING_MORE
     wall: Callable[[], float] = _never
+    life: int = 1
 
 
 class Gauges:

@@ -6,7 +6,8 @@ Pure. `now` is controller time in whole milliseconds.
 from collections.abc import Iterable
 
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
-from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalId, GoalServer, Refusal
+from robotree.protocol.services.fence import Refusal
+from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalId, GoalServer
 from robotree.protocol.services.peer import Peer
 from robotree.sim.errors import GoalRefused
 from robotree.sim.firmware.device import Device, Start
@@ -26,7 +27,11 @@ class Goals:
 
     def __init__(self, device: Device, movement: Movement, rights: Rights) -> None:
         self._device, self._movement = device, movement
-        self._server = GoalServer(device.verbs, self._check, rights.guard)
+        self._rights = rights
+        claims = rights.claims
+        self._server = GoalServer(
+            device.verbs, self._check, rights.guard, fence=claims.fence, life=claims.life
+        )
         self._prepared: Start | None = None
 
     @property
@@ -42,8 +47,10 @@ class Goals:
         """Take a goal or the end of one."""
         out = self._carry_out(self._server.receive(message, peer, now / 1000), now)
         self._hand_over(now)
-        whichever = isinstance(message, GoalCancel) and not message.key and message.epoch >= self.epoch
-        return out + self._movement.interrupt(Reason.OPERATOR, "", now) if whichever else out
+        whichever = isinstance(message, GoalCancel) and not message.key
+        if whichever and self._rights.objection(message.epoch, message.life) is None:
+            out += self._movement.interrupt(Reason.OPERATOR, "", now)
+        return out
 
     def tick(self, now: int) -> list[Outgoing]:
         """End the goals whose time to live is over."""
@@ -55,7 +62,7 @@ class Goals:
         if job is not None and isinstance(job.key, GoalId):
             asker = self._server.asker(job.key)
             if asker != job.speaker:
-                self._movement.adopt(asker, now)
+                self._movement.adopt(asker, self._rights.voice(asker), now)
 
     def _check(self, goal: Goal) -> Refusal | None:
         """Why a goal cannot be begun now; what was planned meanwhile is kept for its beginning."""
@@ -89,6 +96,7 @@ class Goals:
         def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
             return sends(self._server.finish(goal, state, now / 1000, reason, text))
 
-        job = Job(goal, self._server.asker(goal), progress, finish)
+        asker = self._server.asker(goal)
+        job = Job(goal, asker, self._rights.voice(asker), progress, finish)
         out = self._movement.begin(job, start, now)
         return out + sends(self._server.activate(goal, now / 1000))

@@ -65,9 +65,10 @@ class Modes:
             answer = Reason.NOT_IN_CONTROL
         elif self._movement.overtaken or self._is_outlived(wish):
             answer = Reason.STOPPED
-        elif not self._goals.fence(wish.epoch):
-            answer = Reason.STALE_EPOCH
+        elif (refusal := self._rights.objection(wish.epoch, wish.life)) is not None:
+            answer = refusal[0]
         else:
+            self._goals.fence(wish.epoch)
             out = self.release()
         return [*out, *self.news(now), Outgoing(self.mode(now, answer), peer.via)]
 
@@ -102,7 +103,8 @@ class Modes:
         movement = self._movement
         why = movement.reason if reason is None else reason
         patience = movement.watchdog.patience
-        return Mode(boot_ms(now), self._goals.epoch, patience, movement.mode, why, movement.stops)
+        epoch, life = self._goals.epoch, self._rights.claims.life
+        return Mode(boot_ms(now), epoch, patience, movement.mode, why, movement.stops, life)
 
     def heartbeat(self) -> Heartbeat:
         """The mode as every ground station understands it."""

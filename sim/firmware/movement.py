@@ -24,13 +24,15 @@ class Job(NamedTuple):
 
     Attributes:
         key: tells it from others.
-        speaker: who must be heard while it goes on.
+        speaker: who asked for it.
+        voice: who must be heard while it goes on: the speaker, or the holder of the claim.
         progress: tells the sender how far it is, 0 to 1, at a moment [ms].
         finish: tells the sender how it ended, with the reason and a sentence, at a moment [ms].
     """
 
     key: Hashable
     speaker: Peer
+    voice: Hashable
     progress: Callable[[float, int], list[Outgoing]]
     finish: Callable[[GoalState, Reason, str, int], list[Outgoing]]
 
@@ -91,14 +93,14 @@ class Movement:
         start()
         self.turns += 1
         self._job, self._silent = job, False
-        self.watchdog.obey(job.speaker, now)
+        self.watchdog.obey(job.voice, job.speaker, now)
         return out
 
-    def adopt(self, speaker: Peer, now: int) -> None:
-        """What runs goes on at another speaker's word."""
+    def adopt(self, speaker: Peer, voice: Hashable, now: int) -> None:
+        """What runs goes on at another speaker's word, and as long as this voice is heard."""
         if self._job is not None:
-            self._job = self._job._replace(speaker=speaker)
-            self.watchdog.obey(speaker, now)
+            self._job = self._job._replace(speaker=speaker, voice=voice)
+            self.watchdog.obey(voice, speaker, now)
 
     def interrupt(self, reason: Reason, text: str, now: int) -> list[Outgoing]:
         """End whatever runs, and hold."""

@@ -14,6 +14,8 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     AnyMessage,
     AutopilotVersion,
+    Claim,
+    ClaimStatus,
     CommandCancel,
     CommandInt,
     CommandLong,
@@ -42,10 +44,21 @@ from robotree.protocol.messages import (
     Timesync,
     Untyped,
 )
-from robotree.protocol.services import absent, control, heartbeat, interval, ping, timesync
+from robotree.protocol.services import (
+    absent,
+    claim_server,
+    control,
+    heartbeat,
+    interval,
+    ping,
+    timesync,
+)
+from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.command import Answer, Handler
+from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware import description
+from robotree.sim.firmware.claims import Claims
 from robotree.sim.firmware.commands import Commands
 from robotree.sim.firmware.description import Gauges, Identity
 from robotree.sim.firmware.device import Device
@@ -88,6 +101,7 @@ class Firmware:
         mav_type: what its heartbeats say it is.
         silence: of the link that it bears [s of controller time].
         identity: what it says when asked which controller it is.
+        fence: the epochs that it obeys; kept over its restarts by whoever runs it.
     """
 
     def __init__(
@@ -99,16 +113,18 @@ class Firmware:
         mav_type: MavType,
         silence: float = SILENCE,
         identity: Identity | None = None,
+        fence: Fence | None = None,
     ) -> None:
         self.system = system
         self.gauges = Gauges()
         self._identity = identity or Identity()
         self._movement = Movement(device, round(1000 * silence))
-        self._rights = Rights(lambda: self._goals.epoch)
+        self._rights = Rights(ClaimServer(fence or Fence(), self._identity.life))
         self._goals = Goals(device, self._movement, self._rights)
         self._streaming = Streaming(device, self._movement, self._rights, self._goals.fence)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
         herald = Herald()
+        self._claims = Claims(self._movement, self._rights, herald)
         self._modes = Modes(self._movement, self._goals, self._rights, herald, mav_type)
         self._schedule = Schedule((*streams, *self._own_streams()), _FIXED)
         self._commands = Commands(
@@ -156,7 +172,11 @@ class Firmware:
     def greet(self, via: Hashable, now: int) -> list[Outgoing]:
         """What to say first over the link `via`: that we are there, and how."""
         self._schedule.open(via)
-        return [Outgoing(self._modes.heartbeat(), via), Outgoing(self._modes.mode(now), via)]
+        return [
+            Outgoing(self._modes.heartbeat(), via),
+            Outgoing(self._modes.mode(now), via),
+            Outgoing(self._rights.claims.status(), via),
+        ]
 
     def leave(self, via: Hashable, now: int) -> list[Outgoing]:
         """The link `via` has ended: so has what is commanded over it; its rates, lists and control are free.
@@ -169,6 +189,7 @@ class Firmware:
         self._schedule.close(via)
         self._parameters.link_closed(via)
         self._rights.link_closed(via, now)
+        self._claims.link_closed(via, now)
         return self._modes.lose_link(via, now) + self._modes.news(now)
 
     def tick(self, now: int) -> list[Outgoing]:
@@ -185,6 +206,7 @@ class Firmware:
         out += self._goals.tick(now)
         out += self._commands.tick(now)
         out += self._parameters.tick(now)
+        out += self._claims.tick(now)
         out += self._modes.tick(now)
         out += self._modes.beats(now)
         return out + self._schedule.tick(now, busy=self._movement.job is not None)
@@ -200,6 +222,7 @@ class Firmware:
                 _route(Goal, us, goals),
                 _route(GoalCancel, us, goals),
                 _dated_route(Setpoint, us, self._streaming.hear),
+                _dated_route(Claim, us, self._claims.hear),
                 _route(SetMode, all_or_us, self._modes.hear),
                 _route(CommandLong, all_or_us, commands),
                 _route(CommandInt, all_or_us, commands),
@@ -244,6 +267,7 @@ class Firmware:
         identity = self._identity
         return (
             told(Mode, MODE_PERIOD, self._modes.mode),
+            told(ClaimStatus, round(1000 * claim_server.PERIOD), lambda _: self._rights.claims.status()),
             told(SysStatus, STATUS_PERIOD, self._sys_status),
             told(SystemTime, None, partial(description.system_time, identity)),
             told(AutopilotVersion, None, lambda _: description.autopilot_version(identity)),

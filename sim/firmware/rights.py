@@ -1,17 +1,19 @@
-"""Who may move the robot and change it: operator control on the wire, and the lease's epoch.
+"""Who may move the robot and change it: operator control on the wire, the claim, and the lease's epoch.
 
-While a ground station is in control, only it may. While nobody is, a goal counts by its epoch, as always; a
-command, which carries none, counts as epoch 0: where the epoch of a lease was obeyed, it takes control first.
-Stops are everyone's.
+While a ground station is in control, only it may. While nobody is, only the holder of the claim may. Where
+nobody holds one, a goal counts by its epoch; a command, which carries none, counts as epoch 0: where the epoch
+of a lease was obeyed, it takes control first. Stops are everyone's.
 
 Pure. `now` is controller time in whole milliseconds.
 """
 
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 
 from robotree.protocol.messages import ControlStatus, Reason
+from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.control import ControlChanged, OperatorControl
-from robotree.protocol.services.goal_server import Refusal
+from robotree.protocol.services.fence import Refusal
+from robotree.protocol.services.goal_server import OTHER_LIFE
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.outgoing import Outgoing, sends
 
@@ -20,19 +22,36 @@ class Rights:
     """Decides for one controller.
 
     Args:
-        epoch: the highest that was obeyed.
+        claims: who holds the claim, and the epochs that are obeyed.
     """
 
-    def __init__(self, epoch: Callable[[], int]) -> None:
+    def __init__(self, claims: ClaimServer) -> None:
         self.control = OperatorControl()
-        self._epoch = epoch
+        self.claims = claims
 
     def guard(self, peer: Peer) -> Refusal | None:
         """Why a peer may not have a goal or a set-point carried out; None: it may."""
         owner = self.control.owner
-        if owner is None or self.control.may(peer):
+        if owner is None:
+            return self.claims.guard(peer)
+        if self.control.may(peer):
             return None
         return Reason.NOT_IN_CONTROL, f"System {owner.system} is in control; ask it, or wait."
+
+    def voice(self, peer: Peer) -> Hashable:
+        """Who must be heard while something moves at a peer's word."""
+        return peer if peer == self.control.owner else self.claims.voice(peer)
+
+    def objection(self, epoch: int, life: int) -> Refusal | None:
+        """Why a word of an epoch, made for a life of this controller, is not obeyed; None: it is.
+
+        Args:
+            epoch: of the speaker's lease.
+            life: that the word names; 0: any.
+        """
+        if life not in {0, self.claims.life}:
+            return Reason.OTHER_LIFE, OTHER_LIFE
+        return self.claims.fence.objection(epoch)
 
     def may_set(self, peer: Peer) -> bool:
         """Whether a peer may set parameters."""
@@ -40,14 +59,15 @@ class Rights:
 
     def why_not(self, peer: Peer) -> str | None:
         """What to tell a peer that may not command; None: it may."""
-        if (refusal := self.guard(peer)) is not None:
-            return refusal[1]
-        if self.control.owner is None and self._epoch():
+        held, epoch = self.claims.holding, self.claims.fence.epoch
+        if self.control.owner is None and (held is not None or epoch):
+            by = f"{held.name}, " if held is not None and held.name else ""
             return (
-                f"A lease (epoch {self._epoch()}) commands this robot, and a command carries none; "
+                f"A lease ({by}epoch {epoch}) commands this robot, and a command carries none; "
                 "take operator control first (command 32100)."
             )
-        return None
+        refusal = self.guard(peer)
+        return None if refusal is None else refusal[1]
 
     def heard(self, peer: Peer, now: int) -> None:
         """Note a sign of life."""

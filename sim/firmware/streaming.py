@@ -36,7 +36,7 @@ class Streaming:
         self, device: Device, movement: Movement, rights: Rights, fence: Callable[[int], bool]
     ) -> None:
         self._device, self._movement, self._rights = device, movement, rights
-        self._receiver = SetpointReceiver(device.setpoint_kinds, fence)
+        self._receiver = SetpointReceiver(device.setpoint_kinds, fence, rights.claims.life)
 
     @property
     def statistics(self) -> SetpointStatistics:
@@ -45,7 +45,7 @@ class Streaming:
 
     def hear(self, setpoint: Setpoint, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
         """Take a set-point that arrived at a moment [ms]; never answered."""
-        job, seconds = self._movement.job, now / 1000
+        job, seconds, voice = self._movement.job, now / 1000, self._rights.voice(peer)
         speaker = (peer.system, peer.component)
         over = bool(self._movement.bar) or (job is not None and job.key != KEY)
         if over or setpoint.kind not in self._device.setpoint_kinds or self._rights.guard(peer) is not None:
@@ -59,9 +59,9 @@ class Streaming:
         if not self._receiver.receive(setpoint, seconds, speaker, arrived=arrived / 1000):
             return []
         if job is None:
-            return self._movement.begin(Job(KEY, peer, _silence, self._finish), start, now)
+            return self._movement.begin(Job(KEY, peer, voice, _silence, self._finish), start, now)
         start()
-        self._movement.adopt(peer, now)
+        self._movement.adopt(peer, voice, now)
         return []
 
     def tick(self, now: int) -> None:

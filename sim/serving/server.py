@@ -25,6 +25,7 @@ from robotree.sim.serving.bystander import LARGEST_WORD, Bystander
 from robotree.sim.serving.connection import Connection
 from robotree.sim.serving.controller import Controller
 from robotree.sim.serving.darkroom import Darkroom
+from robotree.sim.serving.fence_file import FenceFile
 from robotree.sim.serving.realtime import Pace, RealTime
 from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE, TOTAL, Throttled
 
@@ -195,6 +196,7 @@ async def serving(
     hurry: float = 1.0,
     exposed: bool = False,
     security: Sealing = UNSIGNED,
+    memory: FenceFile | None = None,
 ) -> AsyncGenerator[Server]:
     """A simulated controller that is up inside the block.
 
@@ -206,6 +208,7 @@ async def serving(
         hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
         security: the keys of our links.
+        memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
 
     Yields:
         The server; `address` tells where it really listens.
@@ -215,7 +218,7 @@ async def serving(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    server = Server(kind_of(kind).build(system, silence), hurry, security)
+    server = Server(kind_of(kind).build(system, silence, memory), hurry, security)
     try:
         try:
             listener = await listen(url, server.accept, exposed=exposed)
@@ -228,6 +231,8 @@ async def serving(
             await listener.close()
     finally:
         server.close()
+        if memory is not None:
+            memory.close()
 
 
 async def serve(
@@ -240,6 +245,7 @@ async def serve(
     hurry: float = 1.0,
     exposed: bool = False,
     security: Sealing = UNSIGNED,
+    memory: FenceFile | None = None,
 ) -> None:
     """Simulate a controller until cancelled.
 
@@ -252,6 +258,7 @@ async def serve(
         hurry: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
         security: the keys of our links.
+        memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
 
     Raises:
         UnknownKind: no such robot can be simulated.
@@ -260,7 +267,14 @@ async def serve(
     """
     sys.setswitchinterval(SWITCH)
     async with serving(
-        kind, url, system=system, silence=silence, hurry=hurry, exposed=exposed, security=security
+        kind,
+        url,
+        system=system,
+        silence=silence,
+        hurry=hurry,
+        exposed=exposed,
+        security=security,
+        memory=memory,
     ) as server:
         ready(server.address)
         await server.failure

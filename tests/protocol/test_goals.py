@@ -340,7 +340,7 @@ def owned() -> GoalServer:
 def test_who_is_not_in_control_cancels_whatever_runs_and_raises_no_epoch(
     owned: GoalServer, peer: Peer
 ) -> None:
-    effects = owned.receive(GoalCancel(0, 2**32 - 1, 1, 1), peer, 1.0)
+    effects = owned.receive(GoalCancel(0, 9, 1, 1), peer, 1.0)
     assert Abandon(ID, Reason.OPERATOR) in effects
     assert owned.epoch == 1
     assert any(isinstance(each, Begin) for each in owned.receive(_goal(8), OWNER, 2.0))

@@ -48,7 +48,7 @@ class Bench:
         self.desk = Desk(self.connection)
 
     def send_out(self, key: int = 7) -> Errand:
-        return self.desk.send_out(key, GRIP, activity=COMMAND, ttl=0.0)
+        return self.desk.send_out(key, GRIP, activity=COMMAND, ttl=0.0, repeatable=False)
 
     def _hear(self, event: Event) -> None:
         self.events.append(event)

@@ -14,6 +14,8 @@ import pytest
 
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Verb
+from robotree.protocol.services.fence import Fence
+from robotree.protocol.services.goal_server import GoalServer
 from robotree.proxy.agent import standing_for
 from robotree.proxy.arm import Arm
 from robotree.vr.agents.agent import RobotAgent
@@ -71,7 +73,7 @@ async def test_a_proxy_beside_another_one_goes_not_above_the_lease_that_was_gran
 
 async def test_an_epoch_with_no_room_above_it_is_left_alone(make_controller: type[Any]) -> None:
     controller = make_controller()
-    controller.goals.fence(2**32 - 1)
+    controller.goals = GoalServer(set(Verb), lambda _: None, fence=Fence(2**32 - 1))
     async with proxy_of(controller) as (robot, agent, client):
         await until(lambda: robot.controller_epoch == 2**32 - 1, "the controller tells its epoch")
         with pytest.raises(StaleEpoch):

@@ -36,15 +36,15 @@ def of_a_command(*, ended: bool) -> Any:
 @pytest.mark.parametrize("cancelled", [True, False])
 def test_what_a_command_asks_for_after_it_was_ended_never_leaves(*, cancelled: bool) -> None:
     wire, activity = Wire(), of_a_command(ended=cancelled)
-    errand = wire.desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=1.0)
+    errand = wire.desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=1.0, repeatable=False)
     assert isinstance(errand.end, NotSent) is cancelled
     assert wire.session._goals.pursued == ([] if cancelled else [7])
 
 
 def test_what_was_asked_for_is_taken_back_once_its_command_is_ended_and_never_asked_for_again() -> None:
     wire, ended, goes_on = Wire(), of_a_command(ended=False), of_a_command(ended=False)
-    wire.desk.send_out(7, Request(Verb.HOLD, ()), activity=ended, ttl=1.0)
-    wire.desk.send_out(8, Request(Verb.GRIP, (0.02,)), activity=goes_on, ttl=1.0)
+    wire.desk.send_out(7, Request(Verb.HOLD, ()), activity=ended, ttl=1.0, repeatable=False)
+    wire.desk.send_out(8, Request(Verb.GRIP, (0.02,)), activity=goes_on, ttl=1.0, repeatable=False)
     ended.cancelled = True
     wire.sent.clear()
     wire.desk.recall_ended()

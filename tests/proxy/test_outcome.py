@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.outcome import SENTENCES, error_of, explain, silence_in_words
-from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, VrError
+from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, StaleEpoch, VrError
 
 
 def ended(state: GoalState, reason: int = Reason.NONE, text: str = "") -> VrError | None:
@@ -27,7 +27,8 @@ def test_every_reason_of_the_dialect_has_a_sentence() -> None:
         (GoalState.FAILED, Reason.BLOCKED, CommandFailed),
         (GoalState.CANCELLED, Reason.SUPERSEDED, CommandCancelled),
         (GoalState.EXPIRED, Reason.NONE, DeadlineExceeded),
-        (GoalState.UNKNOWN, Reason.NONE, CommandFailed),
+        (GoalState.UNKNOWN, Reason.NONE, CommandInDoubt),
+        (GoalState.UNKNOWN, Reason.OTHER_LIFE, CommandInDoubt),
     ],
 )
 def test_each_end_raises_its_error(state: GoalState, reason: Reason, error: type[VrError]) -> None:

@@ -80,11 +80,15 @@ class Stranger:
 
     @classmethod
     async def says(cls, url: str, order: CommandLong | SetMode) -> None:
-        """Give one order to the controller, and leave when it has obeyed."""
+        """Give one order to the controller, in operator control, and leave when it has obeyed."""
         stranger = cls()
         link: Link = await connect(url, lambda _: stranger)
         await until(lambda: stranger.mode is not None, "the controller greets")
-        link.send(encode(order, sequence=0, system=254, component=190))
+        take = command(MavCmd.REQUEST_OPERATOR_CONTROL, 1.0)
+        link.send(encode(take, sequence=0, system=254, component=190))
+        await until(lambda: stranger.obeyed, "it is in control")
+        stranger.obeyed = False
+        link.send(encode(order, sequence=1, system=254, component=190))
         if isinstance(order, SetMode):
             stop = order.mode == ModeKind.SAFE_STOP
             await until(lambda: (stranger.mode == ModeKind.SAFE_STOP) is stop, "the mode is told")

@@ -173,15 +173,17 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
-        usage="sim KIND --listen URL [--key FILE | --open]",
-        help="Simulate a robot's controller; it is open to all unless it has a key (realm: the realm's).",
+        usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch]",
+        help="Simulate a robot's controller; it is open to all unless it has a key (realm: the realm's)."
+        " --reset-epoch: forget which leases it has obeyed.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE | --open]",
-        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with yours.",
+        usage="proxy KIND NAME --connect URL [--space FILE] [--key FILE | --open] [--take-over]",
+        help="Bring a robot's controller among the agents; KIND: arm, rover, or FILE.py with yours."
+        " --take-over: also if another proxy holds it.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),

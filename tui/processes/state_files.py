@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from urllib.parse import quote
 
 from robotree.files import private_folder
 from robotree.tui.terminal import note
@@ -16,6 +17,8 @@ NOWHERE = "none"
 """What is given instead of a file when nothing shall be kept."""
 
 SPACE_FILE = "space.sqlite"
+CONTROLLERS = "controllers"
+"""Folder of what simulated controllers keep, beside those of the realms: a controller belongs to none."""
 
 
 def space_file(given: str, realm: str) -> Path | None:
@@ -35,6 +38,27 @@ def space_file(given: str, realm: str) -> Path | None:
     path = state_file(realm, SPACE_FILE)
     if path is None:
         note("calls are not counted over restarts: the folder for them cannot be made; give --space FILE")
+    return path
+
+
+def fence_file(given: str, url: str) -> Path | None:
+    """Return the file in which a simulated controller keeps which leases it has obeyed.
+
+    Args:
+        given: on the command line: a file, `none`, or nothing.
+        url: where the controller listens; the file goes by that.
+
+    Returns:
+        The file; None: nothing can or shall be kept. A controller on a port that is free by chance keeps
+        nothing: the next one there is another robot.
+    """
+    if given:
+        return None if given == NOWHERE else Path(given)
+    if url.partition("?")[0].endswith(":0"):
+        return None
+    path = state_file(CONTROLLERS, f"{quote(url, safe=':@=&')}.json")
+    if path is None:
+        note("obeyed leases are forgotten at a restart: their folder cannot be made; give --state FILE")
     return path
 
 

@@ -1,0 +1,170 @@
+"""Claims, the holder's side: ask for the command of a controller, keep it, and know when it is lost. Pure.
+
+The controller's life comes from its MODE. In each life, and on each link, the claim is asked for anew. It is
+repeated until it is answered, then every `PERIOD`, and five times in the silence that the controller bears
+while something moves for us: three in a row may be lost.
+
+An epoch that the controller refuses as over is replaced by the one above its own, unless somebody else holds
+the claim: then it is asked for again and again, and granted when the other one is gone. A holder whose link
+has ended, or who has yet to come back after a restart of the controller, is waited for: nothing is denied yet. To take it from them
+is asked for only when a person has said so, and only until it was granted once.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.messages import Claim, ClaimStatus, ClaimWish, Reason
+from robotree.protocol.services.heartbeat import BEATS, PERIOD, SILENCE
+from robotree.protocol.services.peer import Send
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+RESEND = 0.25
+"""[s] between two repetitions of what was not answered."""
+TERM = SILENCE
+"""[s] of silence after which we want the claim to end: three heartbeats."""
+LONGEST_TERM = 10.0
+"""[s] A controller that bears more silence than this gets no longer term for it."""
+NAME_BYTES = 24
+
+
+class ClaimGranted(msgspec.Struct, frozen=True):
+    """The controller obeys us and nobody else."""
+
+
+class ClaimDenied(msgspec.Struct, frozen=True):
+    """The controller does not obey us: another holder is heard from, or the epoch is none."""
+
+    reason: Reason
+    name: str
+    """Of whoever holds it; empty: nobody."""
+    epoch: int
+    """The highest that the controller has obeyed."""
+
+
+Effect = Send | ClaimGranted | ClaimDenied
+
+
+class ClaimClient:
+    """Our claim on one controller.
+
+    Args:
+        system: the controller's.
+        component: the controller's.
+        holder: a random number that names this life of ours, 1 to 2^64 - 1.
+        name: of ours, for people.
+        take_over: take the claim from whoever has it, once.
+        via: the link to it.
+    """
+
+    def __init__(
+        self,
+        system: int,
+        component: int,
+        *,
+        holder: int,
+        name: str = "",
+        take_over: bool = False,
+        via: Hashable = None,
+    ) -> None:
+        self._system, self._component, self._via = system, component, via
+        self.holder, self._name = holder, name.encode()[:NAME_BYTES].decode(errors="ignore")
+        self._take_over = take_over
+        self.life = 0
+        """Of the controller; 0: not told yet, or it understands no claims."""
+        self.epoch = 0
+        """The one that we claim."""
+        self.granted = False
+        """Whether the controller has told that it obeys us."""
+        self.denied: ClaimDenied | None = None
+        """Why it does not; None: it does, or has not answered."""
+        self._asked = float("-inf")
+
+    @property
+    def settled(self) -> bool:
+        """Whether the controller has answered, or understands no claims."""
+        return not self.life or self.granted or self.denied is not None
+
+    def opened(self) -> None:
+        """There is a new link, over which nothing was answered."""
+        self.granted, self.denied, self._asked = False, None, float("-inf")
+
+    def meet(self, life: int, epoch: int) -> None:
+        """The controller has told its life, and the highest epoch that it has obeyed, in its MODE."""
+        if life != self.life:
+            if self.denied is not None and self.denied.reason == Reason.BAD_EPOCH:
+                self.epoch = 0
+            self.life, self.granted, self.denied, self._asked = life, False, None, float("-inf")
+        if not self.epoch:
+            self.epoch = epoch + 1
+
+    def raise_to(self, epoch: int) -> None:
+        """A lease of a larger epoch is commanded under from now on."""
+        self.epoch = max(self.epoch, epoch)
+
+    def receive(self, status: ClaimStatus, *, for_us: bool) -> list[Effect]:
+        """Take what the controller tells of its claim.
+
+        Args:
+            status: what it tells.
+            for_us: whether it is addressed to our system and component.
+        """
+        if not self.life or status.life != self.life:
+            return []
+        if status.holder == self.holder:
+            self.epoch = max(self.epoch, status.epoch)
+            news = not self.granted
+            self.granted, self.denied, self._take_over = True, None, False
+            return [ClaimGranted()] if news else []
+        if status.holder and not status.holder_system:  # it is away, and waited for; not for long
+            self.granted, self.denied = False, None
+            return []
+        if status.holder:
+            return self._deny(status, Reason.NOT_IN_CONTROL)
+        if for_us and status.reason == Reason.BAD_EPOCH:
+            return self._deny(status, Reason.BAD_EPOCH)
+        if for_us and status.reason == Reason.STALE_EPOCH:
+            self.epoch = max(self.epoch, status.epoch + 1)
+        elif not self.granted and (self.denied is None or self.denied.reason == Reason.BAD_EPOCH):
+            return []
+        self.granted, self.denied, self._asked = False, None, float("-inf")  # it is free: ask at once
+        return []
+
+    def tick(self, now: float, patience: float) -> list[Send]:
+        """Say the claim, if it is due.
+
+        Args:
+            now: [s]
+            patience: [s] of silence that the controller bears while something moves for us; else infinite.
+        """
+        if not self.life:
+            return []
+        period = min(PERIOD, patience / BEATS) if self.granted else PERIOD if self.denied else RESEND
+        if now - self._asked < period:
+            return []
+        late = now - self._asked - period
+        self._asked = now - (late if late < period / 2 else 0.0)
+        term = max(TERM, patience) if patience <= LONGEST_TERM else TERM
+        return [self._say(ClaimWish.TAKE_OVER if self._take_over else ClaimWish.KEEP, term)]
+
+    def release(self) -> list[Send]:
+        """Give the claim up, if we have it."""
+        if not self.granted:
+            return []
+        self.granted = False
+        return [self._say(ClaimWish.RELEASE, TERM)]
+
+    def _deny(self, status: ClaimStatus, reason: Reason) -> list[Effect]:
+        denied = ClaimDenied(reason, status.name, status.epoch)
+        news = self.denied is None or self.granted or self.denied.name != denied.name
+        self.granted, self.denied = False, denied
+        return [denied] if news else []
+
+    def _say(self, wish: ClaimWish, term: float) -> Send:
+        ms = round(1000 * term)
+        whom = (self._system, self._component)
+        return Send(Claim(self.holder, self.epoch, ms, self.life, *whom, wish, self._name), self._via)

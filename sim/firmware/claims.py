@@ -1,0 +1,106 @@
+"""Claims: protocol's `ClaimServer` says who commands, here what moves follows that.
+
+What moves under a claim lives by the holder's CLAIM alone, and ends when the claim does.
+
+Pure. `now` is controller time in whole milliseconds.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.protocol.messages import Claim, MavSeverity, Reason
+from robotree.protocol.services.claim_server import ClaimChanged, ClaimRefused, Effect, Holder, Holding
+from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable
+
+    from robotree.protocol.services.peer import Peer
+    from robotree.sim.firmware.movement import Movement
+    from robotree.sim.firmware.rights import Rights
+
+
+class Claims:
+    """The claim on one controller.
+
+    Args:
+        movement: what runs under it.
+        rights: whose claim server decides.
+        herald: tells people.
+    """
+
+    def __init__(self, movement: Movement, rights: Rights, herald: Herald) -> None:
+        self._movement, self._rights, self._herald = movement, rights, herald
+        self._server = rights.claims
+
+    def hear(self, claim: Claim, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
+        """Take a claim that arrived at a moment [ms]; answered by who holds the controller."""
+        out = self._carry_out(self._server.receive(claim, peer, now / 1000), now)
+        held, job = self._server.holding, self._movement.job
+        if held is not None and (held.holder, held.peer) == (claim.holder, peer):
+            voice = Holder(held.holder)
+            self._movement.watchdog.hear(voice, arrived)
+            if job is not None and job.speaker != peer and job.voice == voice:  # it came by another link
+                self._movement.adopt(peer, voice, now)
+            elif job is not None and job.speaker == peer and job.voice != voice:  # its claim was late
+                self._movement.adopt(peer, voice, now)
+        return out
+
+    def tick(self, now: int) -> list[Outgoing]:
+        """End the claim of a holder that is silent, and what moves under it."""
+        return self._carry_out(self._server.tick(now / 1000), now)
+
+    def link_closed(self, via: Hashable, now: int) -> None:
+        """A link has ended."""
+        self._server.link_closed(via, now / 1000)
+
+    def _carry_out(self, effects: Iterable[Effect], now: int) -> list[Outgoing]:
+        out: list[Outgoing] = []
+        for effect in effects:
+            if isinstance(effect, ClaimChanged):
+                out += self._change(effect, now)
+            elif isinstance(effect, ClaimRefused):
+                out += self._tell_both(effect)
+            else:
+                out += sends([effect])
+        return out
+
+    def _change(self, change: ClaimChanged, now: int) -> list[Outgoing]:
+        """End what moved under the claim before, and tell all."""
+        before, after = change.before, change.after
+        out = [Outgoing(self._server.status(), telemetry=True)]
+        if after is not None:
+            out += self._give_way(before, after, now)
+        elif before is not None and self._moves_under(before):
+            text = f"{_name(before)} was not heard any more, or has released its claim."
+            out += self._movement.interrupt(Reason.LINK_SILENT, text, now)
+        return out
+
+    def _give_way(self, before: Holding | None, after: Holding, now: int) -> list[Outgoing]:
+        """Somebody new holds the claim: what others move ends, but for who is in operator control."""
+        out: list[Outgoing] = []
+        job = self._movement.job
+        if job is not None and job.speaker not in {after.peer, self._rights.control.owner}:
+            text = f"{_name(after)} commands this robot from now on."
+            out += self._movement.interrupt(Reason.NOT_IN_CONTROL, text, now)
+        if before is not None:
+            out += self._herald.tell(MavSeverity.WARNING, f"{_name(after)} took over from {_name(before)}.")
+        return out
+
+    def _tell_both(self, refused: ClaimRefused) -> list[Outgoing]:
+        by, claimant = refused.by, refused.name or "Another program"
+        why = f"{_name(by)} holds this robot; end it, or start your proxy with --take-over."
+        out = self._herald.tell(MavSeverity.WARNING, why, refused.peer.via)
+        if by.peer is not None:
+            text = f"{claimant} wants to command this robot and was refused."
+            out += self._herald.tell(MavSeverity.NOTICE, text, by.peer.via)
+        return out
+
+    def _moves_under(self, held: Holding) -> bool:
+        job = self._movement.job
+        return job is not None and job.voice == Holder(held.holder)
+
+
+def _name(held: Holding) -> str:
+    return held.name or "Another program"

@@ -1,0 +1,92 @@
+"""What a simulated controller keeps of its earlier lives."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import time
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol.services.fence import LAST_EPOCH
+from robotree.sim.serving.fence_file import FenceFile
+
+
+def reopened(path: Path, *, reset: bool = False) -> FenceFile:
+    file = FenceFile(path, reset=reset)
+    file.close()
+    return file
+
+
+def test_what_was_granted_is_known_after_a_restart_and_the_life_is_another_one(tmp_path: Path) -> None:
+    path = tmp_path / "fence.json"
+    first = FenceFile(path)
+    first.fence.grant(1000, 77, "arm-1")
+    assert first.fence.admit(1005) is None
+    second = reopened(path)  # without `close`: as after kill -9
+    assert (second.fence.epoch, second.fence.holder, second.fence.name) == (1005, 77, "arm-1")
+    assert second.life == first.life + 1
+    assert second.trouble == ""
+    first.close()
+
+
+def test_the_file_is_for_its_owner_alone_and_no_draft_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "fence.json"
+    reopened(path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert os.listdir(tmp_path) == ["fence.json"]
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"",
+        b"\xff\xfe\x00",
+        b"[]",
+        b"{}",
+        b"[" * 3000,
+        b'{"epoch": -1, "holder": 0, "name": "", "life": 1}',
+        b'{"epoch": true, "holder": 0, "name": "", "life": 1}',
+        json.dumps({"epoch": LAST_EPOCH + 1, "holder": 0, "name": "", "life": 1}).encode(),
+        b"x" * 10_000,
+    ],
+)
+def test_garbage_is_reported_and_what_was_granted_before_now_is_refused(
+    tmp_path: Path, garbage: bytes
+) -> None:
+    path = tmp_path / "fence.json"
+    path.write_bytes(garbage)
+    now = int(time.time())
+    file = reopened(path)
+    assert str(path) in file.trouble
+    assert now <= file.fence.epoch <= now + 5
+    assert file.fence.admit(now - 100) is not None
+    assert file.fence.admit(now + 3600) is None
+    assert reopened(path).trouble == "", "the next start finds what this one has written"
+
+
+def test_a_fifo_or_a_folder_in_its_place_stops_nobody(tmp_path: Path) -> None:
+    fifo, folder = tmp_path / "fifo", tmp_path / "folder"
+    os.mkfifo(fifo)
+    folder.mkdir()
+    for path in (fifo, folder, tmp_path / "missing" / "fence.json"):
+        file = reopened(path)
+        assert file.trouble
+        assert file.fence.admit(int(time.time()) + 1) is None
+
+
+def test_a_reset_forgets_the_epoch_but_not_the_number_of_the_life(tmp_path: Path) -> None:
+    path = tmp_path / "fence.json"
+    first = reopened(path)
+    first.fence.grant(5000, 77, "arm-1")
+    again = reopened(path, reset=True)
+    assert (again.fence.epoch, again.fence.holder, again.life) == (0, 0, first.life + 1)
+    assert reopened(path).fence.epoch == 0
+
+
+def test_without_a_file_lives_are_told_apart_by_chance() -> None:
+    lives = {FenceFile(None).life for _ in range(20)}
+    assert len(lives) > 15
+    assert 0 not in lives
