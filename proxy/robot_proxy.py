@@ -30,7 +30,7 @@ from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.orders import Order, Orders
 from robotree.proxy.outcome import error_of, silence_in_words
-from robotree.proxy.session import CONTROLLER, Event, HeldChanged, OnlineChanged, Session
+from robotree.proxy.session import CONTROLLER, SETTLED, Event, HeldChanged, OnlineChanged, Session
 from robotree.proxy.translate import READERS, UNITS, Readers, component_of, goal_key, time_to_live
 from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.vr.command import command, commands_of
@@ -137,6 +137,11 @@ class RobotProxy(Robot):
         """The highest epoch that the controller has told of; 0: none yet."""
         return self._session.obeyed
 
+    @property
+    def denied(self) -> str:
+        """Why the controller does not obey this proxy, as a clause; empty: it does."""
+        return self._session.denial
+
     # -- hooks of a robot --------------------------------------------------------------------------
 
     def readings(self) -> dict[str, float]:
@@ -186,6 +191,7 @@ class RobotProxy(Robot):
             DeadlineExceeded: its time was over first.
         """
         self.check()
+        self._settle()
         context = self.context
         check(motion, self.limits, command=f"{self.name}.{context.command}")
         if not self._session.claims:
@@ -277,6 +283,12 @@ class RobotProxy(Robot):
             self._desk.recall(errand)
             errand.wait(RECALL_WITHIN)
             raise
+
+    def _settle(self) -> None:
+        """Wait for the first words on a new link: who calls a proxy that has just said ready, is not refused."""
+        until = self._connection.now() + SETTLED
+        while self._session.settling(now := self._connection.now()) and now < until:
+            self.sleep(0.01)
 
     def _effect_of(self, motion: Motion) -> Effect:
         """What it does to carry out a motion of the running command twice: the graver of what both say."""

@@ -59,6 +59,10 @@ CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
 """Where a robot's controller is found on its own link, by MAVLink's custom."""
 SUPERVISOR_SYSTEM = 255
 """System id of ground stations, by the same custom."""
+NOT_YET = "its controller was not heard yet"
+"""Why a session is offline that never had a link."""
+SETTLED = 1.0
+"""[s] after which a new link has brought the first words, if its controller is well."""
 FORMER_LIVES = 16
 """Lives of a controller that are remembered as over; a word is not longer on its way than these last."""
 DEAD = 2 * SILENCE
@@ -118,7 +122,7 @@ class Session:
         self.controller = controller
         self.twin = Twin(readers)
         self.online = False
-        self.trouble = "its controller was not heard yet"
+        self.trouble = NOT_YET
         """Why it is offline, for people, as one clause."""
         self.heard_at = -math.inf
         """[s] The last sign of life of the controller."""
@@ -152,6 +156,12 @@ class Session:
         """Why the controller does not obey us, as a clause; empty: it does, or has not answered yet."""
         denied = None if self._claim is None else self._claim.denied
         return "" if denied is None else denial_in_words(denied)
+
+    def settling(self, now: float) -> bool:
+        """Whether it is offline only because the first words on a new link are still under way."""
+        if self.online:
+            return False
+        return now - self._opened_at < SETTLED if self._open else self.trouble == NOT_YET
 
     @property
     def stopped(self) -> bool:

@@ -129,6 +129,7 @@ static void welcome(int listener) { /* in a free place, else in that of whoever 
     mavlink_reset_channel_status((uint8_t)place);
     say_heartbeat(); /* at once: a proxy takes the robot for online when it hears one */
     say_mode(ROBOTREE_REASON_NONE);
+    say_claim(NULL, ROBOTREE_REASON_NONE);
 }
 
 static int listen_on(int port) {
@@ -145,6 +146,14 @@ static int listen_on(int port) {
     printf("ready tcp:127.0.0.1:%d\n", ntohs(here.sin_port));
     fflush(stdout);
     return fd;
+}
+
+static uint64_t robot_clock(void) { return (uint64_t)time(NULL); }
+
+static uint16_t chance(void) { /* another number at each start; yours: of a random generator, or count starts */
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return (uint16_t)(t.tv_nsec / 1000 ^ t.tv_sec ^ getpid());
 }
 
 static uint64_t clock_ms(void) {
@@ -164,6 +173,7 @@ int main(int count, char **words) {
     }
     int listener = listen_on((int)port);
     for (int i = 0; i < CLIENTS; i++) clients[i].fd = -1;
+    rules_start(chance());
     for (uint64_t last = now = clock_ms();;) {
         struct pollfd watched[CLIENTS + 1] = {{.fd = listener, .events = POLLIN}};
         for (int i = 0; i < CLIENTS; i++) watched[i + 1] = (struct pollfd){clients[i].fd, POLLIN, 0};

@@ -140,7 +140,8 @@ class GoalServer:
             if not message.key:
                 return self._cancel_whichever(message, id_, peer, now, may=may)
             return self._cancel(id_, peer, now, may=may)
-        if id_ not in self._records and self._is_of_another_life(message):
+        known = id_ in self._records or self._is_forgotten(id_)
+        if not known and self._is_of_another_life(message):
             return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE, GoalState.UNKNOWN)]
         if message.verb == Verb.STATUS:
             return self._answer(id_, peer, may=may)

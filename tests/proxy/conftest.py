@@ -66,6 +66,7 @@ class Controller:
     def accept(self, link: Link) -> Endpoint:
         self._endpoint = Endpoint(link, system=1, component=1, on_frame=self._hear, on_closed=self._closed)
         self._heartbeats.hurry()
+        self._mode_told = LONG_AGO
         return self._endpoint
 
     def say(self, message: AnyMessage) -> None:

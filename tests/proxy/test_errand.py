@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import AnyMessage, Goal, GoalCancel, Heartbeat, Verb
+from robotree.protocol.messages import AnyMessage, Goal, GoalCancel, Heartbeat, Mode, ModeKind, Verb
 from robotree.protocol.services.goal_client import RESEND
 from robotree.proxy.connection import Connection
 from robotree.proxy.errand import Desk, NotSent
@@ -26,7 +26,8 @@ class Wire:
         self.sent: list[AnyMessage] = []
         self.connection._send = self.sent.append
         self.session.opened(0.0)
-        self.session.hear(Frame.of(Heartbeat(0, 0, 0, 0, 4), system=1, component=1), 0.0)
+        for word in (Heartbeat(0, 0, 0, 0, 4), Mode(0, 0, 2000, ModeKind.READY, 0)):
+            self.session.hear(Frame.of(word, system=1, component=1), 0.0)
 
 
 def of_a_command(*, ended: bool) -> Any:

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.outcome import SENTENCES, error_of, explain, silence_in_words
-from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, StaleEpoch, VrError
+from robotree.vr.errors import (
+    CommandCancelled,
+    CommandFailed,
+    CommandInDoubt,
+    DeadlineExceeded,
+    StaleEpoch,
+    VrError,
+)
 
 
 def ended(state: GoalState, reason: int = Reason.NONE, text: str = "") -> VrError | None:

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robotree.protocol.frame import encode
@@ -62,14 +63,15 @@ class Stranger:
 
     def __init__(self) -> None:
         self.mode: int | None = None
+        self.epoch = 0
         self.obeyed = False
         self._parser = Parser()
 
     def received(self, data: bytes) -> None:
         for frame in self._parser.feed(data):
             match frame.message:
-                case Mode(mode=mode):
-                    self.mode = mode
+                case Mode(mode=mode, epoch=epoch):
+                    self.mode, self.epoch = mode, epoch
                 case CommandAck(result=MavResult.ACCEPTED):
                     self.obeyed = True
                 case _:
@@ -88,6 +90,8 @@ class Stranger:
         link.send(encode(take, sequence=0, system=254, component=190))
         await until(lambda: stranger.obeyed, "it is in control")
         stranger.obeyed = False
+        if isinstance(order, SetMode):
+            order = msgspec.structs.replace(order, epoch=stranger.epoch)
         link.send(encode(order, sequence=1, system=254, component=190))
         if isinstance(order, SetMode):
             stop = order.mode == ModeKind.SAFE_STOP

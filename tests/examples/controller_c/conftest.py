@@ -101,7 +101,7 @@ class Operator:
 
     def __init__(self, port: int, system: int = 255) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
-        self._system, self._parser, self._heard = system, Parser(), list[Any]()
+        self.system, self._parser, self._heard = system, Parser(), list[Any]()
 
     def __enter__(self) -> Self:
         return self
@@ -110,7 +110,7 @@ class Operator:
         self.socket.close()
 
     def say(self, message: AnyMessage) -> None:
-        self.socket.sendall(encode(message, sequence=0, system=self._system, component=190))
+        self.socket.sendall(encode(message, sequence=0, system=self.system, component=190))
 
     def next(self) -> AnyMessage:
         """The next message, whatever it is."""
@@ -144,7 +144,7 @@ class Operator:
         return self.hear(
             GoalStatus,
             lambda it: (
-                it.key == key and it.target_system == self._system and (not states or it.state in states)
+                it.key == key and it.target_system == self.system and (not states or it.state in states)
             ),
         )
 

@@ -9,14 +9,20 @@ import re
 import socket
 import subprocess
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robotree.protocol.frame import encode
 from robotree.protocol.messages import (
     AnyMessage,
+    Claim,
+    ClaimStatus,
+    ClaimWish,
     Goal,
     GoalCancel,
     GoalState,
@@ -32,13 +38,16 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.parser import Parser
+from robotree.protocol.services.fence import LAST_EPOCH, Fence
 from robotree.protocol.testing import random_values
-from robotree.sim.firmware import Firmware
+from robotree.sim.firmware import Firmware, Identity
 from robotree.sim.rover import world
 
 Operator = Any
 LIFE = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_c"
+LIFE_NOW = 1
+"""Stands for the life that a controller tells."""
 FAR, SLOW = 1.4, 0.02
 """[m], [m/s] A move that no test waits for."""
 
@@ -206,13 +215,93 @@ def test_a_silent_sender_loses_its_movement_whoever_else_speaks(
     assert operator.ask(8, 0.1, 0.0).state == GoalState.ACTIVE
 
 
+def claim(operator: Operator, holder: int, epoch: int = 1, wish: int = ClaimWish.KEEP) -> ClaimStatus:
+    """Claim it, under a term that no test waits for; the answer."""
+    operator.say(Claim(holder, epoch, 9000, 0, 1, 1, wish, f"holder {holder}"))
+    answer: ClaimStatus = operator.hear(ClaimStatus, lambda it: it.target_system == operator.system)
+    return answer
+
+
+def test_under_a_claim_the_holder_must_be_heard_and_not_a_namesake_with_its_ids(
+    operator: Operator,
+) -> None:
+    assert claim(operator, 5).holder == 5
+    began = time.monotonic()
+    operator.ask(7, FAR, 0.0, SLOW)
+    for _ in range(5):
+        time.sleep(0.25)
+        claim(operator, 5)
+    assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
+    while (mode := operator.hear(Mode)).mode == ModeKind.ACTIVE:
+        operator.say(LIFE)  # as QGroundControl's heartbeat behind the same router
+    assert 3.0 < time.monotonic() - began < 5.0
+    assert (mode.mode, mode.reason) == (ModeKind.HOLD, Reason.LINK_SILENT)
+
+
+def test_a_second_holder_is_refused_and_nothing_of_it_obeyed_until_it_takes_over(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    claim(operator, 5)
+    operator.ask(7, FAR, 0.0, SLOW)
+    with make_operator(port, system=254) as other:
+        answer = claim(other, 6, epoch=9)
+        assert (answer.holder, answer.reason, answer.name) == (5, Reason.NOT_IN_CONTROL, "holder 5")
+        refused = other.ask(8, 0.1, 0.0, epoch=9)
+        assert (refused.state, refused.reason, refused.epoch) == (
+            GoalState.REFUSED,
+            Reason.NOT_IN_CONTROL,
+            1,
+        )
+        assert other.set_mode(ModeKind.SAFE_STOP, epoch=0).mode == ModeKind.SAFE_STOP, "stops are everyone's"
+        other.say(SetMode(9, 1, 1, ModeKind.READY))
+        mode = other.hear(Mode, lambda it: it.reason == Reason.NOT_IN_CONTROL)
+        assert mode.mode == ModeKind.SAFE_STOP
+        operator.say(SetMode(1, 1, 1, ModeKind.READY))
+        operator.hear(Mode, lambda it: it.mode == ModeKind.READY)
+        operator.ask(9, FAR, 0.0, SLOW)
+        assert claim(other, 6, epoch=1, wish=ClaimWish.TAKE_OVER).reason == Reason.STALE_EPOCH
+        assert claim(other, 6, epoch=2, wish=ClaimWish.TAKE_OVER).holder == 6
+        assert operator.status(9, GoalState.CANCELLED).reason == Reason.NOT_IN_CONTROL
+        assert operator.ask(10, 0.1, 0.0, epoch=3).reason == Reason.NOT_IN_CONTROL
+        assert other.ask(8, 0.1, 0.0, epoch=2).state == GoalState.ACTIVE
+
+
+def test_no_frame_with_an_epoch_near_the_end_shuts_out_who_comes_after_it(operator: Operator) -> None:
+    for epoch in (2**32 - 1, LAST_EPOCH, int(time.time()) + 10**8):
+        assert operator.ask(7, 0.1, 0.0, epoch=epoch).reason == Reason.BAD_EPOCH
+        assert operator.cancel(0, epoch=epoch).reason == Reason.BAD_EPOCH
+        assert operator.set_mode(ModeKind.READY, epoch=epoch).reason == Reason.BAD_EPOCH
+        assert claim(operator, 5, epoch=epoch).reason == Reason.BAD_EPOCH
+    assert operator.ask(8, 0.1, 0.0, epoch=1).state == GoalState.ACTIVE
+
+
+def test_a_goal_made_for_another_life_does_not_begin(
+    power: Callable[..., AbstractContextManager[int]], make_operator: type[Operator]
+) -> None:
+    with power() as port, make_operator(port) as operator:
+        before = operator.hear(Mode).life
+    with power() as port, make_operator(port) as operator:
+        after = operator.hear(Mode).life
+        assert 0 not in {before, after}
+        other = after % 0xFFFF + 1
+        operator.say(Goal(7, 1, 0, (0.1, 0.0, *(math.nan,) * 5), Verb.MOVE, 1, 1, other))
+        status = operator.status(7)
+        assert (status.state, status.reason) == (GoalState.UNKNOWN, Reason.OTHER_LIFE)
+        operator.say(Goal(7, 1, 0, (0.1, 0.0, *(math.nan,) * 5), Verb.MOVE, 1, 1, after))
+        assert operator.status(7).state == GoalState.ACTIVE
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_its_rules_are_those_of_the_simulated_controller(
     port: int, seed: int, make_operator: type[Operator]
 ) -> None:
     """Seeded messages to both; then both must say the same of every key."""
     chance = random.Random(seed)
-    firmware = Firmware(world.build().rover, (), system=1, mav_type=MavType.GROUND_ROVER)
+    identity = Identity(life=LIFE_NOW, wall=time.time)
+    fence = Fence(clock=time.time)
+    firmware = Firmware(
+        world.build().rover, (), system=1, mav_type=MavType.GROUND_ROVER, identity=identity, fence=fence
+    )
     parser, keys = Parser(), (0, 1, 2, 3, 4)
 
     def reference(message: AnyMessage) -> list[AnyMessage]:
@@ -223,9 +312,12 @@ def test_its_rules_are_those_of_the_simulated_controller(
         return Goal(key, 0, 0, (0.0,) * 7, Verb.STATUS, 1, 1)
 
     with make_operator(port) as operator:
+        life = operator.hear(Mode).life
         for barrier in range(1000, 1100):
             message = _anything(chance, keys)
             reference(message)
+            if getattr(message, "life", 0) == LIFE_NOW:
+                message = msgspec.structs.replace(message, life=life)
             operator.say(message)
             answers = [each for key in keys for each in reference(polled(key))]
             want = [_gist(each) for each in answers if isinstance(each, GoalStatus)]
@@ -241,16 +333,23 @@ def _gist(status: GoalStatus) -> tuple[int, ...]:
 
 
 def _anything(chance: random.Random, keys: tuple[int, ...]) -> AnyMessage:
-    key, epoch = chance.choice(keys), chance.randint(1, 4)
-    match chance.randrange(8):
+    key, epoch = chance.choice(keys), chance.choice((1, 1, 1, 2, 2, 3, 3, 4, 2**32 - 1, LAST_EPOCH))
+    life = chance.choice((0, 0, LIFE_NOW, LIFE_NOW, 9))
+    match chance.randrange(10):
         case 0:
-            return GoalCancel(key, epoch, 1, 1)
+            return GoalCancel(key, epoch, 1, 1, life)
         case 1:
             mode = chance.choice((ModeKind.SAFE_STOP, ModeKind.READY, ModeKind.READY))
-            return SetMode(epoch, 1, 1, mode, chance.randrange(4))
+            return SetMode(epoch, 1, 1, mode, chance.randrange(4), life)
+        case 2:
+            wish = chance.choice((*ClaimWish, ClaimWish.KEEP, 0))
+            return Claim(
+                chance.choice((0, 5, 5, 6)), epoch, 9000, life, 1, 1, wish, "x" * chance.randrange(25)
+            )
         case _:
             args = (chance.choice((FAR, 0.5, math.nan)), 0.0, SLOW, *(math.nan,) * 4)
-            return Goal(key, epoch, chance.choice((0, 60_000)), args, Verb.MOVE, 1, chance.choice((0, 1, 2)))
+            ttl, component = chance.choice((0, 60_000)), chance.choice((0, 1, 2))
+            return Goal(key, epoch, ttl, args, Verb.MOVE, 1, component, life)
 
 
 def test_random_and_torn_bytes_change_nothing(
@@ -285,8 +384,9 @@ def test_intact_frames_with_senseless_fields_break_nothing(
             values = random_values(kind.codec.definition, chance)
             values |= {name: 1 for name in ("target_system", "target_component") if name in values}
             fool.say(kind.codec.build(*values.values()))
-        fool.say(SetMode(2**32 - 1, 1, 1, ModeKind.READY))
-        assert fool.ask(11, verb=Verb.HOLD, epoch=2**32 - 1).state == GoalState.ACTIVE
+        epoch = fool.hear(Mode).epoch
+        fool.say(SetMode(epoch, 1, 1, ModeKind.READY))
+        assert fool.ask(11, verb=Verb.HOLD, epoch=epoch).state == GoalState.ACTIVE
     assert all(math.isfinite(each) and abs(each) <= 1.5 for each in operator.place())
 
 

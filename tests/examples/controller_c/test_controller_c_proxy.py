@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.messages import GoalState, Mode, ModeKind, Reason
+from robotree.protocol.messages import Claim, ClaimWish, GoalState, Mode, ModeKind, Reason
 from robotree.proxy.agent import standing_for
 from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
-from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded, StaleEpoch, Stopped
+from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, Stopped
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
@@ -109,12 +109,21 @@ async def test_a_newer_epoch_fences_an_older_lease_off(port: int, make_operator:
     async with driving(port) as drive:
         await drive.begin(0.05, 0.0)
         with make_operator(port, system=254) as successor:
-            status = await asyncio.to_thread(successor.ask, 1, 0.0, 0.05, epoch=2**32 - 1)
-            assert status.epoch == 2**32 - 1
-            old = await asyncio.to_thread(successor.ask, 2, 0.0, 0.05, epoch=2**32 - 2)
+            refused = await asyncio.to_thread(successor.ask, 1, 0.0, 0.05, epoch=0)
+            assert (refused.state, refused.reason) == (GoalState.REFUSED, Reason.NOT_IN_CONTROL)
+            assert "holds this robot" in refused.text
+            ours = drive.robot.controller_epoch
+            successor.say(Claim(6, ours + 10, 9000, 0, 1, 1, ClaimWish.TAKE_OVER, "successor"))
+            await until(lambda: drive.robot.controller_epoch == ours + 10, "it has taken over")
+            with pytest.raises(CommandFailed, match="'successor' holds its controller; end that program, or"):
+                await drive.begin(0.05, 0.0)
+            old = await asyncio.to_thread(successor.ask, 2, 0.0, 0.05, epoch=ours + 9)
             assert (old.state, old.reason) == (GoalState.REFUSED, Reason.STALE_EPOCH)
-        with pytest.raises(StaleEpoch):
-            await drive.begin(0.05, 0.0)
+            new = await asyncio.to_thread(successor.ask, 3, 0.0, 0.05, epoch=ours + 10)
+            assert new.state == GoalState.ACTIVE
+            successor.say(Claim(6, ours + 10, 9000, 0, 1, 1, ClaimWish.RELEASE, "successor"))
+            await until(lambda: not drive.robot.denied, "the robot is free again")
+        await drive.begin(0.05, 0.0)
 
 
 async def test_it_may_be_restarted_under_a_proxy(power: Power) -> None:
@@ -127,7 +136,7 @@ async def test_it_may_be_restarted_under_a_proxy(power: Power) -> None:
         await drive.online(online=False)
         with power(port):
             await drive.online()
-            with pytest.raises(CommandFailed, match="the controller has forgotten it; was it restarted"):
+            with pytest.raises(CommandInDoubt, match="has restarted meanwhile. Look where the robot is"):
                 await call
             assert await drive.place() == [0.0, 0.0]
             await drive.begin(0.1, 0.0)
