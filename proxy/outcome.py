@@ -96,11 +96,16 @@ def error_of(
         case GoalState.EXPIRED:
             return DeadlineExceeded(robot=robot, command=command)
         case GoalState.UNKNOWN:
-            what = "has restarted meanwhile" if end.reason == Reason.OTHER_LIFE else "has forgotten it"
-            if effect == "once":
-                detail = f"its controller {what}. Look where the robot is before you give it again"
-                return CommandInDoubt(robot=robot, command=command, detail=detail)
-            detail = f"its controller {what}; look at the robot, then give it again"
-            return CommandFailed(robot=robot, command=command, detail=detail)
+            return _unknown(end, robot, command, effect)
         case _:
             return CommandFailed(robot=robot, command=command, detail=explain(end))
+
+
+def _unknown(end: GoalEnded, robot: str, command: str, effect: Effect) -> VrError:
+    """What it means that the controller does not know a goal that it may have carried out."""
+    what = "has restarted meanwhile" if end.reason == Reason.OTHER_LIFE else "has forgotten it"
+    if effect == "once":
+        detail = f"its controller {what}. Look where the robot is before you give it again"
+        return CommandInDoubt(robot=robot, command=command, detail=detail)
+    detail = f"its controller {what}; look at the robot, then give it again"
+    return CommandFailed(robot=robot, command=command, detail=detail)

@@ -285,7 +285,7 @@ class RobotProxy(Robot):
             raise
 
     def _settle(self) -> None:
-        """Wait for the first words on a new link: who calls a proxy that has just said ready, is not refused."""
+        """Wait for the first words on a new link, so that a proxy obeys as soon as it has said ready."""
         until = self._connection.now() + SETTLED
         while self._session.settling(now := self._connection.now()) and now < until:
             self.sleep(0.01)

@@ -434,10 +434,7 @@ def _heartbeat() -> Heartbeat:
 def denial_in_words(denied: ClaimDenied) -> str:
     """Why a controller does not obey us, and what to do, as a clause."""
     if denied.reason == Reason.BAD_EPOCH:
-        return (
-            f"its controller refuses our epoch, or has none left above its own ({denied.epoch}); set the clocks "
-            "of both machines; if they are right, have the controller forget its epoch (robotree sim … "
-            "--reset-epoch)"
-        )
+        why = f"its controller refuses the epoch of this proxy; its own is {denied.epoch}"
+        return f"{why}; set the clocks of both machines, or reset it there: robotree sim … --reset-epoch"
     holder = f"{denied.name!r}" if denied.name else "another program"
     return f"{holder} holds its controller; end that program, or start this proxy with --take-over"

@@ -36,7 +36,7 @@ class Target(NamedTuple):
 
 
 COMPONENTS = range(25, 100)
-"""Component ids that MAVLink leaves to its users (MAV_COMP_ID_USER1 to USER75). No ground station has them."""
+"""Component ids that MAVLink leaves to its users (MAV_COMP_ID_USER1 to 75). No ground station has them."""
 
 
 def component_of(name: str) -> int:

@@ -5,9 +5,9 @@ repeated until it is answered, then every `PERIOD`, and five times in the silenc
 while something moves for us: three in a row may be lost.
 
 An epoch that the controller refuses as over is replaced by the one above its own, unless somebody else holds
-the claim: then it is asked for again and again, and granted when the other one is gone. A holder whose link
-has ended, or who has yet to come back after a restart of the controller, is waited for: nothing is denied yet. To take it from them
-is asked for only when a person has said so, and only until it was granted once.
+the claim: then it is asked for again and again, and granted when the other one is gone. Where the holder is
+away (its link has ended, or the controller has restarted) nothing is denied yet: it is waited for, not long.
+To take the claim over is asked for only when a person has said so, and only until it was granted once.
 """
 
 from __future__ import annotations
@@ -116,22 +116,15 @@ class ClaimClient:
         if not self.life or status.life != self.life:
             return []
         if status.holder == self.holder:
-            self.epoch = max(self.epoch, status.epoch)
-            news = not self.granted
-            self.granted, self.denied, self._take_over = True, None, False
-            return [ClaimGranted()] if news else []
-        if status.holder and not status.holder_system:  # it is away, and waited for; not for long
-            self.granted, self.denied = False, None
-            return []
-        if status.holder:
+            return self._have(status)
+        if status.holder and status.holder_system:
             return self._deny(status, Reason.NOT_IN_CONTROL)
-        if for_us and status.reason == Reason.BAD_EPOCH:
+        if not status.holder and for_us and status.reason == Reason.BAD_EPOCH:
             return self._deny(status, Reason.BAD_EPOCH)
-        if for_us and status.reason == Reason.STALE_EPOCH:
-            self.epoch = max(self.epoch, status.epoch + 1)
-        elif not self.granted and (self.denied is None or self.denied.reason == Reason.BAD_EPOCH):
-            return []
-        self.granted, self.denied, self._asked = False, None, float("-inf")  # it is free: ask at once
+        if not status.holder:
+            self._find_it_free(status, for_us=for_us)
+        else:  # the holder is away
+            self.granted, self.denied = False, None
         return []
 
     def tick(self, now: float, patience: float) -> list[Send]:
@@ -157,6 +150,19 @@ class ClaimClient:
             return []
         self.granted = False
         return [self._say(ClaimWish.RELEASE, TERM)]
+
+    def _have(self, status: ClaimStatus) -> list[Effect]:
+        self.epoch, news = max(self.epoch, status.epoch), not self.granted
+        self.granted, self.denied, self._take_over = True, None, False
+        return [ClaimGranted()] if news else []
+
+    def _find_it_free(self, status: ClaimStatus, *, for_us: bool) -> None:
+        """Nobody holds the claim: ask at once where that is news."""
+        if for_us and status.reason == Reason.STALE_EPOCH:
+            self.epoch = max(self.epoch, status.epoch + 1)
+        elif not self.granted and (self.denied is None or self.denied.reason == Reason.BAD_EPOCH):
+            return
+        self.granted, self.denied, self._asked = False, None, float("-inf")
 
     def _deny(self, status: ClaimStatus, reason: Reason) -> list[Effect]:
         denied = ClaimDenied(reason, status.name, status.epoch)

@@ -105,7 +105,7 @@ class ClaimServer:
         return Reason.NOT_IN_CONTROL, _held_by(held)
 
     def voice(self, peer: Peer) -> Hashable:
-        """Who must be heard while something moves at a peer's word: the claim's holder, or the peer itself."""
+        """Who must be heard while something moves at a peer's word: the claim's holder, or the peer."""
         held = self.holding
         return Holder(held.holder) if held is not None and held.peer == peer else peer
 
@@ -166,11 +166,8 @@ class ClaimServer:
 
     def _objection(self, claim: Claim) -> Reason:
         """An epoch belongs to one holder: another one must bring a larger one."""
-        if (
-            self.holding is not None
-            and self.holding.holder == claim.holder
-            and claim.epoch <= self.fence.epoch
-        ):
+        ours = self.holding is not None and self.holding.holder == claim.holder
+        if ours and claim.epoch <= self.fence.epoch:
             return Reason.NONE  # it was overtaken by a goal under a newer lease of the same holder
         if claim.epoch == self.fence.epoch and claim.holder != self.fence.holder:
             return Reason.STALE_EPOCH

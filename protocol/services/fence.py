@@ -1,8 +1,8 @@
 """The epoch fence of a controller: which epochs it obeys. Pure.
 
-An epoch numbers leases. A smaller one than the highest obeyed is over (fencing tokens: Kleppmann 2016). Epochs
-come from clocks (seconds since 1970), or count on from the highest one told. So an honest one is at most a
-number of leases ahead of the highest obeyed, or not after the present time. Whatever is further ahead comes
+An epoch numbers leases. One below the highest obeyed is over (fencing tokens: Kleppmann 2016). Epochs come
+from clocks (seconds since 1970), or count on from the highest one told. So an honest one is at most a number
+of leases ahead of the highest obeyed, or not after the present time. Whatever is further ahead comes
 from a fault or a forger. If it were obeyed, everybody else would be refused for ever: it is refused instead.
 """
 

@@ -1,12 +1,14 @@
 """Goals, the sender's side: ask until somebody answers, then listen, poll and cancel.
 
 A goal is repeated with its key until its first status comes. From then on only its status is asked for, so
-that a controller which restarted in the meantime says UNKNOWN instead of beginning again. A goal names the life of
-the controller that it was made for, so that another life does not begin it. When the controller has restarted,
-a goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only one that was never answered and may be
-carried out twice (it ends the same) is asked for again, in the new life. When no answer
-came for `patience`, the goal is not repeated either: a link that comes back much later must not start a
-movement. A repetition carries what is left of the time to live. A goal whose time is over before it was
+that a controller which has restarted says UNKNOWN instead of beginning again. When no answer came for
+`patience`, the goal is not repeated either: a link that comes back much later must not start a movement.
+
+A goal names the life of the controller that it was made for, so that another life does not begin it. When the
+controller has restarted, a goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only one that was
+never answered, and that ends the same when it is carried out twice, is asked for again in the new life.
+
+A repetition carries what is left of the time to live. A goal whose time is over before it was
 answered is called off; when the controller then says that it never had it, it ends as EXPIRED. A cancelled
 one of which nothing is heard is asked about until LINGER after its time to live: then it moves no more, and a
 controller that answers no goals is not asked about ever more of them. One without an end is never let go.
@@ -48,8 +50,8 @@ class GoalProgress(msgspec.Struct, frozen=True):
 class GoalEnded(msgspec.Struct, frozen=True):
     """The last word on a goal.
 
-    UNKNOWN: the controller does not know it (any more); with OTHER_LIFE, it may have begun before a restart. EXPIRED: it ran out of time, on the controller or on
-    its way there.
+    UNKNOWN: the controller does not know it (any more); with OTHER_LIFE, it may have begun before a restart.
+    EXPIRED: it ran out of time, on the controller or on its way there.
     """
 
     key: int
@@ -189,14 +191,8 @@ class GoalClient:
             state = GoalState(status.state)
         except ValueError:
             return []
-        if state == GoalState.UNKNOWN and status.reason == Reason.OTHER_LIFE:
-            return []  # its MODE tells the new life, and then it is decided what becomes of the goal
-        if (
-            state == GoalState.UNKNOWN
-            and not pursuit.acknowledged
-            and not (pursuit.cancelled or pursuit.silent)
-        ):
-            return []  # an answer to an older question; our goal is still on its way
+        if state == GoalState.UNKNOWN and _says_nothing(status, pursuit):
+            return []
         if state == GoalState.UNKNOWN and _overdue(pursuit, now):
             state = GoalState.EXPIRED
         pursuit.heard, pursuit.acknowledged, pursuit.silent = now, True, False
@@ -239,6 +235,17 @@ class GoalClient:
         else:
             goal = msgspec.structs.replace(goal, ttl_ms=_milliseconds(pursuit.deadline - now))
         return [Send(goal, self.via)]
+
+
+def _says_nothing(unknown: GoalStatus, pursuit: _Pursuit) -> bool:
+    """Whether it does not matter that the controller does not know a goal.
+
+    After a restart its MODE tells the new life, and then it is decided what becomes of the goal. A goal that
+    was never answered is still on its way: it is an answer to an older question.
+    """
+    if unknown.reason == Reason.OTHER_LIFE:
+        return True
+    return not (pursuit.acknowledged or pursuit.cancelled or pursuit.silent)
 
 
 def _overdue(pursuit: _Pursuit, now: float) -> bool:

@@ -2,8 +2,8 @@
 
 A goal is known by its sender and key. The same key with the same content is answered with the stored
 status; with other content it is refused. A goal from an epoch older than one already obeyed is refused
-(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch, life and addresses are no
-content: a sender may ask for its goal again under a newer lease.
+(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch, life and addresses are
+no content: a sender may ask for its goal again under a newer lease.
 
 A goal names the life of the controller that it was made for. After a restart its key is unknown, and it may
 have begun before: it is answered by UNKNOWN with OTHER_LIFE, and does not begin.
@@ -17,6 +17,7 @@ The server decides; it does not move. It tells the firmware `Begin` and `Abandon
 
 from __future__ import annotations
 
+from functools import partial
 from math import isinf
 from typing import TYPE_CHECKING
 
@@ -137,9 +138,8 @@ class GoalServer:
         denial = self._guard(peer)
         may = denial is None
         if isinstance(message, GoalCancel):
-            if not message.key:
-                return self._cancel_whichever(message, id_, peer, now, may=may)
-            return self._cancel(id_, peer, now, may=may)
+            one = partial(self._cancel, id_) if message.key else partial(self._cancel_whichever, message, id_)
+            return one(peer, now, may=may)
         known = id_ in self._records or self._is_forgotten(id_)
         if not known and self._is_of_another_life(message):
             return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE, GoalState.UNKNOWN)]

@@ -41,9 +41,9 @@ class Claims:
         if held is not None and (held.holder, held.peer) == (claim.holder, peer):
             voice = Holder(held.holder)
             self._movement.watchdog.hear(voice, arrived)
-            if job is not None and job.speaker != peer and job.voice == voice:  # it came by another link
-                self._movement.adopt(peer, voice, now)
-            elif job is not None and job.speaker == peer and job.voice != voice:  # its claim was late
+            by_another_link = job is not None and job.voice == voice and job.speaker != peer
+            before_its_claim = job is not None and job.voice != voice and job.speaker == peer
+            if by_another_link or before_its_claim:
                 self._movement.adopt(peer, voice, now)
         return out
 

@@ -1,9 +1,9 @@
 """The watchdog of the link: who must be heard, and for how long silence is borne.
 
 While something moves at somebody's word, it is the one who gave it who must be heard: another voice, were it
-one with the same ids, must not hide that the one who commands has died. Under a claim its holder must be heard,
-by a CLAIM of its own; without one, the speaker on its link, whatever it says. While nothing moves nobody is
-missed. Times are controller time, so a simulation that runs faster or slower than the wall clock
+one with the same ids, must not hide that the one who commands has died. Under a claim its holder must be
+heard, by a CLAIM of its own; without one, the speaker on its link, whatever it says. While nothing moves
+nobody is missed. Times are controller time, so a simulation that runs faster or slower than the wall clock
 keeps its promises.
 
 Pure.

@@ -240,10 +240,6 @@ async def serve(
     url: str,
     *,
     ready: Callable[[str], None],
-    system: int = SYSTEM,
-    silence: float = SILENCE,
-    hurry: float = 1.0,
-    exposed: bool = False,
     security: Sealing = UNSIGNED,
     memory: FenceFile | None = None,
 ) -> None:
@@ -253,10 +249,6 @@ async def serve(
         kind: of robot, one of `kinds.KINDS`.
         url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
         ready: told the address once it listens there.
-        system: MAVLink system id.
-        silence: of the link after which the robot holds by itself [s].
-        hurry: seconds of the world in a second; 1 is real time.
-        exposed: allow an address that other machines reach.
         security: the keys of our links.
         memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
 
@@ -266,15 +258,6 @@ async def serve(
         BadUrl: the address means nothing, or can be reached from outside.
     """
     sys.setswitchinterval(SWITCH)
-    async with serving(
-        kind,
-        url,
-        system=system,
-        silence=silence,
-        hurry=hurry,
-        exposed=exposed,
-        security=security,
-        memory=memory,
-    ) as server:
+    async with serving(kind, url, security=security, memory=memory) as server:
         ready(server.address)
         await server.failure

@@ -36,7 +36,7 @@ def test_the_file_is_for_its_owner_alone_and_no_draft_is_left(tmp_path: Path) ->
     path = tmp_path / "fence.json"
     reopened(path)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert os.listdir(tmp_path) == ["fence.json"]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ async def test_it_may_be_restarted_under_a_proxy(power: Power) -> None:
         await drive.online(online=False)
         with power(port):
             await drive.online()
-            with pytest.raises(CommandInDoubt, match="has restarted meanwhile. Look where the robot is"):
+            with pytest.raises(CommandInDoubt, match=r"has restarted meanwhile\. Look where the robot is"):
                 await call
             assert await drive.place() == [0.0, 0.0]
             await drive.begin(0.1, 0.0)
