@@ -3,6 +3,7 @@
     read(path, most)        an ordinary file, whole; a FIFO, a device or an endless file is an error at once
     private_folder(path)    a folder (0700) that only its owner can enter, made or repaired
     private_file(path)      a file (0600) that only its owner can open, made or repaired
+    own_folder(path)        a folder into which nobody else can put anything, made if need be
     overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
 
 Everything that is wrong is an `OSError`, whose `strerror` is a clause such as "it is a FIFO, not a file".
@@ -10,6 +11,6 @@ The other rooms turn it into errors of their own. This room knows none of them, 
 """
 
 from robotree.files.opening import opened, overwrite, own, read, text
-from robotree.files.private import private_file, private_folder
+from robotree.files.private import own_folder, private_file, private_folder
 
-__all__ = ["opened", "overwrite", "own", "private_file", "private_folder", "read", "text"]
+__all__ = ["opened", "overwrite", "own", "own_folder", "private_file", "private_folder", "read", "text"]

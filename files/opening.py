@@ -89,16 +89,17 @@ def overwrite(path: Path, data: bytes) -> None:
     Raises:
         OSError: it cannot be written, or another user made the link that stands there.
     """
-    descriptor = _open(own(path), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | own(path), 0o666)
     os.set_blocking(descriptor, True)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
 
 
-def own(path: Path) -> Path:
-    """Return where a name leads, if no other user decides that.
+def own(path: Path) -> int:
+    """Return the flag to open a name with, so that no other user decides where it leads.
 
-    A link that stands in a folder like /tmp may lead to any of our own files. Links of our own are followed.
+    A link that stands in a folder like /tmp may lead to any of our own files. Links of our own, and of root,
+    are followed; where there is none now, none is followed that comes meanwhile.
 
     Raises:
         OSError: the last part of the path is a symbolic link that another user made.
@@ -106,14 +107,14 @@ def own(path: Path) -> Path:
     try:
         found = path.lstat()
     except FileNotFoundError:
-        return path
+        return os.O_NOFOLLOW
     except ValueError:
         raise _no_name(path) from None
     if not stat.S_ISLNK(found.st_mode):
-        return path
+        return os.O_NOFOLLOW
     if found.st_uid not in {os.geteuid(), 0}:
         raise PermissionError(errno.EPERM, f"it is a link that user {found.st_uid} made", str(path))
-    return path.resolve()
+    return 0
 
 
 def _open(path: Path, flags: int, mode: int) -> int:

@@ -29,7 +29,7 @@ def private_folder(path: Path) -> bool:
     """
     _make(path)
     try:
-        folder = os.open(own(path), os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | own(path))
     except NotADirectoryError:
         raise NotADirectoryError(errno.ENOTDIR, "it is not a directory", str(path)) from None
     try:
@@ -51,22 +51,43 @@ def private_file(path: Path, *, make: bool = True) -> bool:
     Raises:
         OSError: it cannot be made, is no ordinary file, or belongs to somebody else.
     """
-    file = opened(own(path), os.O_RDWR | os.O_NOFOLLOW | (os.O_CREAT if make else 0))
+    file = opened(path, os.O_RDWR | (os.O_CREAT if make else 0) | own(path))
     try:
         return _close_to_others(file, path, 0o600)
     finally:
         os.close(file)
 
 
-def _make(path: Path) -> None:
+def own_folder(path: Path) -> None:
+    """See that a folder is there into which nobody else can put anything for us; make it if need be.
+
+    Args:
+        path: of the folder; others may be able to read it.
+
+    Raises:
+        OSError: it cannot be made, is no folder, belongs to somebody else, or everybody can write into it.
+    """
+    _make(path, 0o755)
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | own(path))
+    try:
+        found = os.fstat(folder)
+    finally:
+        os.close(folder)
+    if found.st_uid != os.geteuid():
+        raise PermissionError(errno.EPERM, f"it belongs to somebody else (user {found.st_uid})", str(path))
+    if found.st_mode & 0o002:
+        raise PermissionError(errno.EPERM, "every user can write into it", str(path))
+
+
+def _make(path: Path, mode: int = 0o700) -> None:
     """Make a folder and those above it that are missing, for us alone: XDG's base directories ask for it."""
     try:
-        path.mkdir(mode=0o700)
+        path.mkdir(mode=mode)
     except FileNotFoundError:
         if path.parent == path:
             raise
-        _make(path.parent)
-        path.mkdir(mode=0o700, exist_ok=True)
+        _make(path.parent, mode)
+        path.mkdir(mode=mode, exist_ok=True)
     except FileExistsError:
         pass
     except ValueError as error:  # a name with a zero byte

@@ -14,6 +14,7 @@ from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from robotree.files import own_folder
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
 from robotree.tui.processes.crew import Crew
@@ -74,14 +75,17 @@ async def demo(
         The exit code.
     """
     realm = realm or (f"demo-{os.getpid()}" if headless else "default")
+    folder = Path(pictures or "robotree-demo")
     try:
+        if headless:
+            await asyncio.to_thread(own_folder, folder)
         await _alone(realm)
         file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING)) as crew:
             note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
             await cast(crew, counting=not headless, wire=wire)
             if headless:
-                return await _play(realm, Path(pictures or "robotree-demo"), readonly=readonly)
+                return await _play(realm, folder, readonly=readonly)
             return await _supervise(realm, readonly=readonly)
     except (MemberFailed, DemoRuns) as failure:
         complain(failure)
@@ -151,7 +155,6 @@ async def _play(realm: str, folder: Path, *, readonly: bool) -> int:
     from robotree.tui.session.script import transcript
 
     began = time.monotonic()
-    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     with as_file(files("robotree.examples")) as examples, chdir(folder):  # the script's pictures go there
         path = str(examples / "close_lever.session")
         script = await asyncio.to_thread(read_file, path, readonly=readonly)

@@ -83,7 +83,9 @@ def read(path: Path) -> Content:
     """
     try:
         # What is no UTF-8 in a comment, and how lines end, must come back when the file is written again.
-        with os.fdopen(opened(own(path)), encoding="utf-8", errors="surrogateescape", newline="") as file:
+        with os.fdopen(
+            opened(path, os.O_RDONLY | own(path)), encoding="utf-8", errors="surrogateescape", newline=""
+        ) as file:
             status = os.fstat(file.fileno())
             if stat.S_IMODE(status.st_mode) & 0o077:
                 raise KeyFileError(path, "others can read it; run chmod 600 on it and change the keys")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from robotree.files import opened, overwrite, private_file, private_folder, read, text
+from robotree.files import opened, overwrite, own_folder, private_file, private_folder, read, text
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can play a second user")
 NOBODY = 65534
@@ -81,6 +83,14 @@ def test_a_file_is_overwritten_and_a_fifo_that_nobody_reads_is_an_error(tmp_path
     os.close(reader)
 
 
+def test_what_a_shell_hands_out_as_a_file_can_be_written() -> None:
+    """`robotree look cell /dev/stdout | …`: a link of the system to a pipe."""
+    code = (
+        "from pathlib import Path; from robotree.files import overwrite; overwrite(Path('/dev/stdout'), b'x')"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"x"
+
+
 def test_private_means_0700_and_0600_whatever_the_umask(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
@@ -127,6 +137,16 @@ def test_a_link_of_our_own_is_followed(tmp_path: Path) -> None:
     assert (mode(tmp_path / "real"), mode(tmp_path / "real/new")) == (0o700, 0o600)
 
 
+def test_a_folder_of_our_own_keeps_its_permissions_unless_everybody_can_write(tmp_path: Path) -> None:
+    own_folder(tmp_path / "a" / "b")
+    (tmp_path / "a" / "b").chmod(0o750)
+    own_folder(tmp_path / "a" / "b")
+    assert mode(tmp_path / "a" / "b") == 0o750
+    (tmp_path / "a" / "b").chmod(0o777)
+    with pytest.raises(PermissionError, match="every user can write"):
+        own_folder(tmp_path / "a" / "b")
+
+
 @root_only
 def test_nothing_that_belongs_to_another_user_becomes_ours(tmp_path: Path) -> None:
     ours = tmp_path / "precious"
@@ -135,8 +155,9 @@ def test_nothing_that_belongs_to_another_user_becomes_ours(tmp_path: Path) -> No
     (tmp_path / "file").touch()
     for name in ("folder", "file"):
         give_away(tmp_path / name)
-    with pytest.raises(PermissionError, match="belongs to somebody else"):
-        private_folder(tmp_path / "folder")
+    for use in (private_folder, own_folder):
+        with pytest.raises(PermissionError, match="belongs to somebody else"):
+            use(tmp_path / "folder")
     with pytest.raises(PermissionError, match="belongs to somebody else"):
         private_file(tmp_path / "file")
     (tmp_path / "link").symlink_to(ours)

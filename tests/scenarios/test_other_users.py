@@ -194,6 +194,58 @@ def open_above(place: Path) -> Path:
 
 
 @another_user
+def test_the_demo_runs_no_page_that_another_user_has_put_in_its_way(tmp_path: Path) -> None:
+    """Its script says `create move_to.py`, and it is played in the folder of its pictures."""
+    (tmp_path / "robotree-demo").mkdir()
+    (tmp_path / "robotree-demo" / "move_to.py").write_text("open('ran', 'w')")
+    os.chown(tmp_path / "robotree-demo", NOBODY, NOBODY)
+    said = subprocess.run(
+        [*ROBOTREE, "demo", "--headless"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert said.returncode == exit_codes.REFUSED
+    assert said.stderr == f"robotree: robotree-demo: it belongs to somebody else (user {NOBODY})\n"
+
+
+KNOCK = """
+import json, socket, sys
+heard = []
+for path in sys.argv[1:]:
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(5)
+        line.connect(path)
+        try:
+            line.sendall(b"hello")
+            heard.append(line.recv(1))
+        except (BrokenPipeError, ConnectionResetError):
+            heard.append(b"")
+print(len(heard), heard.count(b""))
+"""
+
+
+@another_user
+async def test_a_process_talks_to_nobody_else_even_where_the_folder_is_open(
+    open_above: Path, tmp_path: Path
+) -> None:
+    """The kernel says whose process is at the other end: the folder's permissions are not the only wall."""
+    async with Crew("mine", tmp_path) as crew:
+        lookup = await crew.start("lookup", "lookup-1")
+        folder = open_above / "robotree" / "mine"
+        sockets = [path for path in folder.iterdir() if path.is_socket()]
+        for path in (folder.parent, folder, *sockets):
+            path.chmod(0o777)
+        told = await asyncio.to_thread(attack, KNOCK, *map(str, sockets))
+        assert told.split() == [str(len(sockets))] * 2
+        assert f"a process of user {NOBODY} tried to enter the realm; it was refused" in lookup.log
+        async with joined("mine") as fleet:
+            await until(lambda: list(fleet.services) == ["lookup-1"], "who belongs here is heard")
+
+
+@another_user
 async def test_another_user_can_neither_enter_a_realm_nor_read_its_key(open_above: Path) -> None:
     async with Crew("mine") as crew:
         await crew.start("lookup", "lookup-1")

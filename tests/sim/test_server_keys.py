@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,7 @@ from robotree.protocol.links.keyring import Keyring
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing, Seals, Security
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import AnyMessage, Ping, SetupSigning
+from robotree.protocol.messages import AnyMessage, CommandLong, MavCmd, Ping, SetupSigning
 from robotree.protocol.services.statustext import Listener
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.sim.serving.server import Server, serving
@@ -206,6 +207,33 @@ async def test_the_time_of_who_changes_the_key_is_taken_over_but_locks_nobody_ou
         assert min(seconds, 30) * 100_000 <= security.now - before < (min(seconds, 30) + PATIENCE) * 100_000
         punctual = await Client(8, Punctual(NEW)).dial(server.address)
         await punctual.ping()
+
+
+STOP = CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "udp", "can", "serial"])
+async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
+    tmp_path: Path, make_cable: Callable[[], Any], scheme: str
+) -> None:
+    """Neither without one nor with another one. With it the robot stops, so it is the key alone."""
+    keys = file_with(tmp_path / "all.keys", f"* {OLD.hex()}\n")
+    cable = make_cable() if scheme == "serial" else None
+    here = "can:robotree/keys-of-all?node=1" if scheme == "can" else f"{scheme}:127.0.0.1:0"
+    here = cable.url(1) if cable else here
+    async with serving("rover", here, security=holding(keys)) as server:
+        there = cable.url(0) if cable else server.address
+        for number, security in enumerate((UNSIGNED, Punctual(NEW))):
+            stranger = await Client(20 + number, security).dial(there)
+            for _ in range(3):
+                stranger.say(STOP)
+            await until(lambda: server._controller.stops == 0 and garbled(server) >= 3)
+            stranger.link.close()
+            await until(lambda: garbled(server) == 0 or scheme in {"udp", "can", "serial"})
+        owner = await Client(30, Punctual(OLD)).dial(there)
+        owner.say(STOP)
+        await until(lambda: server._controller.stops > 0)
+        owner.link.close()
 
 
 async def test_signing_is_not_switched_off_over_the_wire(keys: Path) -> None:

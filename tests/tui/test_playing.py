@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.errors import SessionError
-from robotree.tui.session.playing import Player, read_file
+from robotree.tui.session.playing import Player, placed, read_file
 from robotree.tui.session.script import Report, Told, read
 
 if TYPE_CHECKING:
@@ -86,6 +86,17 @@ async def test_an_expectation_waits_until_it_comes_true(realm: Realm) -> None:
 async def test_readings_of_nobody_are_nothing(realm: Realm) -> None:
     _, told = await play(realm, "expect reading nobody.x > 0 within 10ms\n")
     assert "nobody" in told[-1].seen
+
+
+def test_a_page_beside_the_script_comes_before_one_of_that_name_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "move_to.py").write_text("not what the script means")
+    (tmp_path / "mine.py").touch()
+    assert placed("move_to.py", BESIDE) == EXAMPLES / "move_to.py"
+    assert placed("mine.py", BESIDE) == Path("mine.py")
+    assert placed("mine.py", "-") == Path("mine.py")
 
 
 def test_a_script_that_cannot_be_read_says_so(tmp_path: Path) -> None:

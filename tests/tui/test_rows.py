@@ -186,3 +186,11 @@ def test_a_newcomer_sees_who_hangs_already() -> None:
     assert len(store.happenings) == 2
     store.take_silent([Silent("robot/arm-1/1", "process 7", "wake it")], 2.0)
     assert len(store.happenings) == 2, "told once"
+
+
+def test_a_robot_behind_an_open_link_is_marked_and_found_by_it() -> None:
+    guarded, unguarded = (robot(name, attributes={"link": name}) for name in ("signed", "open"))
+    store = store_of(guarded, unguarded, robot("virtual"))
+    marks = {seat.name: row(store, seat, 2.0).unguarded for seat in family(store)}
+    assert marks == {"open": True, "signed": False, "virtual": False}
+    assert names(store, letters="open link") == ["open"]

@@ -118,7 +118,7 @@ class Player:
         return Verdict(holds=True, seen=outcome.text), outcome.data
 
     def _placed(self, line: Line) -> Line:
-        """Find a source beside the script when it is not in the current folder."""
+        """Find a source beside the script, else in the current folder."""
         if line.verb != "create":
             return line
         path, wanted = values.source(line.text("FILE"))
@@ -177,9 +177,12 @@ class Player:
 
 
 def placed(source: str, script: str) -> Path:
-    """Return where a source file of a script is: in the current folder, else beside the script."""
-    here = Path(source)
-    return here if here.exists() else Path(script).parent / source
+    """Return where a source file of a script is: beside the script, else in the current folder.
+
+    What somebody else has put into the current folder must not run in the place of what came with the script.
+    """
+    beside = Path(script).parent / source
+    return beside if beside.exists() else Path(source)
 
 
 def read_file(path: str, *, readonly: bool = False) -> Script:

@@ -1,0 +1,103 @@
+"""The realm's own key: made without a question, once, for its owner alone."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from robotree.protocol.errors import KeyFileError
+from robotree.protocol.links.keyring import Keyring
+from robotree.tui.errors import BadLine
+from robotree.tui.line.action import Where
+from robotree.tui.line.actions import shapes
+from robotree.tui.line.grammar import Line, parse
+from robotree.tui.line.manual import EVERYWHERE
+from robotree.tui.wire.security import NOTHING, REALM, key_file, realm_key, securing, wanted
+from robotree.vr.errors import RealmUnusable
+
+
+def line(*words: str) -> Line:
+    return parse(list(words), shapes(Where.SHELL), EVERYWHERE)
+
+
+def fingerprint(path: Path) -> str:
+    ((_, key),) = Keyring(path).keys
+    return key.fingerprint
+
+
+def test_it_is_made_once_and_lies_in_the_realms_folder_for_its_owner_alone(place: Path) -> None:
+    path = realm_key("cell")
+    assert path == place / "robotree" / "cell" / "realm.key"
+    modes = [one.stat().st_mode & 0o777 for one in (path, path.parent, path.parent.parent)]
+    assert modes == [0o600, 0o700, 0o700]
+    before = fingerprint(path)
+    assert fingerprint(realm_key("cell")) == before
+    assert fingerprint(realm_key("other")) != before
+    assert [one.name for one in path.parent.iterdir()] == ["realm.key"]
+
+
+@pytest.mark.usefixtures("place")
+def test_processes_that_come_at_the_same_moment_find_one_key() -> None:
+    code = (
+        "from robotree.tui.wire.security import *; print(Keyring(realm_key('cell')).keys[0][1].fingerprint)"
+    )
+
+    def come(_: int) -> str:
+        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+    with ThreadPoolExecutor(6) as threads:
+        assert len(set(threads.map(come, range(6)))) == 1
+
+
+@pytest.mark.timeout(10)
+def test_what_lies_in_its_place_is_not_taken_for_it(place: Path) -> None:
+    folder = place / "robotree" / "cell"
+    folder.mkdir(parents=True, mode=0o700)
+    prepared = (
+        (os.mkfifo, "it is a FIFO"),
+        (Path.mkdir, "it is a folder"),
+        (Path.touch, "others can read it"),
+    )
+    for prepare, reason in prepared:
+        prepare(folder / "realm.key")
+        with pytest.raises(KeyFileError, match=reason):
+            Keyring(realm_key("cell"))
+        (folder / "realm.key").rmdir() if (folder / "realm.key").is_dir() else (folder / "realm.key").unlink()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_nobody_else_prepares_the_folder(place: Path) -> None:
+    (place / "robotree").mkdir()
+    os.chown(place / "robotree", 65534, 65534)
+    with pytest.raises(RealmUnusable, match="belongs to somebody else"):
+        realm_key("cell")
+
+
+def test_a_line_chooses_before_the_environment_and_that_before_what_is_meant(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim = ("sim", "arm", "--listen", "tcp:0")
+    assert wanted(line(*sim)) == NOTHING
+    assert wanted(line("demo"), REALM) == REALM
+    monkeypatch.setenv("ROBOTREE_KEY", "ours.key")
+    assert wanted(line("demo"), REALM) == "ours.key"
+    assert wanted(line(*sim, "--key", "other.key")) == "other.key"
+    assert wanted(line(*sim, "--open")) == wanted(line(*sim, "--key", "none")) == NOTHING
+    assert key_file(REALM, "cell") == place / "robotree" / "cell" / "realm.key"
+    assert key_file("a.key", "cell") == Path("a.key")
+    assert key_file(NOTHING, "cell") is None
+    with pytest.raises(BadLine):
+        line(*sim, "--open", "--key", "ours.key")
+
+
+async def test_links_are_signed_exactly_where_there_is_a_key(place: Path) -> None:
+    for words, signed in ((("--open",), False), (("--key", "realm"), True), ((), False)):
+        async with securing(line("sim", "arm", "--listen", "tcp:0", "--realm", "cell", *words)) as security:
+            assert security.signed == signed
+            assert (security.seals("tcp:127.0.0.1:1")["signer"] is not None) == signed
+    assert (place / "robotree" / "cell" / "realm.key.time").exists()
