@@ -323,6 +323,8 @@ class RobotProxy(Robot):
         match event:
             case OnlineChanged(online=online):
                 self.online = online
+                if self._session.simulated is not None:
+                    self.attributes["simulated"] = "yes" if self._session.simulated else "no"
                 self.on_change()
             case HeldChanged(reason=reason):
                 self.halted = reason

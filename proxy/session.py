@@ -33,6 +33,7 @@ from robotree.protocol.messages import (
     MavAutopilot,
     MavCmd,
     MavComponent,
+    MavModeFlag,
     MavState,
     MavType,
     Message,
@@ -243,6 +244,12 @@ class Session:
         if self._open and self._is_introduced() and (turned := self._turn(online=True, trouble="")):
             effects += turned + self._ask_for_rates(now)
         return effects + self._held_news()
+
+    @property
+    def simulated(self) -> bool | None:
+        """Whether the controller says in its heartbeat that nothing real moves; None: it was never heard."""
+        beat = self.twin.latest(Heartbeat)
+        return None if beat is None else bool(beat.base_mode & MavModeFlag.HIL_ENABLED)
 
     def tick(self, now: float) -> list[Effect]:
         """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""

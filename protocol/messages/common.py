@@ -47,6 +47,8 @@ class MavModeFlag(IntFlag):
     """MAV_MODE_FLAG, as far as we need it."""
 
     CUSTOM_MODE_ENABLED = 1
+    HIL_ENABLED = 32
+    """Nothing real moves: the controller drives a simulation."""
     SAFETY_ARMED = 128
 
 

@@ -109,7 +109,8 @@ class Modes:
     def heartbeat(self) -> Heartbeat:
         """The mode as every ground station understands it."""
         movement = self._movement
-        flags = MavModeFlag.CUSTOM_MODE_ENABLED | (0 if movement.stopped else MavModeFlag.SAFETY_ARMED)
+        armed = 0 if movement.stopped else MavModeFlag.SAFETY_ARMED
+        flags = MavModeFlag.CUSTOM_MODE_ENABLED | MavModeFlag.HIL_ENABLED | armed
         state = _STATES.get(movement.mode, MavState.STANDBY)
         return Heartbeat(self._mav_type, MavAutopilot.GENERIC, int(flags), movement.mode, state)
 

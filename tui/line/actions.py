@@ -336,6 +336,9 @@ ACTIONS: tuple[Action, ...] = (
         about=About.ROBOT,
     ),
     Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
+    Action(
+        "level", "Leave more out of the log: all, warnings and errors, errors.", SCREEN, where=SHOWN, key="L"
+    ),
     Action("camera", "Look through the next camera.", SCREEN, where=SHOWN, key="V"),
     Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g"),
     Action(

@@ -40,9 +40,10 @@ from robotree.tui.screen.unasked import LINES, Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
+from robotree.tui.seen.mood import span
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.store import Store, Weight
-from robotree.vr.errors import VrError
+from robotree.vr.errors import NotConfirmed, VrError
 from robotree.vr.network.rendezvous import DEFAULT_REALM
 
 if TYPE_CHECKING:
@@ -164,9 +165,9 @@ class Supervisor(Fenced, Unasked[int]):
 
     # -- telling -----------------------------------------------------------------------------------
 
-    def tell(self, text: str, weight: Weight = "plain") -> None:
-        """Enter something in the log; the flash line shows it."""
-        self.store.tell(text, weight, self.now())
+    def tell(self, text: str, weight: Weight = "plain", robot: str = "") -> None:
+        """Enter something in the log, of a robot or of none; the flash line shows it."""
+        self.store.tell(text, weight, self.now(), robot)
 
     def mend(self, error: Exception) -> None:
         """Go on after an error that should not have been."""
@@ -231,19 +232,41 @@ class Supervisor(Fenced, Unasked[int]):
         return refusal
 
     async def _carry_out(self, line: Line) -> tuple[str, str]:
+        if line.verb == "stop":
+            self.store.begin_stop(line.text("NAME"), self.now())
+        began, robot = self.now(), line.text("ROBOT.COMMAND").partition(".")[0]
         try:
-            with self.store.asking(line.text("ROBOT.COMMAND").partition(".")[0]):
+            with self.store.asking(robot):
                 outcome = await carry_out(self.fleet, line, self)
         finally:
             self.feed.hint()
+        self._note_stop(line, outcome)
         if isinstance(outcome, Refusal):
-            self.tell(str(outcome), "error")
+            self.tell(f"{outcome}{self._took(robot, began)}", "error", robot)
             return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
         if line.verb == "create":
             self.selection = self.selection.go_to(line.text("NAME"), self.now())
-        return outcome.text, ""
+        one_line = outcome.text and "\n" not in outcome.text
+        return outcome.text + (self._took(robot, began) if one_line else ""), ""
+
+    def _took(self, robot: str, began: float) -> str:
+        """Say how long a command took that began at this moment [s]; other verbs take no time."""
+        return f" after {span(self.now() - began)}" if robot else ""
+
+    def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
+        """Keep who has confirmed a stop and who has not, until it is resumed."""
+        if line.verb == "stop":
+            if isinstance(outcome, Outcome):
+                self.store.end_stop(outcome.data["stopped"], {}, self.now())
+            elif isinstance(outcome.error, NotConfirmed):
+                data = outcome.error.data
+                self.store.end_stop(data["told"], dict(data["untold"]), self.now())
+            else:
+                self.store.end_stop([], {}, self.now())
+        elif line.verb == "resume" and isinstance(outcome, Outcome) and not line.text("NAME"):
+            self.store.end_resume()
 
     @work(exit_on_error=False, group="verbs")
     async def perform(self, line: Line) -> None:
@@ -274,7 +297,7 @@ class Supervisor(Fenced, Unasked[int]):
                     robot, command, arguments, deadline=CALL_LIMIT, on_progress=hearer.went_on
                 )
         except VrError as error:
-            self.tell(str(error), "error")
+            self.tell(f"{error}{self._took(robot, began)}", "error", robot)
             hearer.failed(str(error))
         except Exception as error:  # the last fence of this task
             log.exception("while calling %s.%s", robot, command)
@@ -282,7 +305,7 @@ class Supervisor(Fenced, Unasked[int]):
             hearer.failed(repr(error))
         else:
             shown = wording.value(value) if value is not None else "done"
-            self.tell(f"{robot}.{command}: {shown}", "good")
+            self.tell(f"{robot}.{command}: {shown}{self._took(robot, began)}", "good", robot)
             hearer.returned(value, self.now() - began)
 
     def do(self, verb: str, **values: str) -> None:

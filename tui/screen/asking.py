@@ -34,11 +34,32 @@ def _panel(app: Supervisor, place: Place) -> None:
     if place.slot and not name:  # what one wants of an empty slot is to fill it
         _enslave(app, place)
         return
-    robot = app.store.descriptions.get(name)
-    if robot is None:
+    robot, absent = app.store.descriptions.get(name), app.store.absent.get(name)
+    lost = app.store.rebond(name)
+    if lost:
+        _rebond(app, *lost)
+    elif absent:
+        app.tell(
+            f"{name} {'hangs' if absent.hangs else 'has gone'}: {absent.remedy or 'start it again'}",
+            "warning",
+        )
+    elif robot is None:
         app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
     else:
         app.push_screen(PanelPage(robot))
+
+
+def _rebond(app: Supervisor, parent: str, slot: str, child: str) -> None:
+    """Offer to bind a child again that was lost and is back; who declines is not asked again."""
+    places = [one for one in openings(app.store, parent) if one.slot == slot]
+
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+        else:
+            app.store.decline(parent, slot)
+
+    app.push_screen(EnslaveDialog(app.store, places, child), answered)
 
 
 def _create(app: Supervisor, _place: Place) -> None:
@@ -85,18 +106,53 @@ def _release(app: Supervisor, place: Place) -> None:
 
 
 def _delete(app: Supervisor, place: Place) -> None:
+    if app.marks:
+        _delete_marked(app)
+        return
     name = place.name
     robot = app.store.descriptions.get(name)
     if robot is None:
         app.tell("no robot is selected", "warning")
     elif MADE not in robot.kinds:
-        app.tell(f"{name} stands for a real robot: end its proxy where it runs", "warning")
+        what = {"yes": "a simulated robot", "no": "a real robot"}.get(
+            robot.attributes.get("simulated", ""), "a robot"
+        )
+        app.tell(f"{name} stands for {what}: end its proxy where it runs", "warning")
     elif robot.bond:
         app.tell(
             f"{name} is enslaved by {robot.bond.parent.name}: delete that one, or release it first", "warning"
         )
     else:
         confirm_line(app, Line("delete", {"NAME": name}))
+
+
+def _delete_marked(app: Supervisor) -> None:
+    """Ask back once for all marked robots; those of which none can be deleted are left out."""
+    robots = [app.store.descriptions.get(name) for name in sorted(app.marks)]
+    names = [one.name for one in robots if one and MADE in one.kinds and not one.bond]
+    left = sorted(app.marks.difference(names))
+    if not names:
+        app.tell(f"none of {', '.join(left)} can be deleted: they are no free virtual robots", "warning")
+        return
+    hidden = sorted(set(names) - {seat.name for seat in app.main.shown})
+    consequence = f"They end for good: {', '.join(names)}."
+    consequence += f" Hidden by the filter: {', '.join(hidden)}." if hidden else ""
+    consequence += f" Left as they are: {', '.join(left)}." if left else ""
+
+    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
+        if answer:
+            app.main.unmark()
+            for name in names:
+                app.do("delete", NAME=name)
+
+    app.push_screen(Confirm(f"delete {len(names)} marked robots?", consequence, "Delete"), answered)
+
+
+def _cancel(app: Supervisor, place: Place) -> None:
+    names = sorted(app.marks) or [place.name]
+    for name in names:
+        _about_robot("cancel")(app, Place(name))
+    app.main.unmark()
 
 
 def _quit(app: Supervisor, _place: Place) -> None:
@@ -208,7 +264,7 @@ ASK: Mapping[str, Ask] = {
     "release": _release,
     "delete": _delete,
     "show": _about_robot("show"),
-    "cancel": _about_robot("cancel"),
+    "cancel": _cancel,
     "stop": _stop,
     "resume": _resume,
     "help": _help,
@@ -221,6 +277,7 @@ ASK: Mapping[str, Ask] = {
     "mark": lambda app, place: app.main.mark(place.name),
     "unmark": lambda app, _place: app.main.unmark(),
     "dismiss": _dismiss,
+    "level": lambda app, _place: app.main.raise_level(),
     "camera": lambda app, _place: app.main.turn(),
     **{name: _pane(name) for name in PANES},
 }

@@ -111,7 +111,7 @@ def row(store: Store, seat: Seat, now: float, marks: Container[str] = ()) -> Rob
     known = robot or listing
     return RobotRow(
         seat,
-        kind=known.kind if known else absent.kind if absent else "",
+        kind=wording.kind(known.kind, known.attributes) if known else absent.kind if absent else "",
         mood=store.mood(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
         by=store.by(name),
@@ -192,7 +192,7 @@ class Column:
     room: int
 
 
-LEAST = {"ROBOT": 16, "KIND": 8, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
+LEAST = {"ROBOT": 16, "KIND": 10, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
 """Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
 MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
 """Cells that it takes however long its words are."""

@@ -7,13 +7,14 @@ what it heard last and when, so that silence can be told from calm.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Container, Generator, Iterable, Sequence
+from collections.abc import Container, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
 from robotree.tui.seen import instruments, mood
 from robotree.tui.seen.mood import Condition, Mood
+from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, RobotDescription, SlotSpec
@@ -49,6 +50,8 @@ class Happening:
     """[s] on the store's clock."""
     weight: Weight
     text: str
+    robot: str = ""
+    """Whom it concerns; empty: nobody, or several."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +134,12 @@ class Store:
     """How many commands of ours a robot has not answered yet."""
     _elsewhere: set[str] = field(default_factory=set[str])
     """Robots that carry out what others asked for."""
+    stop: StopRound | None = None
+    """The stop that was asked for here last, until it is resumed."""
     described_at: float = 0.0
     """[s] when the descriptions came."""
+    lost: dict[tuple[str, str], str] = field(default_factory=dict[tuple[str, str], str])
+    """Children by parent and slot that were lost, until the slot is filled or a person declines."""
     attended: str = ""
     """The robot whose forces are remembered: the selected one."""
     forces: deque[tuple[float, float]] = field(
@@ -141,14 +148,16 @@ class Store:
     """When and how large the force of that robot was [s], [N], the oldest first."""
     _attended: frozenset[str] = frozenset()
     """It and those below it, whose readings are its."""
+    _offered: set[tuple[str, str]] = field(default_factory=set[tuple[str, str]])
+    """Places of `lost` that were offered to be filled again."""
     _hanging: set[Address] = field(default_factory=set[Address])
     """Whose process hangs, as was told."""
 
     # -- what is told ------------------------------------------------------------------------------
 
-    def tell(self, text: str, weight: Weight, now: float) -> Happening:
-        """Enter something that happened."""
-        happening = Happening(now, weight, one_line(text))
+    def tell(self, text: str, weight: Weight, now: float, robot: str = "") -> Happening:
+        """Enter something that happened, to a robot or to none."""
+        happening = Happening(now, weight, one_line(text), robot)
         self.happenings.append(happening)
         self.revision += 1
         return happening
@@ -179,7 +188,7 @@ class Store:
             if (known is None or known.address != listing.address) and not first:
                 self._came[name] = now
                 where = "has come, but no lookup service lists it" if self.stale else "is listed"
-                self.tell(f"{name} ({listing.kind}) {where}", "good", now)
+                self.tell(f"{name} ({listing.kind}) {where}", "good", now, name)
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
@@ -194,7 +203,7 @@ class Store:
         self.shape += 1
 
     def _tell_departure(self, who: Listing | RobotDescription, now: float) -> None:
-        self.tell(f"{who.name} ({who.kind}) left the list", "plain", now)
+        self.tell(f"{who.name} ({who.kind}) left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
         """Take that an agent lives that was missed: it is only on no list, for somebody commands it."""
@@ -251,9 +260,11 @@ class Store:
         what = f"{address.name} ({kind or address.role})"
         pid = hangs.where.removeprefix("process ") if hangs else ""
         if hangs:
-            self.tell(f"{what}: its process hangs, it answers nobody; {hangs.remedy}", "error", now)
+            self.tell(
+                f"{what}: its process hangs, it answers nobody; {hangs.remedy}", "error", now, address.name
+            )
         else:
-            self.tell(f"{what}: its process has gone", "error", now)
+            self.tell(f"{what}: its process has gone", "error", now, address.name)
         if address.role == "robot":
             remedy = hangs.remedy if hangs else ""
             self.absent[address.name] = Absent(address, kind, who.host if who else "", now, pid, remedy)
@@ -263,6 +274,8 @@ class Store:
         """Take a robot that hangs or has gone off the list; it is back as soon as it answers."""
         gone = self.absent.pop(name, None)
         if gone:
+            if self.stop:
+                self.stop.dismiss(name)
             self._forget(name)
         return gone
 
@@ -279,7 +292,9 @@ class Store:
             if gone:
                 self.family += 1
                 if gone.address == address:
-                    self.tell(f"{gone.name} ({gone.kind or address.role}) answers again", "good", now)
+                    self.tell(
+                        f"{gone.name} ({gone.kind or address.role}) answers again", "good", now, gone.name
+                    )
             self._hanging.discard(address)
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
@@ -303,6 +318,8 @@ class Store:
         if before is None:
             self._heard[name] = Heard(state, now, now)
             self.shape += 1
+            if state.stopped and self.stop:
+                self.stop.confirm(name, now)
             return
         old = before.state
         before.at = now
@@ -314,10 +331,27 @@ class Store:
         if old.bond != state.bond or old.epoch != state.epoch or old.online != state.online:
             self.shape += 1
         if old.busy != state.busy:
+            self._tell_commands(name, old, state, now, now - before.since)
             before.since = now
-            self._tell_commands(name, old, state, now)
+        if state.stopped and self.stop and name in self.stop.open:
+            self.stop.confirm(name, now)
         if old.online != state.online or old.stopped != state.stopped:
             self._tell_change(name, old, state, now)
+
+    def begin_stop(self, name: str, now: float) -> None:
+        """Note that a robot, or all (empty), are asked to stop."""
+        self.stop = StopRound.begin([name] if name else self.known, now)
+
+    def end_stop(self, told: Iterable[str], untold: Mapping[str, str], now: float) -> None:
+        """Note what came of that (`StopRound.end`)."""
+        if self.stop:
+            self.stop.end(told, untold, now)
+            self.revision += 1
+
+    def end_resume(self) -> None:
+        """Note that all were resumed: no stop is to be confirmed any more."""
+        self.stop = None
+        self.revision += 1
 
     @contextmanager
     def asking(self, name: str) -> Generator[None]:
@@ -328,25 +362,30 @@ class Store:
         finally:
             self._asked[name] -= 1
 
-    def _tell_commands(self, name: str, before: State, after: State, now: float) -> None:
+    def _tell_commands(self, name: str, before: State, after: State, now: float, seconds: float) -> None:
         """Tell what others have a robot do; what a parent asks of a child is part of its own command."""
         if before.busy and name in self._elsewhere:
             self._elsewhere.discard(name)
-            self.tell(f"{name}.{before.busy} has ended, asked for elsewhere", "plain", now)
+            self.tell(
+                f"{name}.{before.busy} has ended, asked for elsewhere, after {mood.span(seconds)}",
+                "plain",
+                now,
+                name,
+            )
         if after.busy and after.bond is None and not self._asked.get(name):
             self._elsewhere.add(name)
-            self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now)
+            self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now, name)
 
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
         if before.online and not after.online:
-            self.tell(f"{name} lost its controller: its readings are stale", "error", now)
+            self.tell(f"{name} lost its controller: its readings are stale", "error", now, name)
         if after.online and not before.online:
-            self.tell(f"{name} has its controller back", "good", now)
+            self.tell(f"{name} has its controller back", "good", now, name)
         if after.stopped and not before.stopped:
             why = f": {after.stop_reason}" if after.stop_reason else ""
-            self.tell(f"{name} is in protective stop{why}", "error", now)
+            self.tell(f"{name} is in protective stop{why}", "error", now, name)
         if before.stopped and not after.stopped:
-            self.tell(f"{name} was resumed: its stop has ended", "good", now)
+            self.tell(f"{name} was resumed: its stop has ended", "good", now, name)
 
     def take_descriptions(self, descriptions: Iterable[RobotDescription], now: float = 0.0) -> None:
         """Take how all robots describe themselves; who is not among them does not answer."""
@@ -364,6 +403,7 @@ class Store:
                 self.remembered[name] = one
         living = self.descriptions.keys() | self.robots.keys() | self.absent.keys() | self.remembered.keys()
         self._heard = {name: heard for name, heard in self._heard.items() if name in living}
+        self._take_losses(before, now)
         if before.keys() != self.descriptions.keys() or any(
             (one.slots, one.kinds, one.bond and one.bond.parent)
             != ((old := before[name]).slots, old.kinds, old.bond and old.bond.parent)
@@ -371,6 +411,22 @@ class Store:
         ):
             self.family += 1
         self.revision += 1
+
+    def _take_losses(self, before: Mapping[str, RobotDescription], now: float) -> None:
+        """Remember who was in a slot whose child was lost; offer to bind it again as soon as it is back."""
+        for robot in self.descriptions.values():
+            old = before.get(robot.name)
+            for slot in robot.slots:
+                place, held = (robot.name, slot.name), old.slot(slot.name) if old else None
+                if slot.child:
+                    self.lost.pop(place, None)
+                elif slot.lost and held and held.child:
+                    self.lost[place] = held.child.name
+        for (parent, slot), child in self.lost.items():
+            if child in self.robots and (parent, slot) not in self._offered:
+                self._offered.add((parent, slot))
+                self.tell(f"re-bond {parent}.{slot} to {child}? ⏎ on either of them", "warning", now, parent)
+        self._offered &= self.lost.keys()
 
     # -- what is asked -----------------------------------------------------------------------------
 
@@ -441,6 +497,15 @@ class Store:
         if state:
             return state.bond.name if state.bond else state.caller if state.busy else ""
         return robot.bond.parent.name if robot and robot.bond else ""
+
+    def rebond(self, name: str) -> tuple[str, str, str] | None:
+        """Return parent, slot and child of a bond of this robot that was lost and can be made again."""
+        places = ((*place, child) for place, child in self.lost.items() if child in self.robots)
+        return next((one for one in places if name in {one[0], one[2]}), None)
+
+    def decline(self, parent: str, slot: str) -> None:
+        """A person does not want a lost bond to be made again."""
+        self.lost.pop((parent, slot), None)
 
     def old(self, name: str, now: float) -> bool:
         """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""

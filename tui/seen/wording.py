@@ -108,6 +108,12 @@ def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
     return [(str(name), f"{value(part)} {units.get(name, '')}".rstrip()) for name, part in parts.items()]
 
 
+def kind(words: str, attributes: Mapping[str, str]) -> str:
+    """Return a kind, and what its controller says that it moves: `Arm (sim)`, `Arm (real)`."""
+    told = {"yes": " (sim)", "no": " (real)"}
+    return words + told.get(attributes.get("simulated", ""), "")
+
+
 def summary(doc: str) -> str:
     """Return the first sentence-line of a documentation."""
     return doc.strip().partition("\n")[0]

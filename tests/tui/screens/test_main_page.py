@@ -148,7 +148,7 @@ async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, oper
     async with operate(realm.fleet) as operator:
         await operator.sees("An arm of paper")
         await operator.press("d")
-        await operator.sees("arm-1 stands for a real robot")
+        await operator.sees("arm-1 stands for a robot: end its proxy")
         await operator.press("r")
         await operator.sees("arm-1 holds nobody")
         await operator.press("R")

@@ -24,6 +24,7 @@ from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.still import Still
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.tui.seen.rows import ORDERS, Order, Seat, family, listed
+from robotree.tui.seen.store import Weight
 
 PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
 """What has the focus in each pane, by the verb that brings it to the front."""
@@ -83,6 +84,10 @@ class MainPage(Page):
         """Begin with all robots, as a tree."""
         super().__init__()
         self.order: Order = "tree"
+        self.level: Weight = "good"
+        """What is less important is left out of the log."""
+        self.filters: dict[str, str] = {}
+        """Letters that a pane is filtered by."""
         self._family: tuple[int, tuple[Seat, ...]] = (-1, ())
         self._shown: tuple[Seat, ...] = ()
 
@@ -120,13 +125,21 @@ class MainPage(Page):
 
     def title_of_page(self) -> str:
         """Return the pane's name, how it is sorted, and what it is filtered by."""
-        letters = self.query_one(Prompt).letters
-        title = self.pane
+        letters, title = self.filters.get(self.pane, ""), self.pane
         if self.pane == FIRST and self.order != "tree":
             title += f" by {self.order}"
+        if self.pane == "log" and self.level != "good":
+            title += f"  {self.level}s" + (" and errors" if self.level == "warning" else "")
+        if letters:
+            title += f"  /{letters}"
         if self.pane == FIRST and letters:
-            title += f"  /{letters}  {len(self._shown)} of {len(self._family[1])}"
+            title += f"  {len(self._shown)} of {len(self._family[1])}"
         return title
+
+    @property
+    def shown(self) -> tuple[Seat, ...]:
+        """The robots that the list shows, in their order."""
+        return self._shown
 
     @property
     def place(self) -> Place:
@@ -144,6 +157,7 @@ class MainPage(Page):
     def show_pane(self, name: str) -> None:
         """Bring a pane to the front."""
         self.query_one("#panes", ContentSwitcher).current = _pane_id(name)
+        self.query_one(Prompt).letters = self.filters.get(name, "")
         self._focus_pane()
         self.draw()
         self.refresh_bindings()
@@ -178,6 +192,12 @@ class MainPage(Page):
         """Give the whole page to the list, and back."""
         self.toggle_class("-all")
 
+    def raise_level(self) -> None:
+        """Leave more out of the log: all, warnings and errors, errors."""
+        levels: tuple[Weight, ...] = ("good", "warning", "error")
+        self.level = levels[(levels.index(self.level) + 1) % len(levels)]
+        self.show_pane("log")
+
     def mark(self, name: str) -> None:
         """Mark a robot, or take its mark away, and go on to the next one."""
         if not name:
@@ -205,11 +225,10 @@ class MainPage(Page):
 
     def action_clear_filter(self) -> None:
         """Show everything again; from another pane, back to the robots."""
-        prompt = self.query_one(Prompt)
-        if self.pane != FIRST:
+        if self.filters.pop(self.pane, ""):
+            self.query_one(Prompt).letters = ""
+        elif self.pane != FIRST:
             self.show_pane(FIRST)
-        elif prompt.letters:
-            prompt.letters = ""
         else:
             self.unmark()
         self.draw()
@@ -231,6 +250,7 @@ class MainPage(Page):
 
     @on(Prompt.Filtered)
     def _filtered(self) -> None:
+        self.filters[self.pane] = self.query_one(Prompt).letters
         self.draw()
 
     @on(Prompt.Left)
@@ -245,7 +265,7 @@ class MainPage(Page):
         if self._family[0] != store.family:
             self._family = (store.family, family(store))
         seats = self._family[1]
-        letters = self.query_one(Prompt).letters
+        letters = self.filters.get(FIRST, "")
         if self.order == "tree" and not letters.strip():
             return seats
         return listed(store, seats, now, order=self.order, letters=letters)
@@ -264,7 +284,9 @@ class MainPage(Page):
             self._draw_selected(now)
         elif self.pane == "views":
             self.query_one(ViewsPane).draw()
-        self.query_one(HappeningLog).draw(app.store, now, self.wall())
+        self.query_one(HappeningLog).draw(
+            app.store, now, self.wall(), letters=self.filters.get("log", ""), level=self.level
+        )
         last = self.query_one(LastLines)
         last.display = self.pane != "log"
         last.draw(app.store, now, self.wall())
@@ -279,7 +301,7 @@ class MainPage(Page):
 
     def _draw_empty(self) -> None:
         """Say what emptiness means, over the list: one that is hidden would lose the focus."""
-        empty, letters = self.query_one("#empty", Still), self.query_one(Prompt).letters
+        empty, letters = self.query_one("#empty", Still), self.filters.get(FIRST, "")
         nothing = self.pane == "robots" and not self._shown
         empty.display = nothing
         if nothing:

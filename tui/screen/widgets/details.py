@@ -40,6 +40,9 @@ class Details(Still):
             self._line(text, "about", Text(wording.summary(listing.doc) if listing else ""))
             self.show(text)
             return
+        if lost := store.rebond(name):
+            words = Text("re-bond {}.{} to {}? ⏎".format(*lost), tint(self.app, "warning"))
+            self._line(text, "next", words)
         self._readings(text, store, name, now)
         self._lease(text, store, robot, now)
         self._slots(text, robot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 from rich.text import Text
 from textual.events import Resize
@@ -10,7 +11,13 @@ from textual.widgets import RichLog
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import tint, weigh
-from robotree.tui.seen.store import Store
+from robotree.tui.seen import matching
+from robotree.tui.seen.store import Store, Weight
+
+CLOCK = "%Y-%m-%d %H:%M:%S"
+
+LEVELS: Mapping[Weight, int] = {"good": 0, "plain": 0, "warning": 1, "error": 2}
+"""How important a happening is."""
 
 
 class HappeningLog(Fenced, RichLog):
@@ -24,6 +31,8 @@ class HappeningLog(Fenced, RichLog):
         """Make an empty log, without markup."""
         super().__init__(id=id, markup=False, highlight=False, wrap=True, max_lines=500)
         self._last: object = None
+        self._asked: tuple[str, Weight] = ("", "good")
+        """The filter and the level that it was drawn with."""
         self._scrolled_up = False
         """A person reads what is older: nothing may pull that away."""
 
@@ -51,21 +60,32 @@ class HappeningLog(Fenced, RichLog):
         if not self._scrolled_up:
             self.scroll_end(animate=False, x_axis=False)
 
-    def draw(self, store: Store, now: float, wall: float) -> None:
-        """Append what is new.
+    def draw(
+        self, store: Store, now: float, wall: float, *, letters: str = "", level: Weight = "good"
+    ) -> None:
+        """Append what is new; begin anew when something else is asked for.
 
         Args:
             store: what happened.
             now: [s] on the store's clock.
             wall: [s] since 1970, at the same moment.
+            letters: of a filter (`matching`): `name:` is the robot, `state:` the weight.
+            level: what is less important is left out.
         """
+        if (letters, level) != self._asked:
+            self._asked, self._last = (letters, level), None
+            self.clear()
         happenings = list(store.happenings)
         start = next((i + 1 for i in range(len(happenings) - 1, -1, -1) if happenings[i] is self._last), 0)
-        for happening in happenings[start:]:
-            clock = time.strftime("%H:%M:%S", time.localtime(wall - (now - happening.at)))
-            line = weigh(self.app, happening.weight, happening.text)
-            self.write(
-                Text.assemble((f"{clock}  ", tint(self.app, "muted")), line), scroll_end=not self._scrolled_up
+        wanted = matching.terms(letters)
+        for one in happenings[start:]:
+            said = {"name": one.robot, "state": one.weight, "text": one.text}
+            if LEVELS[one.weight] < LEVELS[level] or not matching.matches(wanted, said):
+                continue
+            clock = time.strftime(CLOCK, time.localtime(wall - (now - one.at)))
+            line = Text.assemble(
+                (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, one.text)
             )
+            self.write(line, scroll_end=not self._scrolled_up)
         if happenings:
             self._last = happenings[-1]

@@ -8,6 +8,7 @@ from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.screen.widgets.marks import block, tint
 from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store
 
 
@@ -43,12 +44,20 @@ class Banner(Still):
     """What one must not overlook; not there when there is nothing."""
 
     def draw(self, store: Store) -> None:
-        """Draw the banner, or take it away."""
-        lines: list[str] = []
+        """Draw the banner, or take it away: first who may still move, then who has stopped."""
+        lines: list[Text] = []
+        stop = store.stop
+        if stop and stop.open:
+            told = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
+            lines.append(Text(f" ■ NOT CONFIRMED: {told} ", block(self.app)))
         if store.stopped:
-            names = ", ".join(store.stopped)
-            lines.append(f"■ PROTECTIVE STOP: {names} — {spell(BY_VERB['resume'].key)} resumes")
+            took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
+            names = ", ".join(seen(name) for name in store.stopped)
+            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {spell(BY_VERB['resume'].key)} resumes"))
         if store.orphaned:
-            lines.append("✗ STALE: no lookup service is left; the lists may be old, known robots still obey")
+            stale = "✗ STALE: no lookup service is left; the lists may be old, known robots still obey"
+            lines.append(Text(stale))
         self.display = bool(lines)
-        self.show(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"))
+        for line in lines:
+            line.truncate(max(self.size.width or self.app.size.width - 2, 1), overflow="ellipsis")
+        self.show(Text("\n", no_wrap=True).join(lines))

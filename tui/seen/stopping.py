@@ -1,0 +1,49 @@
+"""One protective stop that was asked for here: who has confirmed it and how soon, and who has not. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+ASKED = "asked, no answer yet"
+
+
+@dataclass(slots=True)
+class StopRound:
+    """What came back of one stop."""
+
+    asked: float
+    """[s] when it was asked for."""
+    open: dict[str, str] = field(default_factory=dict[str, str])
+    """Why, by the name of each robot that has not confirmed it."""
+    confirmed: dict[str, float] = field(default_factory=dict[str, float])
+    """[s] that it took, by the name of each robot that has."""
+
+    @classmethod
+    def begin(cls, names: Iterable[str], now: float) -> StopRound:
+        """Ask these robots."""
+        return cls(now, dict.fromkeys(sorted(names), ASKED))
+
+    def confirm(self, name: str, now: float) -> None:
+        """Take that a robot stands."""
+        self.open.pop(name, None)
+        self.confirmed.setdefault(name, now - self.asked)
+
+    def end(self, told: Iterable[str], untold: Mapping[str, str], now: float) -> None:
+        """Take what came of the asking: who has confirmed, and why the others have not.
+
+        Who is in neither was not there to be asked.
+        """
+        for name in told:
+            if name not in untold:
+                self.confirm(name, now)
+        self.open = {name: why for name, why in untold.items() if name not in self.confirmed}
+
+    def dismiss(self, name: str) -> None:
+        """Leave out a robot of which a person says that it is settled."""
+        self.open.pop(name, None)
+
+    @property
+    def longest(self) -> float:
+        """[s] until the last one of those that have confirmed had."""
+        return max(self.confirmed.values(), default=0.0)
