@@ -7,7 +7,7 @@ at the keyboard or in a session script.
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal
       SessionError    BadScript
       ValueRefused    (also ValueError)
-      NothingToAsk · OldList · DemoRuns · MemberFailed · Interrupted
+      NothingToAsk · OldList · SomeHang · DemoRuns · MemberFailed · Interrupted
 """
 
 from __future__ import annotations
@@ -114,6 +114,16 @@ class OldList(SupervisorError):
         super().__init__(
             "no lookup service answers; this list may be old; start one with `robotree lookup lookup-1`"
         )
+
+
+class SomeHang(SupervisorError):
+    """Some robots live in processes that answer nobody: what is shown of them is not how they are."""
+
+    def __init__(self, hanging: Sequence[tuple[str, str, str]]) -> None:
+        """Keep name, place and remedy of each."""
+        self.hanging = tuple(hanging)
+        told = "; ".join(f"{name} hangs in {where}: {remedy}" for name, where, remedy in hanging)
+        super().__init__(f"not all answer, and those may still move: {told}")
 
 
 class DemoRuns(SupervisorError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotree.tui.errors import BadScript, NothingToAsk, OldList, UsageError, ValueRefused
+from robotree.tui.errors import BadScript, NothingToAsk, OldList, SomeHang, UsageError, ValueRefused
 
 DONE = 0
 REFUSED = 1
@@ -29,6 +29,6 @@ def code_of(error: Exception) -> int:
         return USAGE
     if isinstance(error.__cause__, BadUrl):  # a room's own sentence about an address
         return USAGE
-    if isinstance(error, NothingToAsk | OldList | Hanging | TransportError):
+    if isinstance(error, NothingToAsk | OldList | SomeHang | Hanging | TransportError):
         return NOBODY
     return REFUSED

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
+from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
@@ -98,6 +99,24 @@ async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
     await do(realm, "cancel arm-1")
     with pytest.raises(VrError, match="cancelled"):
         await running
+
+
+async def test_ls_and_tree_show_who_hangs_and_the_exit_code_tells(realm: Realm) -> None:
+    realm.network.lease = 0.2
+    realm.network.freeze(realm.members["rover-1"])
+    await until(lambda: len(realm.fleet.directory.present("robot")) == 1, "it is silent")
+    listed = await do(realm, "ls")
+    assert {one["address"]["name"]: one["state"] for one in listed.data} == {
+        "arm-1": "free",
+        "rover-1": "HANGS (rover-1)",
+    }
+    assert listed.doubt is not None
+    assert code_of(listed.doubt) == NOBODY
+    assert "rover-1 hangs in rover-1: thaw rover-1" in str(listed.doubt)
+    drawn = await do(realm, "tree")
+    assert "rover-1  HANGS (rover-1)" in drawn.text
+    assert drawn.doubt is not None
+    realm.network.thaw(realm.members["rover-1"])
 
 
 async def test_show_tells_readings_without_waiting_for_the_next_state(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from robotree.files import overwrite
-from robotree.tui.errors import OldList, SupervisorError
+from robotree.tui.errors import OldList, SomeHang, SupervisorError
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, mood, unlisted, wording
@@ -81,8 +81,46 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         found = fleet.views() if what == "view" else fleet.robots()
     if what == "view":
         return _listed(found, what, doubt)
+    hanging = await _hanging(fleet)
     told = {robot.name: mood.words(robot, robot.slots) for robot in await fleet.tree()}
-    return _listed(found, what, doubt, {one.name: told.get(one.name, MUTE) for one in found})
+    told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
+    names = {one.name for one in found}
+    found = [*found, *(_unknown(name) for name in hanging if name not in names)]
+    return _listed(
+        found, what, doubt or _some_hang(hanging), {one.name: told.get(one.name, MUTE) for one in found}
+    )
+
+
+SECOND_LOOK = 0.3
+"""[s] after which somebody who looks as if it hung is looked at again: it may only be on its way."""
+
+
+async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
+    """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
+    import asyncio
+
+    from robotree.vr.address import Address
+
+    first = {one.key for one in await fleet.silent()}
+    if not first:
+        return {}
+    await asyncio.sleep(SECOND_LOOK)
+    still = [(Address.parse(one.key), one) for one in await fleet.silent() if one.key in first]
+    return {
+        address.name: (one.where, one.remedy) for address, one in still if address and address.role == "robot"
+    }
+
+
+def _some_hang(hanging: Mapping[str, tuple[str, str]]) -> SomeHang | None:
+    return SomeHang([(name, *how) for name, how in sorted(hanging.items())]) if hanging else None
+
+
+def _unknown(name: str) -> Listing:
+    """Return a listing of a robot of which nobody can say what it is."""
+    from robotree.vr.address import Address
+    from robotree.vr.description import Listing
+
+    return Listing(address=Address("robot", name, ""), kinds=("?",))
 
 
 MUTE = "does not answer"
@@ -96,24 +134,32 @@ def _listed(
     states: Mapping[str, str] | None = None,
 ) -> Outcome:
     """Return a list; one in doubt says so in each line, for lines are what programs and people cut out."""
-    extra = {"stale": True} if doubt else {}
-    mark = ("stale",) if doubt else ()
+    old = isinstance(doubt, OldList)
+    extra = {"stale": True} if old else {}
+    mark = ("stale",) if old else ()
     data: list[dict[str, Any]] = []
     about = ["STATE", "LINK"] if states else []
-    rows = [("NAME", "KIND", *about, "HOST", *(["LISTED"] if doubt else []), "ABOUT")]
+    rows = [("NAME", "KIND", *about, "HOST", *(["LISTED"] if old else []), "ABOUT")]
     for one in sorted(listings, key=lambda one: one.name):
         state = {"state": states[one.name], "link": one.link} if states else {}
         data.append({**plain(one), **state, **extra})
         cells = (value or "-" for value in (*state.values(), one.host))
         rows.append((one.name, one.kind, *cells, *mark, wording.summary(one.doc)))
-    text = wording.columns(rows) if data else f"no {what} is {'known' if doubt else 'listed'}"
+    text = wording.columns(rows) if data else f"no {what} is {'known' if old else 'listed'}"
     return Outcome(data, text, doubt)
 
 
 async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     """Show who commands whom."""
+    hanging = await _hanging(fleet)
     roots = forest.forest(await fleet.tree())
-    return Outcome([forest.structure(root) for root in roots], forest.drawing(roots) or "no robot is running")
+    lost = [
+        {"name": name, "kind": "", "state": f"HANGS ({where})", "children": []}
+        for name, (where, _) in hanging.items()
+    ]
+    lines = [forest.drawing(roots), *(f"{name}  HANGS ({where})" for name, (where, _) in hanging.items())]
+    text = "\n".join(filter(None, lines)) or "no robot is running"
+    return Outcome([*map(forest.structure, roots), *lost], text, _some_hang(hanging))
 
 
 async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:

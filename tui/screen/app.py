@@ -40,7 +40,7 @@ from robotree.tui.screen.unasked import LINES, Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
-from robotree.tui.seen.mood import span
+from robotree.tui.seen.mood import took
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.errors import NotConfirmed, VrError
@@ -253,7 +253,7 @@ class Supervisor(Fenced, Unasked[int]):
 
     def _took(self, robot: str, began: float) -> str:
         """Say how long a command took that began at this moment [s]; other verbs take no time."""
-        return f" after {span(self.now() - began)}" if robot else ""
+        return f" after {took(self.now() - began)}" if robot else ""
 
     def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
         """Keep who has confirmed a stop and who has not, until it is resumed."""

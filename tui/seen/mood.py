@@ -19,6 +19,8 @@ MOODS: tuple[Mood, ...] = get_args(Mood)
 CALM: frozenset[Mood] = frozenset({"free", "enslaved"})
 """Moods that need no word beside a robot that is drawn in its place."""
 
+SHORT = 10.0
+"""[s] below which tenths of a second count."""
 LONG = 120.0
 """[s] from which on a time is told in minutes."""
 
@@ -86,6 +88,11 @@ def span(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = seconds / 60
     return f"{minutes:.0f} min" if minutes < LONG else f"{minutes / 60:.0f} h"
+
+
+def took(seconds: float) -> str:
+    """Write how long something took: `0.3 s`, `12 s`, `3 min`."""
+    return f"{seconds:.1f} s" if seconds < SHORT else span(seconds)
 
 
 def doing(

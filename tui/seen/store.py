@@ -367,7 +367,7 @@ class Store:
         if before.busy and name in self._elsewhere:
             self._elsewhere.discard(name)
             self.tell(
-                f"{name}.{before.busy} has ended, asked for elsewhere, after {mood.span(seconds)}",
+                f"{name}.{before.busy} has ended, asked for elsewhere, after {mood.took(seconds)}",
                 "plain",
                 now,
                 name,

@@ -1,0 +1,221 @@
+"""What may never happen: a wrong target, a robot out of sight, old readings that look live."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.enslave import EnslaveDialog
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.details import Details
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.seen import store as stores
+from robotree.tui.seen.mood import MOODS
+from robotree.vr import Robot
+
+if TYPE_CHECKING:
+    import pytest
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+
+async def known(operator: Operator, *names: str) -> None:
+    await operator.until(lambda: set(names) <= operator.app.store.descriptions.keys(), str(names))
+    await operator.until(lambda: set(names) <= set(operator.one(RobotTable).names), str(names))
+
+
+async def test_the_selection_stays_on_its_robot_when_it_is_enslaved(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await known(operator, "mover", "arm-1", "rover-1")
+        operator.app.choose("arm-1")
+        await operator.press("e")
+        await operator.at(EnslaveDialog)
+        await operator.press("enter")
+        await operator.at(MainPage)
+        await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is enslaved")
+        await operator.sees("└ arm: arm-1")
+        assert operator.app.selection.name == operator.one(RobotTable).selected == "arm-1"
+
+
+async def test_the_selection_goes_to_what_was_just_made_and_a_hasty_key_is_refused(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1", "rover-1")
+        operator.app.choose("rover-1")
+        times = [operator.app.now()]
+        operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
+        await operator.obey("create examples/move_to.py as mover")
+        await operator.until(lambda: operator.app.selection.name == "mover", "it is selected")
+        for key in ("d", "enter", "c", "r"):
+            operator.burst({"enter": "\r"}.get(key, key), at=times[0] + 0.3)
+            await operator.sees("the selection has just gone from rover-1 to mover: press again")
+            assert isinstance(operator.app.screen, MainPage), key
+        times[0] += 0.6
+        operator.burst("d", at=times[0])
+        await operator.at(Confirm)
+        await operator.sees("delete mover?")
+
+
+async def test_when_its_robot_leaves_nobody_commands_the_next_one_by_mistake(
+    realm: Realm, operate: Operate
+) -> None:
+    late = await realm.robot(Robot("late-1"))
+    async with operate(realm.fleet) as operator:
+        await known(operator, "late-1", "rover-1")
+        operator.app.choose("late-1")
+        times = [operator.app.now()]
+        operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
+        await late.close()
+        await operator.until(lambda: operator.app.selection.name == "rover-1", "its neighbour")
+        operator.burst("\r", at=times[0] + 0.2)
+        await operator.sees("the selection has just gone from late-1 to rover-1: press again")
+        times[0] += 1.0
+        operator.burst("\r", at=times[0])
+        page = await operator.at(PanelPage)
+        assert page.robot.name == "rover-1"
+
+
+async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1", "rover-1")
+        operator.app.choose("rover-1")
+        realm.network.freeze(realm.members["rover-1"])
+        await operator.sees("✗ HANGS (pid rover-1)", "its process hangs", "thaw rover-1")
+        assert "left the list" not in operator.text
+        await operator.press("enter")
+        await operator.sees("rover-1 hangs: thaw rover-1")
+        realm.network.thaw(realm.members["rover-1"])
+        await operator.sees("rover-1 (Rover) answers again")
+        await operator.until(lambda: "HANGS" not in operator.text, "it is as before")
+        await operator.press("D")
+        await operator.sees("rover-1 is there: only who hangs or has gone can be dismissed")
+        realm.network.kill(realm.members["rover-1"])
+        await operator.sees("✗ GONE", "its process has gone")
+        await operator.press("D")
+        await operator.sees("rover-1 is off the list")
+        await operator.until(lambda: operator.one(RobotTable).names == ["arm-1"], "dismissed")
+
+
+async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1", "rover-1")
+        realm.network.freeze(realm.members["rover-1"])
+        await operator.sees("HANGS")
+        await operator.press("space")
+        await operator.sees(
+            "■ NOT CONFIRMED: rover-1 (in rover-1, which hangs)", "■ PROTECTIVE STOP: arm-1  after 0."
+        )
+        lines = operator.text.splitlines()
+        first, second = (
+            next(i for i, line in enumerate(lines) if word in line) for word in ("NOT CONF", "PROTECT")
+        )
+        assert first < second
+        realm.network.thaw(realm.members["rover-1"])
+        await operator.until(lambda: "HANGS" not in operator.text, "it is awake")
+        await realm.fleet.stop("rover-1")
+        await operator.until(lambda: "NOT CONFIRMED" not in operator.text, "it is settled")
+        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+        await operator.press("R")
+        await operator.at(Confirm)
+        await operator.press("right", "enter")
+        await operator.until(lambda: operator.app.store.stop is None, "resumed")
+        await operator.until(lambda: "PROTECTIVE" not in operator.text, "the banner goes")
+
+
+async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.fleet, size=(120, 40)) as operator:
+        await known(operator, "arm-1")
+        operator.app.choose("arm-1")
+        await operator.sees("z 0.400 m")
+        assert " old" not in str(operator.one(Details)._shown)
+        monkeypatch.setattr(stores, "SILENCE", -1.0)
+        await operator.sees("◌ silent", " s old")
+        bright = [
+            span
+            for span in operator.one(Details)._shown.spans
+            if "0.400" in operator.one(Details)._shown.plain[span.start : span.end]
+        ]
+        assert all(span.style for span in bright), "dimmed"
+
+
+async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet) as operator:
+        await known(operator, "mover", "arm-1")
+        operator.app.choose("mover")
+        realm.network.kill(realm.members["arm-1"])
+        await operator.sees("its process has gone", "○ needs arm: Arm (e)")
+        await realm.robot(type(realm.arm)("arm-1"))
+        await operator.sees("re-bond mover.arm to arm-1? ⏎")
+        await operator.press("enter")
+        await operator.at(EnslaveDialog)
+        await operator.press("enter")
+        await operator.at(MainPage)
+        await operator.sees("└ arm: arm-1", "mover.arm commands arm-1")
+
+
+async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, operate: Operate) -> None:
+    for name in ("a-1", "a-2", "a-10"):
+        await realm.create("move_to.py", name)
+    async with operate(realm.fleet) as operator:
+        await known(operator, "a-1", "a-2", "a-10")
+        assert operator.one(RobotTable).names[:3] == ["a-1", "a-2", "a-10"], "in natural order"
+        await operator.press("home", "m", "m")
+        await operator.sees("*a-1", "*a-2")
+        await operator.press("d")
+        await operator.at(Confirm)
+        await operator.sees("delete 2 marked robots?", "a-1, a-2")
+        await operator.press("right", "enter")
+        await operator.until(
+            lambda: set(operator.app.store.robots) == {"a-10", "arm-1", "rover-1"}, "deleted"
+        )
+        assert not operator.app.marks
+
+
+async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1", "rover-1")
+        await realm.fleet.stop("rover-1")
+        await operator.press("s", "s", "s")
+        await operator.sees("robots by state")
+        await operator.until(
+            lambda: operator.one(RobotTable).names == ["rover-1", "arm-1"], "the worst first"
+        )
+        await operator.press("t")
+        await operator.until(lambda: operator.one(RobotTable).names == ["arm-1", "rover-1"], "as a tree")
+
+
+async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await known(operator, "arm-1")
+        await operator.obey("call arm-1.get_info")
+        await operator.press("escape")
+        await operator.obey("call arm-1.stumble")
+        await operator.obey("call arm-1.hold")
+        await operator.sees("arm-1.hold is done after ")
+        await operator.press("g", "L", "L")
+        await operator.sees("log  errors", "a stone")
+        await operator.until(lambda: "hold is done" not in operator.text, "only errors")
+        await operator.press("L", "slash")
+        await operator.type("!stone")
+        await operator.press("enter")
+        await operator.until(lambda: "a stone" not in operator.text, "filtered")
+        await operator.sees("hold is done", "log  /!stone")
+        await operator.press("l")
+        await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
+
+
+async def test_every_mood_has_a_sign() -> None:
+    from robotree.tui.screen.widgets import marks
+
+    assert set(marks.MOODS) == set(MOODS)
+    assert (
+        len({sign for mood, (sign, _) in marks.MOODS.items() if mood not in {"hangs", "gone"}})
+        == len(MOODS) - 2
+    )
