@@ -315,7 +315,7 @@ ACTIONS: tuple[Action, ...] = (
         "Sort the robots by the next column: name, kind, state, by, host.",
         SCREEN,
         where=SHOWN,
-        key="s",
+        key="S",
     ),
     Action("wide", "Give the whole page to the list, and back.", SCREEN, where=SHOWN, key="w"),
     Action(

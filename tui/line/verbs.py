@@ -153,7 +153,7 @@ async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
     """Show who commands whom."""
     hanging = await _hanging(fleet)
     roots = forest.forest(await fleet.tree())
-    lost = [
+    lost: list[dict[str, Any]] = [
         {"name": name, "kind": "", "state": f"HANGS ({where})", "children": []}
         for name, (where, _) in hanging.items()
     ]

@@ -32,7 +32,7 @@ async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
         await operator.press("n")
         await operator.sees("something went wrong in here, not in the robots: RuntimeError('a mistake [/x]')")
         monkeypatch.undo()
-        await operator.press("s")
+        await operator.press("S")
         await operator.sees("robots by name")
         assert len(operator.app.mended) == 1
 

@@ -182,7 +182,7 @@ async def test_the_list_is_sorted_by_key(realm: Realm, operate: Operate) -> None
     async with operate(realm.fleet) as operator:
         await known(operator, "arm-1", "rover-1")
         await realm.fleet.stop("rover-1")
-        await operator.press("s", "s", "s")
+        await operator.press("S", "S", "S")
         await operator.sees("robots by state")
         await operator.until(
             lambda: operator.one(RobotTable).names == ["rover-1", "arm-1"], "the worst first"
