@@ -84,8 +84,8 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     hanging = await _hanging(fleet)
     told = {robot.name: mood.words(robot, robot.slots) for robot in await fleet.tree()}
     told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
-    names = {one.name for one in found}
-    found = [*found, *(_unknown(name) for name in hanging if name not in names)]
+    known = {one.name for one in found}
+    found = [*found, *(_unknown(name) for name in hanging if name not in known)]
     return _listed(
         found, what, doubt or _some_hang(hanging), {one.name: told.get(one.name, MUTE) for one in found}
     )

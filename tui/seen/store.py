@@ -422,10 +422,13 @@ class Store:
                     self.lost.pop(place, None)
                 elif slot.lost and held and held.child:
                     self.lost[place] = held.child.name
-        for (parent, slot), child in self.lost.items():
-            if child in self.robots and (parent, slot) not in self._offered:
-                self._offered.add((parent, slot))
-                self.tell(f"re-bond {parent}.{slot} to {child}? ⏎ on either of them", "warning", now, parent)
+        for place, child in self.lost.items():
+            if child in self.robots and place not in self._offered:
+                self._offered.add(place)
+                parent = place[0]
+                self.tell(
+                    f"re-bond {'.'.join(place)} to {child}? ⏎ on either of them", "warning", now, parent
+                )
         self._offered &= self.lost.keys()
 
     # -- what is asked -----------------------------------------------------------------------------
