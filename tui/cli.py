@@ -129,9 +129,21 @@ def _start(line: Line, *, readonly: bool) -> int:
 
             return wire.start(line)
         case verb:
-            from robotree.tui.line.shell import once
+            return _look(line, realm, readonly=readonly) if verb in {"info", "doctor"} else _ask(line, realm)
 
-            return _run(once(line, realm), listening=verb == "watch")
+
+def _ask(line: Line, realm: str) -> int:
+    """Carry out a verb over the robots of a realm."""
+    from robotree.tui.line.shell import once
+
+    return _run(once(line, realm), listening=line.verb == "watch")
+
+
+def _look(line: Line, realm: str, *, readonly: bool) -> int:
+    """Look at this machine, not at robots alone."""
+    from robotree.tui.diagnosis import doctor, info
+
+    return info.run(realm, readonly=readonly) if line.verb == "info" else doctor.run(line, realm)
 
 
 def _demo(line: Line, *, readonly: bool) -> int:

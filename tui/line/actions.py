@@ -55,6 +55,20 @@ ACTIONS: tuple[Action, ...] = (
         where=Where.SHELL,
         examples=("watch arm-1 --json",),
     ),
+    Action(
+        usage="info",
+        help="Print versions, paths, what the terminal can, and the realm.",
+        group=LOOK,
+        where=Where.SHELL,
+        examples=("info", "info --json"),
+    ),
+    Action(
+        usage="doctor [NAME]",
+        help="Say why a robot is not seen: each check with its result and what to do.",
+        group=LOOK,
+        where=Where.SHELL,
+        examples=("doctor", "doctor arm-1"),
+    ),
     # -- shape the tree
     Action(
         usage="create FILE as NAME [on HOST]",

@@ -67,7 +67,7 @@ def state_file(realm: str, name: str) -> Path | None:
 
     What was open to others, as earlier versions made it, is closed to them, and the user is told.
     """
-    top = _home() / "robotree"
+    top = state_home()
     try:
         opened = [folder for folder in (top, top / realm) if private_folder(folder)]
     except OSError:
@@ -77,5 +77,6 @@ def state_file(realm: str, name: str) -> Path | None:
     return top / realm / name
 
 
-def _home() -> Path:
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+def state_home() -> Path:
+    """Return the folder of all realms; looking makes nothing."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robotree"

@@ -50,6 +50,14 @@ def key_file(given: str, realm: str) -> Path | None:
     return realm_key(realm) if given == REALM else Path(given)
 
 
+def examined(path: Path) -> str:
+    """Say why a key file cannot be used; empty: it can."""
+    try:
+        return "" if Keyring(path).keys else f"{path} holds no key"
+    except KeyFileError as error:
+        return str(error)
+
+
 def realm_key(realm: str) -> Path:
     """Return the file with a realm's key; who comes first makes it, for all who come later.
 

@@ -1,0 +1,152 @@
+"""The doctor names the cause and the cure of each fault, before anybody is asked."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.cli import main
+from robotree.tui.diagnosis import agents, doctor, finding, machine, meeting
+from robotree.tui.diagnosis.finding import Finding
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.network.rendezvous import Rendezvous, runtime_directory
+
+pytestmark = pytest.mark.usefixtures("place")
+
+
+def robot(name: str, **more: object) -> RobotDescription:
+    return RobotDescription(address=Address("robot", name, "1"), kinds=("Arm", "Robot"), **more)  # type: ignore[arg-type] # any field
+
+
+def told(found: object) -> str:
+    return " ".join(f"{one.result} {one.remedy}" for one in found)  # type: ignore[attr-defined] # findings
+
+
+@pytest.mark.parametrize(
+    ("have", "wanted", "fit"),
+    [
+        ("1.10.2", ">=1.10.2,<1.11", True),
+        ("1.11.0", ">=1.10.2,<1.11", False),
+        ("4.0", ">=4.0,<5", True),
+        ("4", "==4.0", True),
+        ("0.4.9", ">=0.5", False),
+        ("2.4.6+local7", ">=2.4", True),
+        ("7", "", True),
+    ],
+)
+def test_a_version_is_within_bounds_or_not(have: str, wanted: str, *, fit: bool) -> None:
+    assert machine.fits(have, wanted) is fit
+
+
+def test_a_missing_package_is_named_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = {"zenoh": ("", ">=1"), "numpy": ("1.0", ">=2"), "pin": ("4.1", ">=4")}
+    monkeypatch.setattr(machine, "packages", lambda: known)
+    assert [one.grade for one in machine.installed()] == ["bad", "bad", "good"]
+    assert "zenoh is not installed `make setup` installs it" in told(machine.installed())
+
+
+def test_a_clock_that_is_far_behind_is_bad() -> None:
+    assert machine.clock(0.0).grade == "bad"
+    assert machine.clock(1_500_000_000.0).grade == "bad"
+    assert machine.clock().grade == "good"
+
+
+def test_a_folder_that_others_can_enter_is_named_with_its_mode() -> None:
+    assert "nobody is in realm 'x'" in told(meeting.folder("x"))
+    folder = runtime_directory() / "x"
+    folder.mkdir(parents=True, mode=0o700)
+    runtime_directory().chmod(0o700)
+    folder.chmod(0o755)
+    assert f"{folder} has mode 0755, not 0700 chmod 700 {folder}" in told(meeting.folder("x"))
+    folder.chmod(0o700)
+    assert finding.sound(meeting.folder("x"))
+    folder.rmdir()
+    folder.write_text("")
+    assert "is no folder" in told(meeting.folder("x"))
+
+
+def test_the_entry_of_a_dead_process_is_told_from_one_that_hangs() -> None:
+    with socket.socket(socket.AF_UNIX) as listening:
+        place = Rendezvous("x")
+        dead, hung = (place.directory / f"{pid}-0123abcd" for pid in (4_000_000, os.getpid()))
+        listening.bind(f"{hung}.sock")
+        listening.listen()
+        with socket.socket(socket.AF_UNIX) as gone:
+            gone.bind(f"{dead}.sock")
+        Path(f"{hung}.held").write_text("robot/arm-1/1\n")
+        Path(f"{hung}.beat").write_bytes(bytes(8))  # long ago
+        found = meeting.entries("x")
+        assert {(one.pid, one.condition) for one in found} == {(4_000_000, "dead"), (os.getpid(), "hangs")}
+        said = told(meeting.processes(found))
+        assert f"process {os.getpid()} (robot arm-1) has given no sign of life" in said
+        assert f"kill -KILL {os.getpid()}" in said
+        assert "process 4000000 (it has announced nothing) has died" in said
+        assert "arm-1 is in process" in told(agents.missed("arm-1", "x", {}, set(), found))
+        elsewhere = meeting.whereabouts("arm-1", "y")
+        assert elsewhere
+        assert elsewhere.remedy == "add --realm x"
+
+
+def test_why_a_robot_is_not_listed_is_said() -> None:
+    bond = BondSpec(parent=Address("robot", "mover", "1"), slot="arm", epoch=1, remaining=5.0)
+    robots = {"arm-1": robot("arm-1", bond=bond), "arm-2": robot("arm-2"), "arm-3": robot("arm-3")}
+    said = {name: told(agents.missed(name, "x", robots, {"arm-2"}, [])) for name in (*robots, "arm-4")}
+    assert "enslaved by mover.arm" in said["arm-1"]
+    assert "robotree release mover.arm" in said["arm-1"]
+    assert "lives, answers and is listed" in said["arm-2"]
+    assert "no lookup service lists it" in said["arm-3"]
+    assert "did you mean arm-" in said["arm-4"]
+
+
+def test_how_a_robot_is_comes_with_what_to_do() -> None:
+    slot = SlotSpec(name="arm", kind="Arm")
+    assert "lost the controller" in told(agents.condition(robot("a", online=False)))
+    assert "robotree resume a" in told(agents.condition(robot("a", stopped=True, stop_reason="the operator")))
+    assert "restart host h" in told(agents.condition(robot("a", abandoned=("turn",), host="h")))
+    assert "robotree enslave a.arm NAME, of a robot of kind Arm" in told(
+        agents.condition(robot("a", slots=(slot,)))
+    )
+    assert [one.grade for one in agents.condition(robot("a"))] == ["good"]
+
+
+def test_a_key_file_that_others_can_read_is_bad(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("ROBOTREE_KEY", raising=False)
+    assert doctor.keys().grade == "doubt"
+    monkeypatch.setenv("ROBOTREE_KEY", str(tmp_path / "none.key"))
+    assert doctor.keys().grade == "bad"
+    key = tmp_path / "a.key"
+    assert main(["wire", "key", str(key)]) == 0
+    monkeypatch.setenv("ROBOTREE_KEY", str(key))
+    assert doctor.keys().grade == "good"
+    key.chmod(0o644)
+    assert doctor.keys().grade == "bad"
+
+
+def test_the_verdict_is_the_exit_code_and_plain_data(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "arm-1", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["ok"] is False
+    assert {"python", "packages", "clock", "terminal", "state", "keys", "folder"} <= {
+        one["check"] for one in data["checks"]
+    }
+    assert finding.sound([Finding("a", "good", ""), Finding("b", "doubt", "")])
+    assert main(["doctor"]) == 1
+    assert "→ start something, for example `robotree demo`" in capsys.readouterr().out
+    assert list(runtime_directory().parent.iterdir()) == [], "looking makes nothing"
+
+
+def test_info_tells_versions_paths_terminal_and_realm(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "--json", "--realm", "x"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["realm"]["name"] == "x"
+    assert data["paths"]["realm"] == str(runtime_directory() / "x")
+    assert {"type", "size", "colours", "encoding"} <= data["terminal"].keys()
+    assert data["versions"]["packages"]["textual"]
+    assert main(["info"]) == 0
+    said = capsys.readouterr().out
+    assert all(group in said for group in ("versions", "paths", "terminal", "environment"))

@@ -1,0 +1,104 @@
+"""Checks of the agents of a realm: how each robot is, and why one of a certain name is not listed."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from robotree.tui.diagnosis import meeting
+from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.processes.realm import joined
+from robotree.tui.seen import mood
+
+if TYPE_CHECKING:
+    from robotree.vr.description import RobotDescription
+
+
+async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> list[Finding]:
+    """Ask all robots how they are.
+
+    Args:
+        realm: whose folder is sound.
+        name: of a robot that somebody misses; empty: none.
+        entries: the realm's processes.
+    """
+    async with joined(realm) as fleet:
+        robots = {robot.name: robot for robot in await fleet.tree()}
+        listed = {one.name for one in fleet.robots()}
+    found = [finding for robot in robots.values() for finding in condition(robot)]
+    if not robots:
+        found.append(
+            Finding("robots", "doubt", "no robot answers", "robotree proxy arm arm-1 --connect tcp:HOST:PORT")
+        )
+    if name:
+        found += missed(name, realm, robots, listed, entries)
+    return found
+
+
+def condition(robot: RobotDescription) -> Iterator[Finding]:
+    """Say how a robot is, and what to do where it cannot be commanded."""
+    kind = mood.mood(robot, robot.slots)
+    told = f"{robot.name} ({robot.kind}) is {mood.words(robot)}"
+    match kind:
+        case "offline":
+            remedy = "its proxy has lost the controller: look whether that runs and at the link between them"
+            yield Finding("robots", "bad", told, remedy)
+        case "stopped":
+            reason = f": {robot.stop_reason}" if robot.stop_reason else ""
+            yield Finding("robots", "doubt", told + reason, f"when it is safe: robotree resume {robot.name}")
+        case "abandoned":
+            host = f"host {robot.host}" if robot.host else "its process"
+            remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
+            yield Finding("robots", "bad", told, remedy)
+        case "needs":
+            slot = next(one for one in robot.slots if one.child is None)
+            remedy = f"robotree enslave {robot.name}.{slot.name} NAME, of a robot of kind {slot.kind}"
+            yield Finding(
+                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {mood.needs(robot.slots)}", remedy
+            )
+        case _:
+            yield Finding("robots", "good", told)
+
+
+def missed(
+    name: str,
+    realm: str,
+    robots: Mapping[str, RobotDescription],
+    listed: set[str],
+    entries: Sequence[meeting.Entry],
+) -> Iterator[Finding]:
+    """Say why a robot is not seen."""
+    holders = [one for one in entries if any(each.name == name for each in one.holds)]
+    robot = robots.get(name)
+    if robot is not None and robot.bond is not None:
+        parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
+        told = f"{name} lives and is enslaved by {parent}: it is in `robotree tree`, not in `robotree ls`"
+        yield Finding("robot", "good", told, f"to command it yourself: robotree release {parent}")
+    elif robot is not None and name in listed:
+        yield Finding("robot", "good", f"{name} lives, answers and is listed")
+    elif robot is not None:
+        yield Finding(
+            "robot", "bad", f"{name} lives and answers, but no lookup service lists it",
+            "start one if there is none: robotree lookup lookup-1; else it is listed within 2 s",
+        )  # fmt: skip
+    elif holders:
+        one = holders[0]
+        told = (
+            f"{name} is in {one.who}, which {'is stopped' if one.condition == 'stopped' else one.condition}"
+        )
+        wake = (
+            f"kill -CONT {one.pid}"
+            if one.condition == "stopped"
+            else f"kill -KILL {one.pid}, and start it again"
+        )
+        yield Finding("robot", "bad", f"{told} and does not answer", wake)
+    elif elsewhere := meeting.whereabouts(name, realm):
+        yield elsewhere
+    else:
+        near = difflib.get_close_matches(name, robots, n=2)
+        meant = f"did you mean {' or '.join(near)}? Else " if near else ""
+        yield Finding(
+            "robot", "bad", f"no process of this user's realms is {name}",
+            f"{meant}look whether its proxy or its host runs, on this machine and as the same user",
+        )  # fmt: skip

@@ -1,0 +1,67 @@
+"""`robotree doctor [NAME]`: each check with its result and what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import stat
+from pathlib import Path
+
+from robotree.tui import exit_codes
+from robotree.tui.diagnosis import agents, finding, machine, meeting
+from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.line.grammar import Line
+from robotree.tui.processes.state_files import state_home
+from robotree.tui.terminal import answer
+from robotree.tui.wire.security import NOTHING, REALM, VARIABLE, examined
+from robotree.vr.errors import VrError
+
+
+def run(line: Line, realm: str) -> int:
+    """Carry out all checks and tell what they have found.
+
+    Returns:
+        The exit code: 0 when nothing is bad, 1 else.
+    """
+    found = asyncio.run(diagnose(realm, line.text("NAME")))
+    answer(finding.text(found), lambda: finding.structure(found))
+    return exit_codes.DONE if finding.sound(found) else exit_codes.REFUSED
+
+
+async def diagnose(realm: str, name: str = "") -> list[Finding]:
+    """Return all findings, from the ground up: what comes later needs what comes before.
+
+    Args:
+        realm: whose agents are looked at.
+        name: of a robot that somebody misses; empty: none.
+    """
+    found = [machine.python(), *machine.installed(), machine.clock(), *machine.terminal()]
+    found += [machine.room(state_home() / realm), keys()]
+    folder = list(meeting.folder(realm))
+    found += folder
+    if not finding.sound(folder):
+        elsewhere = meeting.whereabouts(name, realm) if name else None
+        return [*found, elsewhere] if elsewhere else found
+    entries = await asyncio.to_thread(meeting.entries, realm)
+    found += [*meeting.processes(entries), *meeting.roles(entries), *meeting.links(entries)]
+    try:
+        return [*found, *await agents.agents(realm, name, entries)]
+    except VrError as error:
+        return [*found, Finding("robots", "bad", f"the realm cannot be joined: {error}")]
+
+
+def keys() -> Finding:
+    """See that the signing keys of the environment can be used, and by nobody else."""
+    given = os.environ.get(VARIABLE, "")
+    if given in {"", NOTHING}:
+        told = "no key is set ($ROBOTREE_KEY): links are open unless --key is given"
+        return Finding("keys", "doubt", told, "robotree wire key cell.key, then --key cell.key on both ends")
+    if given == REALM:
+        return Finding("keys", "good", "links are signed with the realm's own key ($ROBOTREE_KEY=realm)")
+    path = Path(given)
+    if fault := examined(path):
+        return Finding("keys", "bad", fault, "set $ROBOTREE_KEY to a file that `robotree wire key FILE` made")
+    mode = stat.S_IMODE(path.stat().st_mode)
+    if mode & 0o077:
+        return Finding("keys", "bad", f"{path} has mode {mode:04o}: others can read it", f"chmod 600 {path}")
+    return Finding("keys", "good", f"{path} holds keys, and only you can read it")

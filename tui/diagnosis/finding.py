@@ -1,0 +1,58 @@
+"""What a check has found, and how it is told. Pure."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Grade = Literal["good", "doubt", "bad"]
+"""`doubt`: it may be meant so; `bad`: something does not work."""
+
+SIGNS: dict[Grade, str] = {"good": "✓", "doubt": "!", "bad": "✗"}
+WIDTH, INDENT = 108, 14
+"""Columns of the text, and where results begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One result of one check."""
+
+    check: str
+    """What was looked at, in one word."""
+    grade: Grade
+    result: str
+    """What was seen, in one sentence."""
+    remedy: str = ""
+    """What to do about it; empty where nothing need be done."""
+
+
+def sound(findings: Iterable[Finding]) -> bool:
+    """Whether nothing is bad."""
+    return all(one.grade != "bad" for one in findings)
+
+
+def structure(findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return all findings as plain data."""
+    return {"ok": sound(findings), "checks": [asdict(one) for one in findings]}
+
+
+def text(findings: Sequence[Finding]) -> str:
+    """Return all findings for people: one line each, its remedy below it; last what it comes to."""
+    lines: list[str] = []
+    before = ""
+    for one in findings:
+        head = one.check if one.check != before else ""
+        lines += _wrapped(f"{SIGNS[one.grade]} {head:<{INDENT - 3}} ", one.result)
+        if one.remedy:
+            lines += _wrapped(f"{'':{INDENT}}→ ", one.remedy)
+        before = one.check
+    counts = {grade: sum(one.grade == grade for one in findings) for grade in SIGNS}
+    verdict = f"{counts['good']} good, {counts['doubt']} in doubt, {counts['bad']} bad"
+    return "\n".join([*lines, "", verdict])
+
+
+def _wrapped(lead: str, words: str) -> list[str]:
+    indent = " " * len(lead)
+    return textwrap.wrap(words, WIDTH, initial_indent=lead, subsequent_indent=indent, break_on_hyphens=False)

@@ -1,0 +1,82 @@
+"""`robotree info`: versions, paths, what the terminal can, and the realm, to be pasted into a report."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, cast
+
+import robotree.tui
+from robotree.tui import exit_codes
+from robotree.tui.diagnosis import machine, meeting
+from robotree.tui.processes.realm import READONLY_VARIABLE
+from robotree.tui.processes.state_files import SPACE_FILE, state_home
+from robotree.tui.seen import wording
+from robotree.tui.terminal import answer
+from robotree.tui.wire.security import REALM_KEY, VARIABLE
+from robotree.vr.network.rendezvous import REALM_VARIABLE, runtime_directory
+
+_VARIABLES = (
+    REALM_VARIABLE, READONLY_VARIABLE, VARIABLE, "XDG_RUNTIME_DIR", "XDG_STATE_HOME", "XDG_CONFIG_HOME",
+    "TEXTUAL_THEME", "NO_COLOR", "LANG",
+)  # fmt: skip
+"""What of the environment decides something here; values are paths and names, never keys."""
+
+
+def run(realm: str, *, readonly: bool) -> int:
+    """Print what is installed and set here.
+
+    Returns:
+        The exit code.
+    """
+    data = gather(realm, readonly=readonly)
+    answer(text(data), lambda: data)
+    return exit_codes.DONE
+
+
+def gather(realm: str, *, readonly: bool) -> dict[str, Any]:
+    """Return everything by group and name."""
+    return {
+        "versions": {
+            "robotree": version("robotree"),
+            "python": platform.python_version(),
+            "system": platform.platform(),
+            "packages": {name: have for name, (have, _) in machine.packages().items()},
+        },
+        "realm": {"name": realm, "readonly": readonly, "realms here": meeting.realms()},
+        "paths": {
+            "program": str(Path(robotree.tui.__file__).parent),
+            "python": sys.executable,
+            "realm": str(runtime_directory() / realm),
+            "realm key": str(runtime_directory() / realm / REALM_KEY),
+            "space": str(state_home() / realm / SPACE_FILE),
+            "log": str(state_home() / realm / "supervisor.log"),
+        },
+        "terminal": machine.abilities(),
+        "environment": {name: os.environ[name] for name in _VARIABLES if name in os.environ},
+    }
+
+
+def text(data: dict[str, Any]) -> str:
+    """Return the same for people."""
+    lines: list[str] = []
+    for group, values in data.items():
+        rows = [(f"  {name}", _written(value)) for name, value in values.items()]
+        lines += [group, wording.columns(rows), ""] if rows else []
+    return "\n".join(lines[:-1])
+
+
+def _written(value: Any) -> str:
+    match value:
+        case dict():
+            packages = cast("dict[str, str]", value)
+            return ", ".join(f"{name} {have}".rstrip() for name, have in packages.items())
+        case list():
+            return ", ".join(cast("list[str]", value)) or "none"
+        case bool():
+            return "yes" if value else "no"
+        case _:
+            return str(value)
