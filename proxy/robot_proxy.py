@@ -331,8 +331,10 @@ class RobotProxy(Robot):
                 self.on_change()
             case StopConfirmed() | ReleaseConfirmed() | ReleaseRefused() | ReleaseUnanswered():
                 self._orders.hear(event, "" if self.online else self._session.trouble)
+            case ClaimGranted(taken_from=other) if other:
+                _log.warning("%s: took its controller over from %r (--take-over)", self.name, other)
             case ClaimGranted():
-                _log.info("%s commands its controller", self.name)
+                _log.info("%s: commands its controller", self.name)
             case ClaimDenied():
                 _log.warning("%s: %s", self.name, self._session.denial)
             case _:

@@ -441,7 +441,7 @@ def _heartbeat() -> Heartbeat:
 def denial_in_words(denied: ClaimDenied) -> str:
     """Why a controller does not obey us, and what to do, as a clause."""
     if denied.reason == Reason.BAD_EPOCH:
-        why = f"its controller refuses the epoch of this proxy; its own is {denied.epoch}"
-        return f"{why}; set the clocks of both machines, or reset it there: robotree sim … --reset-epoch"
+        why = f"its controller has obeyed epoch {denied.epoch}, and none above it is left"
+        return f"{why}; reset it at its machine: robotree sim … --reset-epoch"
     holder = f"{denied.name!r}" if denied.name else "another program"
     return f"{holder} holds its controller; end that program, or start this proxy with --take-over"

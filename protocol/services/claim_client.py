@@ -30,16 +30,21 @@ TERM = SILENCE
 LONGEST_TERM = 10.0
 """[s] A controller that bears more silence than this gets no longer term for it."""
 NAME_BYTES = 24
+_NO_LIMIT = 2**32
 
 
 class ClaimGranted(msgspec.Struct, frozen=True):
     """The controller obeys us and nobody else."""
+
+    taken_from: str = ""
+    """Name of the holder from whom it was taken over; empty: from nobody."""
 
 
 class ClaimDenied(msgspec.Struct, frozen=True):
     """The controller does not obey us: another holder is heard from, or the epoch is none."""
 
     reason: Reason
+    """NOT_IN_CONTROL: another one holds it; BAD_EPOCH: there is no epoch above its own."""
     name: str
     """Of whoever holds it; empty: nobody."""
     epoch: int
@@ -74,10 +79,16 @@ class ClaimClient:
         self._system, self._component, self._via = system, component, via
         self.holder, self._name = holder, name.encode()[:NAME_BYTES].decode(errors="ignore")
         self._take_over = take_over
+        self._other = ""
+        """Who holds the claim that we shall take over."""
         self.life = 0
         """Of the controller; 0: not told yet, or it understands no claims."""
         self.epoch = 0
         """The one that we claim."""
+        self._lease = 0
+        """The highest epoch of a lease under which the controller was commanded from here."""
+        self._too_high = _NO_LIMIT
+        """An epoch that the controller has found dishonest."""
         self.granted = False
         """Whether the controller has told that it obeys us."""
         self.denied: ClaimDenied | None = None
@@ -96,15 +107,21 @@ class ClaimClient:
     def meet(self, life: int, epoch: int) -> None:
         """The controller has told its life, and the highest epoch that it has obeyed, in its MODE."""
         if life != self.life:
-            if self.denied is not None and self.denied.reason == Reason.BAD_EPOCH:
-                self.epoch = 0
             self.life, self.granted, self.denied, self._asked = life, False, None, float("-inf")
         if not self.epoch:
             self.epoch = epoch + 1
 
-    def raise_to(self, epoch: int) -> None:
-        """A lease of a larger epoch is commanded under from now on."""
-        self.epoch = max(self.epoch, epoch)
+    def raise_to(self, lease: int) -> None:
+        """Command under a lease from now on. Each new one has a larger epoch on the wire than the one before.
+
+        It is the lease's own where the controller obeys that; else the epoch that we claim counts on.
+
+        Args:
+            lease: its epoch.
+        """
+        if lease > self._lease:
+            self._lease = lease
+            self.epoch = lease if self.epoch < lease < self._too_high else self.epoch + 1
 
     def receive(self, status: ClaimStatus, *, for_us: bool) -> list[Effect]:
         """Take what the controller tells of its claim.
@@ -117,9 +134,12 @@ class ClaimClient:
             return []
         if status.holder == self.holder:
             return self._have(status)
+        if status.holder and self._take_over:
+            self._other = status.name or "another program"
+            return []
         if status.holder and status.holder_system:
             return self._deny(status, Reason.NOT_IN_CONTROL)
-        if not status.holder and for_us and status.reason == Reason.BAD_EPOCH:
+        if for_us and status.reason == Reason.BAD_EPOCH and self.epoch == status.epoch + 1:
             return self._deny(status, Reason.BAD_EPOCH)
         if not status.holder:
             self._find_it_free(status, for_us=for_us)
@@ -152,14 +172,19 @@ class ClaimClient:
         return [self._say(ClaimWish.RELEASE, TERM)]
 
     def _have(self, status: ClaimStatus) -> list[Effect]:
+        if status.reason == Reason.BAD_EPOCH:  # of the lease that began last
+            self.epoch, self._too_high = status.epoch + 1, self.epoch
         self.epoch, news = max(self.epoch, status.epoch), not self.granted
         self.granted, self.denied, self._take_over = True, None, False
-        return [ClaimGranted()] if news else []
+        taken_from, self._other = self._other, ""
+        return [ClaimGranted(taken_from)] if news else []
 
     def _find_it_free(self, status: ClaimStatus, *, for_us: bool) -> None:
         """Nobody holds the claim: ask at once where that is news."""
         if for_us and status.reason == Reason.STALE_EPOCH:
             self.epoch = max(self.epoch, status.epoch + 1)
+        elif for_us and status.reason == Reason.BAD_EPOCH:
+            self.epoch, self._too_high = status.epoch + 1, self.epoch
         elif not self.granted and (self.denied is None or self.denied.reason == Reason.BAD_EPOCH):
             return
         self.granted, self.denied, self._asked = False, None, float("-inf")
