@@ -136,6 +136,8 @@ class ClaimClient:
             return self._have(status)
         if status.holder and self._take_over:
             self._other = status.name or "another program"
+            if for_us and status.reason in {Reason.STALE_EPOCH, Reason.BAD_EPOCH}:
+                self.epoch = status.epoch + 1
             return []
         if status.holder and status.holder_system:
             return self._deny(status, Reason.NOT_IN_CONTROL)

@@ -1,6 +1,7 @@
 """A machine plays the wire, the clock and the firmware against a client and a server of goals.
 
-It loses, repeats, delays and reorders whatever it likes, and restarts the link; the laws hold all the same.
+It loses, repeats, delays and reorders whatever it likes, and restarts link and controller; the laws hold all
+the same.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from robotree.protocol import Frame
 from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Message, Reason, Verb
+from robotree.protocol.services.fence import Fence, Refusal
 from robotree.protocol.services.goal_client import Effect as ClientEffect
 from robotree.protocol.services.goal_client import GoalClient, GoalEnded
-from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer, Refusal
+from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer
 from robotree.protocol.services.goal_server import Effect as ServerEffect
 from robotree.protocol.services.peer import Peer, Send
 
@@ -30,8 +32,15 @@ class GoalMachine(RuleBasedStateMachine):
         super().__init__()
         self.now = 0.0
         self.owner: int | None = None
-        self.server = GoalServer([Verb.GO_TO], lambda _: None, self._guard)
+        self.life, self.fence = 1, Fence()
+        self.server = self._server_of_this_life()
         self.clients = {sender: GoalClient(1, 1, via="wire") for sender in SENDERS}
+        for client in self.clients.values():
+            client.life = self.life
+        self.asked = 0
+        self.asking: dict[tuple[int, int], tuple[int, bool]] = {}
+        """By sender and key: the number of the asking, and whether it may be repeated."""
+        self.lives_named: dict[int, set[int]] = {}
         self.epochs = dict.fromkeys(SENDERS, 1)
         self.to_server: list[tuple[int, Message]] = []
         self.to_client: list[tuple[int, Message]] = []
@@ -46,6 +55,9 @@ class GoalMachine(RuleBasedStateMachine):
     def leases(self, epochs: tuple[int, int]) -> None:
         self.epochs = dict(zip(SENDERS, epochs, strict=True))
 
+    def _server_of_this_life(self) -> GoalServer:
+        return GoalServer([Verb.GO_TO], lambda _: None, self._guard, fence=self.fence, life=self.life)
+
     def _guard(self, peer: Peer) -> Refusal | None:
         return None if self.owner in {None, peer.system} else (Reason.NOT_IN_CONTROL, "Another one is.")
 
@@ -55,8 +67,16 @@ class GoalMachine(RuleBasedStateMachine):
                 message = Frame.of(effect.message, system=sender).message
                 assert isinstance(message, Message)
                 self.to_server.append((sender, message))
+                if isinstance(message, Goal) and message.verb != Verb.STATUS:
+                    self._judge_the_life(sender, message)
             elif isinstance(effect, GoalEnded):
                 self.ended.setdefault((sender, effect.key), []).append(effect.state)
+
+    def _judge_the_life(self, sender: int, goal: Goal) -> None:
+        number, repeatable = self.asking[sender, goal.key]
+        lives = self.lives_named.setdefault(number, set())
+        lives.add(goal.life)
+        assert repeatable or len(lives) == 1, "what adds up is asked of one life of the controller only"
 
     def _server(self, effects: list[ServerEffect]) -> None:
         for effect in effects:
@@ -74,13 +94,40 @@ class GoalMachine(RuleBasedStateMachine):
                     id_ = GoalId(status.target_system, status.target_component, status.key)
                     self.told.setdefault(id_, []).append(GoalState(status.state))
 
-    @rule(goal=goals, ttl=st.sampled_from([0.0, 0.5, 3.0]), x=st.sampled_from([0.1, 0.2]))
-    def ask(self, goal: tuple[int, int], ttl: float, x: float) -> None:
+    @rule(
+        goal=goals,
+        ttl=st.sampled_from([0.0, 0.5, 3.0]),
+        x=st.sampled_from([0.1, 0.2]),
+        repeatable=st.booleans(),
+    )
+    def ask(self, goal: tuple[int, int], ttl: float, x: float, *, repeatable: bool) -> None:
         sender, key = goal
+        self.asked += 1
+        self.asking[sender, key] = self.asked, repeatable
         effects = self.clients[sender].start(
-            key, Verb.GO_TO, (x,), epoch=self.epochs[sender], now=self.now, ttl=ttl
+            key,
+            Verb.GO_TO,
+            (x,),
+            epoch=self.epochs[sender],
+            now=self.now,
+            ttl=ttl,
+            repeatable=repeatable,
         )
         self._client(sender, effects)
+
+    @rule()
+    def the_controller_restarts(self) -> None:
+        self.life += 1
+        self.server = self._server_of_this_life()
+        for forgotten in (self.begun, self.called_off, self.moving, self.told):
+            forgotten.clear()
+        self.to_client.clear()
+
+    @rule(sender=st.sampled_from(SENDERS))
+    def a_client_hears_the_mode(self, sender: int) -> None:
+        client = self.clients[sender]
+        if client.life != self.life:
+            self._client(sender, client.restarted(self.life))
 
     @rule(goal=goals)
     def cancel(self, goal: tuple[int, int]) -> None:
@@ -134,6 +181,7 @@ class GoalMachine(RuleBasedStateMachine):
         assert id_ not in self.begun, "no goal begins twice"
         assert id_ not in self.called_off, "nor one that was called off before it came"
         assert goal.epoch >= self.highest, "nor one whose epoch is over"
+        assert goal.life == self.life, "nor one that was made for another life"
         self.begun[id_] = goal
         self.highest = goal.epoch
 
@@ -203,6 +251,8 @@ class GoalMachine(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         """Let the wire heal: every goal that is still pursued is heard the end of."""
+        for sender in SENDERS:
+            self.a_client_hears_the_mode(sender)
         for _ in range(60):
             self.now += 0.5
             for sender, client in self.clients.items():

@@ -14,6 +14,7 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.loopback import Accidents, Loopback
 from robotree.protocol.messages import (
     AnyMessage,
+    Claim,
     Goal,
     GoalCancel,
     GoalState,
@@ -27,8 +28,10 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
+from robotree.protocol.services.claim_server import ClaimServer
+from robotree.protocol.services.fence import Fence, Refusal
 from robotree.protocol.services.goal_client import GoalEnded
-from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer, Refusal
+from robotree.protocol.services.goal_server import Abandon, Begin, Effect, GoalServer
 from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
 from robotree.protocol.services.picture import split
@@ -43,8 +46,12 @@ GRIP = Request(Verb.GRIP, (0.02,))
 class Controller:
     """A robot's controller without a robot."""
 
-    def __init__(self) -> None:
-        self.goals = GoalServer(set(Verb), self._check)
+    def __init__(self, life: int = 0) -> None:
+        self.life = life
+        """0: it tells none, and understands no claims."""
+        self.fence = Fence()
+        self.claims = ClaimServer(self.fence, life)
+        self.goals = self._goals_of_this_life()
         self.refusal: Refusal | None = None
         self.begun: list[Begin] = []
         self.abandoned: list[Abandon] = []
@@ -86,6 +93,8 @@ class Controller:
             self.say(beat)
         if now - self._mode_told >= 0.5:
             self._tell_mode()
+            if self.life:
+                self.say(self.claims.status())
         self._carry_out(self.goals.tick(now))
 
     async def live(self, each: Callable[[], None] = lambda: None) -> None:
@@ -103,9 +112,16 @@ class Controller:
     def finish(self, state: GoalState, reason: Reason = Reason.NONE, text: str = "") -> None:
         self._carry_out(self.goals.finish(self.begun[-1].id, state, self.now, reason, text))
 
+    def _goals_of_this_life(self) -> GoalServer:
+        guard = self.claims.guard if self.life else lambda _: None
+        return GoalServer(set(Verb), self._check, guard, fence=self.fence, life=self.life)
+
     def restart(self) -> None:
-        """Forget everything, the time too, as a power cycle does."""
-        self.goals, self._began = GoalServer(set(Verb), self._check), self.now
+        """Forget everything, the time too, as a power cycle does; but who tells lives keeps its fence."""
+        self.life += bool(self.life)
+        self.fence = self.fence if self.life else Fence()
+        self.claims = ClaimServer(self.fence, self.life, self.now)
+        self.goals, self._began = self._goals_of_this_life(), self.now
         self.mode, self.stops = ModeKind.READY, 1
 
     def stop(self) -> None:
@@ -129,6 +145,11 @@ class Controller:
             self._carry_out(self.goals.receive(message, peer, self.now))
         elif isinstance(message, SetMode):
             self._set_mode(message)
+        elif isinstance(message, Claim) and self.life:
+            peer = Peer(None, frame.system, frame.component)
+            for effect in self.claims.receive(message, peer, self.now):
+                if isinstance(effect, Send):
+                    self.say(effect.message)
         elif isinstance(message, PictureRequest) and self.jpeg:
             self.draw(self.jpeg, message)
 
@@ -149,6 +170,8 @@ class Controller:
             self._tell_mode(self.objection)
         elif self.mode == ModeKind.SAFE_STOP and message.stops not in {0, self.stops}:
             self._tell_mode(Reason.STOPPED)
+        elif message.life not in {0, self.life}:
+            self._tell_mode(Reason.OTHER_LIFE)
         elif self.goals.fence(message.epoch):
             self.release()
         else:
@@ -163,7 +186,7 @@ class Controller:
         standing = Reason.OPERATOR if self.mode == ModeKind.SAFE_STOP else Reason.NONE
         reason = standing if answer is None else answer
         now = round(1000 * (self.now - self._began))
-        self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops))
+        self.say(Mode(now, self.goals.epoch, 1000, self.mode, reason, self.stops, self.life))
 
     def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -182,9 +205,11 @@ class Controller:
 class Talk:
     """A session and a controller on a loopback link, in time that passes by hand."""
 
-    def __init__(self, accidents: Accidents | None = None, session: Session | None = None) -> None:
+    def __init__(
+        self, accidents: Accidents | None = None, session: Session | None = None, life: int = 0
+    ) -> None:
         self.session = session or Session()
-        self.controller = Controller()
+        self.controller = Controller(life)
         self.events: list[SessionEffect] = []
         self.redials: list[Redial] = []
         self.now = 0.0
@@ -205,9 +230,10 @@ class Talk:
     def ends(self) -> list[GoalState]:
         return [event.state for event in self.events if isinstance(event, GoalEnded)]
 
-    def start(self, key: int = 7, epoch: int = 5, ttl: float = 0.0) -> None:
+    def start(self, key: int = 7, epoch: int = 5, ttl: float = 0.0, *, repeatable: bool = False) -> None:
         """Have it close the gripper."""
-        self.perform(self.session.start(key, GRIP, epoch=epoch, ttl=ttl, now=self.now))
+        goal = self.session.start(key, GRIP, epoch=epoch, ttl=ttl, now=self.now, repeatable=repeatable)
+        self.perform(goal)
 
     def connect(self) -> None:
         self._loopback = Loopback(self._accept, self.controller.accept, self._accidents, self.now)

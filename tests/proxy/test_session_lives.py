@@ -1,0 +1,185 @@
+"""A controller that tells its lives and is claimed: what a session does when it restarts, or is held."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robotree.protocol.frame import Frame
+from robotree.protocol.messages import Claim, ClaimWish, Goal, GoalState, Mode, ModeKind, Reason, Verb
+from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
+from robotree.protocol.services.goal_client import GoalEnded
+from robotree.protocol.services.heartbeat import SILENCE
+from robotree.protocol.services.peer import Peer
+from robotree.proxy.session import Session
+from robotree.proxy.translate import COMPONENTS, component_of
+from robotree.proxy.will import ReleaseRefused
+
+Talk = Any
+ELSEWHERE = Peer("another link", 255, 77)
+
+
+def claiming(*, take_over: bool = False) -> Session:
+    claim = ClaimClient(1, 1, holder=5, name="arm-1, pid 12", take_over=take_over)
+    return Session(component=30, claim=claim)
+
+
+@pytest.fixture
+def claimed(make_talk: type[Talk]) -> Talk:
+    """A session that commands a controller."""
+    talk = make_talk(session=claiming(), life=9)
+    talk.wait(0.3)
+    assert talk.turns == [True]
+    return talk
+
+
+def held_by(talk: Talk, holder: int = 6, wish: ClaimWish = ClaimWish.TAKE_OVER) -> None:
+    """Somebody else says a claim."""
+    epoch = talk.controller.fence.epoch + 1
+    claim = Claim(holder, epoch, 3000, talk.controller.life, 1, 1, wish, "arm-2, pid 13")
+    talk.controller.claims.receive(claim, ELSEWHERE, talk.now)
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.1, 0.2, 0.3, 0.7, 1.2])
+def test_what_adds_up_begins_once_though_its_status_is_lost_and_the_controller_restarts(
+    claimed: Talk, moment: float
+) -> None:
+    claimed.start()
+    claimed.controller.mute = True
+    claimed.wait(0.05 + moment)
+    assert len(claimed.controller.begun) == 1
+    claimed.controller.restart()
+    claimed.controller.mute = False
+    claimed.wait(5.0)
+    assert len(claimed.controller.begun) == 1, "the new life was not asked for it, or did not begin it"
+    ends = [each for each in claimed.events if isinstance(each, GoalEnded)]
+    assert [(each.state, each.reason) for each in ends] == [(GoalState.UNKNOWN, Reason.OTHER_LIFE)]
+
+
+def test_what_ends_the_same_and_was_never_answered_is_asked_for_again_in_the_new_life(claimed: Talk) -> None:
+    claimed.start(repeatable=True)
+    claimed.controller.mute = True
+    claimed.wait(0.2)
+    claimed.controller.restart()
+    claimed.controller.mute = False
+    claimed.wait(1.0)
+    assert len(claimed.controller.begun) == 2
+    claimed.controller.finish(GoalState.SUCCEEDED)
+    claimed.wait(0.2)
+    assert claimed.ends == [GoalState.SUCCEEDED]
+
+
+def test_what_was_known_to_move_is_not_asked_for_again_whatever_it_is(claimed: Talk) -> None:
+    claimed.start(repeatable=True)
+    claimed.wait(0.2)
+    claimed.controller.restart()
+    claimed.wait(1.0)
+    assert len(claimed.controller.begun) == 1
+    assert claimed.ends == [GoalState.UNKNOWN]
+
+
+def test_a_mode_of_a_former_life_that_comes_late_changes_nothing(claimed: Talk) -> None:
+    claimed.controller.restart()
+    claimed.wait(0.6)
+    claimed.start()
+    claimed.wait(0.1)
+    claimed.controller.say(Mode(10**6, 5, 1000, ModeKind.SAFE_STOP, 0, 2, 9))
+    claimed.wait(0.3)
+    assert claimed.ends == []
+    assert not claimed.session.held
+
+
+def test_a_release_that_was_made_for_another_life_releases_nothing(claimed: Talk) -> None:
+    claimed.controller.stop()
+    claimed.wait(0.2)
+    claimed.controller.mute = True
+    claimed.controller.restart()
+    claimed.controller.stop()
+    claimed.perform(claimed.session.release(5, claimed.now))
+    claimed.controller.mute = False
+    claimed.wait(0.4)
+    assert claimed.controller.mode == ModeKind.SAFE_STOP
+    refusals = [each.reason for each in claimed.events if isinstance(each, ReleaseRefused)]
+    assert refusals == [Reason.OTHER_LIFE]
+
+
+def test_the_claim_is_said_often_enough_that_three_in_a_row_may_be_lost_while_something_moves(
+    claimed: Talk,
+) -> None:
+    claimed.start()
+    said: list[float] = []
+
+    def note() -> None:
+        said.extend(claimed.now for each in claimed.controller.heard if isinstance(each, Claim))
+        claimed.controller.heard.clear()
+
+    claimed.wait(0.3)
+    claimed.wait(10.0, each=note)
+    bears = 1.0  # [s] the silence that this controller tells
+    assert max(b - a for a, b in zip(said, said[4:], strict=False)) <= bears + 0.1
+
+
+def test_it_is_online_only_once_the_controller_has_answered_its_claim(make_talk: type[Talk]) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    talk.controller.claims.receive = lambda *_: []
+    talk.wait(SILENCE - 0.5)
+    assert talk.turns == []
+    del talk.controller.claims.receive
+    talk.wait(0.5)
+    assert talk.turns == [True]
+
+
+def test_who_holds_it_is_told_and_when_that_one_is_gone_it_is_ours(make_talk: type[Talk]) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    held_by(talk)
+    talk.wait(1.0)
+    assert talk.turns == [True], "telemetry and stops work"
+    assert "'arm-2, pid 13' holds its controller" in talk.session.denial
+    held_by(talk, wish=ClaimWish.RELEASE)
+    talk.wait(1.5)
+    assert talk.session.denial == ""
+    told = [each for each in talk.events if isinstance(each, ClaimDenied | ClaimGranted)]
+    assert [type(each) for each in told] == [ClaimDenied, ClaimGranted]
+
+
+def test_a_person_has_it_taken_over_once_and_not_again_and_again(make_talk: type[Talk]) -> None:
+    talk = make_talk(session=claiming(take_over=True), life=9)
+    held_by(talk)
+    talk.wait(1.0)
+    (granted,) = [each for each in talk.events if isinstance(each, ClaimDenied | ClaimGranted)]
+    assert granted == ClaimGranted("arm-2, pid 13")
+    held_by(talk)
+    talk.wait(3.0)
+    assert talk.session.denial, "who takes it back keeps it"
+
+
+def test_a_holder_that_is_away_is_waited_for_before_anything_is_said_to_be_online(
+    make_talk: type[Talk],
+) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    held_by(talk)
+    talk.controller.claims.link_closed(ELSEWHERE.via, talk.now)
+    talk.wait(0.3)
+    assert (talk.turns, talk.session.denial) == ([], "")
+    talk.wait(0.7)
+    assert (talk.turns, talk.session.denial) == ([True], "")
+
+
+def test_who_finds_a_namesake_on_the_wire_gives_way_unless_it_holds_the_claim(make_talk: type[Talk]) -> None:
+    namesake = Frame.of(Goal(1, 1, 0, (0.0,) * 7, Verb.STATUS, 1, 1), system=255, component=30)
+    session = claiming()
+    session.hear(namesake, 0.0)
+    assert session.component in COMPONENTS
+    assert session.component != 30
+    talk = make_talk(session=claiming(), life=9)
+    talk.wait(0.3)
+    talk.session.hear(namesake, talk.now)
+    assert talk.session.component == 30
+
+
+def test_the_component_of_a_proxy_is_that_of_its_next_incarnation_too() -> None:
+    assert component_of("arm-1") == component_of("arm-1")
+    taken = {component_of(f"arm-{number}") for number in range(40)}
+    assert len(taken) > 20
+    assert taken <= set(range(25, 100)), "MAVLink leaves these to its users"
