@@ -41,6 +41,9 @@ class Call(_Message, frozen=True, kw_only=True):
     """Epoch of the caller's lease; None: the caller is nobody's parent (an operator, for a free robot)."""
     caller: str = ""
     """Name of the caller, for people to read."""
+    presence: str = ""
+    """Key under which the caller is present while it waits: the command ends when that goes. Empty: it goes
+    on whatever becomes of the caller."""
     deadline: float
     """[s] from the arrival on, within which the command must be done; inherited down the tree."""
     oneway: bool = False

@@ -95,6 +95,29 @@ async def test_a_verb_that_is_told_to_end_takes_its_command_with_it() -> None:
     assert not await busy()
 
 
+async def until_busy(command: str) -> None:
+    async with asyncio.timeout(60):
+        while await busy() != command:
+            pass
+
+
+@pytest.mark.usefixtures("crew")
+async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(place: Path) -> None:
+    script = place / "a.session"
+    script.write_text("call talker.wait\n")
+    for words in (("call", "talker.wait"), ("run", str(script))):
+        caller = await start(*words)
+        await until_busy("wait")
+        caller.kill()
+        await caller.wait()
+        assert not await busy()
+    code, out = await robotree("call", "talker.wait", "--detach")
+    assert (code, out.split(";")[0]) == (exit_codes.DONE, "talker.wait has begun and goes on by itself")
+    assert await busy() == "wait"
+    await robotree("cancel", "talker")
+    assert not await busy()
+
+
 @pytest.mark.usefixtures("crew")
 async def test_a_stop_is_told_until_it_is_released() -> None:
     await robotree("stop")

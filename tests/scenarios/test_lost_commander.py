@@ -7,6 +7,8 @@ import itertools
 import math
 import os
 import signal
+import sys
+from asyncio.subprocess import DEVNULL
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -45,6 +47,8 @@ STANDING = 0.01
 """[m/s]"""
 LATEST, FARTHEST = 0.15, 0.025
 """[s], [m] from the end to the arm standing."""
+SOON = 0.5
+"""[s] from the end of a command line: two processes and a thread have to notice it first."""
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 
 
@@ -128,6 +132,30 @@ async def test_the_arm_stands_within_150_ms_of_a_kill_of_its_proxy_over_tcp(
     assert track.mode.reason == Reason.LINK_SILENT
     assert seconds < LATEST, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
     assert metres < FARTHEST, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
+
+
+async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_it(
+    place: Path, record_property: Callable[[str, object], None]
+) -> None:
+    """The command line's presence ends with it; so does its command, and with the command its goal."""
+    async with Crew(REALM, place) as crew:
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
+        await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
+        async with joined(REALM) as fleet, watching(arm.address) as track:
+            await fleet.call("arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST})
+            words = ["x=0.45", "y=0.3", "z=0.35", "twist=0", f"speed={FAST}", "--realm", REALM]
+            caller = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "robotree.tui", "call", "arm-1.go_to", *words, stderr=DEVNULL
+            )
+            await under_way(track)
+            killed = track.places[-1][0]
+            caller.kill()
+            await caller.wait()
+            await until(lambda: track.places[-1][0] > killed + 1.0, "it is watched")
+            assert not (await fleet.describe("arm-1")).busy
+    seconds, metres = track.stood(killed)
+    record_property("standing after [ms], [mm]", (round(1e3 * seconds), round(1e3 * metres, 1)))
+    assert seconds < SOON, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
 
 
 async def test_the_arm_stands_within_150_ms_of_the_end_of_its_serial_line(

@@ -121,8 +121,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- command
     Action(
-        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME]",
-        help="Have a command carried out: progress on stderr, result on stdout.",
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach]",
+        help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"
+        " with --detach it goes on by itself.",
         group=COMMAND,
         run=verbs.call,
         examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),

@@ -256,6 +256,10 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     given = values.assignments(line.many("PARAMETER=VALUE"))
     limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
+    if line.flag("--detach"):
+        await fleet.tell(robot, command, given, deadline=limit)
+        text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
+        return Outcome({"detached": f"{robot}.{command}"}, text)
     thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
     rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])

@@ -67,15 +67,16 @@ async def joined(realm: str, *, looking: bool = True) -> AsyncGenerator[Fleet]:
 
     Args:
         realm: its name.
-        looking: wait for the lookup services. A stop is given without that.
+        looking: wait until those who are there have answered. A stop is given without that.
 
     Raises:
         TransportError: the realm cannot be joined.
     """
     from robotree.vr.network.local import join
+    from robotree.vr.network.mesh import GREETING
     from robotree.vr.supervision.fleet import Fleet
 
-    transport = await join(realm)
+    transport = await join(realm, greeting=GREETING if looking else 0)
     try:
         fleet = Fleet(transport)
         if looking:

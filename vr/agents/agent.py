@@ -80,7 +80,7 @@ class RobotAgent:
         self._calls = CallCounter(space, robot.name)
         self._home = f"host {host}" if host else f"the process of {robot.name}"
         self._desk = CommandDesk(
-            robot, self._lease, on_change=self.changed, on_call=self._calls.count, home=self._home
+            robot, self._lease, transport, on_change=self.changed, on_call=self._calls.count, home=self._home
         )
         self._bonds: BondKeeper | None = None
         if isinstance(robot, VirtualRobot):
@@ -154,6 +154,7 @@ class RobotAgent:
                 say(left)
             self._gone.set_result(None)
             self._lease.close()
+            self._desk.callers.close()
             if self._publishing is not None:
                 self._publishing.cancel()
                 await asyncio.wait([self._publishing])

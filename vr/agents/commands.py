@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from robotree.vr.agents.bonds import BondKeeper
+from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.lease import LeaseKeeper
 from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
@@ -25,6 +26,7 @@ from robotree.vr.robot import Robot
 from robotree.vr.running.execution import CommandThread, Forward, Run
 from robotree.vr.running.jobs import Job, Jobs
 from robotree.vr.running.outcome import check_result
+from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
@@ -38,6 +40,7 @@ class CommandDesk:
         self,
         robot: Robot,
         lease: LeaseKeeper,
+        transport: Transport,
         *,
         on_change: Callable[[], None],
         on_call: Callable[[str], None],
@@ -48,6 +51,7 @@ class CommandDesk:
         Args:
             robot: the robot.
             lease: knows who may call.
+            transport: where callers are seen.
             on_change: told when something else runs or waits.
             on_call: told the name of each command taken in.
             home: what must be restarted to end a command that cannot be ended.
@@ -66,6 +70,8 @@ class CommandDesk:
         self._halted = ""
         self._latest = ""
         self.jobs = Jobs(robot.name, self._launch, on_change, home=home)
+        self.callers = Callers(robot.name, transport, self.jobs.cancel)
+        """Whose presence its commands need."""
 
     @property
     def stopped(self) -> str:
@@ -106,6 +112,8 @@ class CommandDesk:
             VrError: it was refused.
         """
         job = await self._admit(call)
+        if call.presence:
+            self.callers.attend(call.presence, job)
         say(Accepted(key=call.key))
         if not call.oneway:
             job.listeners.append(say)

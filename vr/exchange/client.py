@@ -84,6 +84,7 @@ class RobotClient:
         deadline: float = DEFAULT_DEADLINE,
         epoch: int | None = None,
         caller: str = "",
+        presence: str = "",
         key: str | None = None,
         on_progress: OnProgress | None = None,
     ) -> Any:
@@ -95,6 +96,8 @@ class RobotClient:
             deadline: [s] within which it must be done.
             epoch: of the caller's lease; None: an operator's.
             caller: name, for people.
+            presence: key under which the caller is present: the command ends when that goes. Empty: it goes
+                on if this process is killed.
             key: of the call; None: a fresh one. The same key again asks for the same result.
             on_progress: told how far it is.
 
@@ -109,6 +112,7 @@ class RobotClient:
             arguments=dict(arguments),
             epoch=epoch,
             caller=caller,
+            presence=presence,
             deadline=deadline,
         )
         return await self._carry_out(call, on_progress)

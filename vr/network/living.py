@@ -8,6 +8,7 @@ any more is still known. Elsewhere nothing is known here.
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 
 _SOCKETS = Path("/proc/net/unix")
@@ -33,6 +34,17 @@ def listening(directory: Path) -> set[str]:
             if path.parent == directory:
                 found.add(path.name)
     return found
+
+
+def alive(pid: int) -> bool:
+    """Whether a process has not ended."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True
 
 
 def asleep(pid: int) -> bool:

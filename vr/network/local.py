@@ -12,7 +12,7 @@ from pathlib import Path
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.mesh import GREETING, Mesh
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
@@ -32,12 +32,15 @@ WAITING_SAMPLES = 4096
 _log = logging.getLogger(__name__)
 
 
-async def join(realm: str | None = None, *, root: Path | None = None) -> LocalTransport:
+async def join(
+    realm: str | None = None, *, root: Path | None = None, greeting: float = GREETING
+) -> LocalTransport:
     """Enter a realm.
 
     Args:
         realm: its name; None: `$ROBOTREE_REALM`, else `default`.
         root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
+        greeting: [s] to wait at most for those who are there to say who they are.
 
     Returns:
         A transport that already knows all who are there and answer.
@@ -49,7 +52,7 @@ async def join(realm: str | None = None, *, root: Path | None = None) -> LocalTr
     mesh = Mesh(Rendezvous(realm_name(realm), root))
     loop = asyncio.get_running_loop()
     try:
-        await loop.run_in_executor(None, mesh.open)
+        await loop.run_in_executor(None, mesh.open, greeting)
     except BaseException:
         mesh.close()
         raise

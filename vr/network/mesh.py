@@ -144,11 +144,17 @@ class Mesh:
         }
         self._ended_all: Future[None] = Future()
         self._ticked = 0.0
+        """[s] When the last tick was."""
+        self._due = 0.0
+        """[s] When the next one is to be."""
 
     # -- coming and leaving
 
-    def open(self) -> None:
-        """Enter; returns when all others have said who they are, or after `GREETING`.
+    def open(self, greeting: float = GREETING) -> None:
+        """Enter; returns when all others have said who they are, or after a while.
+
+        Args:
+            greeting: [s] to wait for that at most.
 
         Raises:
             RealmUnusable: the realm's folder cannot be used.
@@ -161,7 +167,7 @@ class Mesh:
         self._dial_all()
         self._thread.start()
         self._check_complete()
-        self._complete.wait(GREETING)
+        self._complete.wait(greeting)
 
     def close(self) -> Future[None]:
         """Leave: others see it at once. Twice is once.
@@ -251,10 +257,20 @@ class Mesh:
             return self._held_by([peer for peer in self._peers.values() if not peer.awake], pattern)
 
     def held(self, pattern: str) -> list[Held]:
-        """Return what is held present by all processes that live, this one included."""
+        """Return what is held present by all processes that live, this one included.
+
+        One whose name has just come into the folder is met at once, without a wait for the next tick.
+        """
         with self._lock:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
-            return _held(os.getpid(), own) + self._held_by(list(self._peers.values()), pattern)
+            found = _held(os.getpid(), own) + self._held_by(list(self._peers.values()), pattern)
+            unknown = [tag for tag in self.place.living() if tag not in self._peers.keys() | self._strangers]
+        for tag in unknown:
+            found += _held(process_of(tag), [key for key in self.place.keys_of(tag) if matches(pattern, key)])
+        if unknown:
+            self._due = 0.0
+            self._wake()
+        return found
 
     def unlisted(self) -> list[Unlisted]:
         """Return the processes that live and that nobody finds who comes now; this one has not met them."""
@@ -519,9 +535,9 @@ class Mesh:
     # -- the thread
 
     def _run(self) -> None:
-        due = self._ticked + TICK
+        self._due = self._ticked + TICK
         while not self.closed:
-            ready = self._selector.select(max(0.0, due - time.monotonic()))
+            ready = self._selector.select(max(0.0, self._due - time.monotonic()))
             # what is urgent first
             ready.sort(key=lambda one: isinstance(one[0].data, Link) and one[0].data.channel is Channel.BULK)
             for key, events in ready:
@@ -531,8 +547,8 @@ class Mesh:
                     _log.exception("the mesh could not handle what a socket brought")
             while self._to_flush:
                 self._flush(self._to_flush.popleft())
-            if (now := time.monotonic()) >= due:
-                due = now + TICK
+            if (now := time.monotonic()) >= self._due:
+                self._due = now + TICK
                 try:
                     self._tick(now)
                 except (OSError, RealmUnusable) as error:

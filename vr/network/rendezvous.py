@@ -30,7 +30,7 @@ from pathlib import Path
 from robotree import files
 from robotree.vr.address import check_name
 from robotree.vr.errors import RealmUnusable
-from robotree.vr.network.living import listening
+from robotree.vr.network.living import alive, listening
 
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"
@@ -243,6 +243,10 @@ class Rendezvous:
         for end in (_SOCKET, _BEAT, _HELD):
             with contextlib.suppress(OSError):
                 (self.directory / f"{tag}{end}").unlink()
+
+    def living(self) -> list[str]:
+        """Return the tags of all other processes that can be seen and have not ended."""
+        return [tag for tag in self.others() if alive(process_of(tag))]
 
     def unlisted(self) -> list[str]:
         """Return the tags of those that listen here and have no name: somebody has removed it.

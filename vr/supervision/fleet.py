@@ -7,6 +7,7 @@ Of those that do not answer it says which process holds them, if that lives (`Ha
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -42,6 +43,7 @@ class Fleet:
         self.directory = Directory(transport)
         self._transport = transport
         self._orders = Orders(self.directory, transport)
+        self._presence = _Presence(transport)
 
     async def start(self) -> None:
         """Begin to look; returns when the lookup services that are there have said what they hold."""
@@ -49,6 +51,7 @@ class Fleet:
 
     async def close(self) -> None:
         """Look no more. The transport stays open: it is the caller's."""
+        await self._presence.close()
         await self.directory.close()
 
     # -- who is there -----------------------------------------------------------------------------
@@ -151,7 +154,7 @@ class Fleet:
         deadline: float = DEFAULT_DEADLINE,
         on_progress: OnProgress | None = None,
     ) -> Any:
-        """Have a command carried out and return its result.
+        """Have a command carried out and return its result. It ends when this process does, however it ends.
 
         Args:
             name: of the robot.
@@ -160,12 +163,31 @@ class Fleet:
             deadline: [s] within which it must be done.
             on_progress: told how far it is.
         """
+        presence = await self._presence.key()
         return await self._ask(
             name,
             lambda robot: robot.call(
-                command, arguments, deadline=deadline, caller=CALLER, on_progress=on_progress
+                command,
+                arguments,
+                deadline=deadline,
+                caller=CALLER,
+                presence=presence,
+                on_progress=on_progress,
             ),
         )
+
+    async def tell(
+        self, name: str, command: str, arguments: Mapping[str, Any], *, deadline: float = DEFAULT_DEADLINE
+    ) -> None:
+        """Have a command carried out, whatever becomes of this process; returns when it is accepted.
+
+        Args:
+            name: of the robot.
+            command: its name.
+            arguments: numbers in the declared units, or text with units.
+            deadline: [s] within which it must be done.
+        """
+        await self._ask(name, lambda robot: robot.tell(command, arguments, deadline=deadline, caller=CALLER))
 
     async def cancel(self, name: str) -> None:
         """End all commands of a robot."""
@@ -268,6 +290,28 @@ class Fleet:
         if not hosts:
             raise NoHost
         return hosts[0]
+
+
+class _Presence:
+    """How robots see that an operator's program waits for its commands."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._key = f"caller/{secrets.token_hex(8)}"
+        self._announcing: asyncio.Task[Registration] | None = None
+
+    async def key(self) -> str:
+        """Be present, from the first call on; return the key."""
+        if self._announcing is None:
+            self._announcing = asyncio.ensure_future(self._transport.announce(self._key))
+        await asyncio.shield(self._announcing)
+        return self._key
+
+    async def close(self) -> None:
+        """Be present no more: what still goes on ends. Twice is once."""
+        announcing, self._announcing = self._announcing, None
+        if announcing is not None:
+            await (await announcing).close()
 
 
 def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:

@@ -27,7 +27,7 @@ LOOK = 0.05
 LATE = 0.5
 """[s] without a word from a robot, after which it is named."""
 
-ASLEEP = 0.7
+ASLEEP = 0.6
 """[s] without a word from a robot whose process is stopped, after which nobody waits for it any more."""
 
 UNLISTED = 0.8

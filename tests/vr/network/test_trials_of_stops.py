@@ -116,6 +116,8 @@ async def test_no_removed_folder_keeps_a_stop_out(
         shutil.rmtree(folder)
         told, untold = await stopped(join_realm)
         assert len(told) == len(NAMES) - 1
-        assert list(untold) == [f"process {frozen.process.pid}"]
+        # under load it may have gone on for a moment, and have taken a name again
+        (missed,) = untold
+        assert missed in {f"process {frozen.process.pid}", NAMES[crew.index(frozen)]}
         frozen.signal(signal.SIGCONT)
         assert sorted(await supervisor.stop(None)) == NAMES

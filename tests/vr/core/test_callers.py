@@ -1,0 +1,127 @@
+"""A command ends with whoever has called it, however that ends."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+from robotree.vr.errors import CommandCancelled
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.rehearsal.memory import MemoryTransport
+from robotree.vr.supervision.fleet import Fleet
+from tests.vr.core.crew import Rover, crew
+
+
+class Operator:
+    """A program of an operator, on a transport of its own."""
+
+    def __init__(self, realm: Any) -> None:
+        self.realm = realm
+        self.transport: MemoryTransport = realm.network.join("shell")
+        self.fleet = Fleet(self.transport)
+        self.calls: list[asyncio.Task[Any]] = []
+
+    def call(self, name: str, command: str, **arguments: float) -> None:
+        self.calls.append(asyncio.create_task(self.fleet.call(name, command, arguments)))
+
+    def kill(self) -> None:
+        self.realm.network.kill(self.transport)
+
+
+@pytest.fixture
+async def operator(realm: Any) -> AsyncIterator[Operator]:
+    operator = Operator(realm)
+    await operator.fleet.start()
+    yield operator
+    for call in operator.calls:
+        call.cancel()
+    await asyncio.gather(*operator.calls, return_exceptions=True)
+    await operator.fleet.close()
+
+
+def running(*agents: Any) -> list[str]:
+    return [agent.description().busy for agent in agents]
+
+
+async def test_a_killed_caller_ends_its_command_down_to_the_hardware(realm: Any, operator: Operator) -> None:
+    driver, rover = await crew(realm)
+    operator.call("driver", "square", length=5)
+    await realm.until(lambda: running(driver, rover) == ["square", "move"])
+    operator.kill()
+    assert await realm.until(lambda: running(driver, rover) == ["", ""]) < 0.2
+    assert rover.robot.x < 1
+    await realm.client(driver).call("drive", {"x": 0.1})  # the next one may move it
+
+
+async def test_a_stopped_caller_ends_its_command_when_its_presence_is_over(
+    realm: Any, operator: Operator
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    operator.call("rover", "move", x=5)
+    await realm.until(lambda: running(rover) == ["move"])
+    realm.network.freeze(operator.transport)
+    assert 1.9 < await realm.until(lambda: running(rover) == [""]) < 2.2
+    realm.network.thaw(operator.transport)
+    (error,) = await asyncio.gather(*operator.calls, return_exceptions=True)
+    assert "in the middle" in str(error) or isinstance(error, CommandCancelled)
+
+
+async def test_what_waits_ends_with_its_caller_and_what_others_have_called_goes_on(
+    realm: Any, operator: Operator
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    other = asyncio.create_task(realm.client(rover).call("move", {"x": 3}))
+    await realm.until(lambda: running(rover) == ["move"])
+    operator.call("rover", "move", x=5)
+    await realm.until(lambda: rover.description().waiting == 1)
+    operator.kill()
+    await realm.until(lambda: rover.description().waiting == 0, within=0.2)
+    await other
+    assert rover.robot.x == pytest.approx(3)
+
+
+async def test_a_command_that_was_only_told_goes_on_without_its_caller(
+    realm: Any, operator: Operator
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    await operator.fleet.tell("rover", "move", {"x": 3})
+    operator.kill()
+    await realm.until(lambda: running(rover) == [""])
+    assert rover.robot.x == pytest.approx(3)
+
+
+async def test_a_caller_that_was_never_there_is_not_obeyed_for_long(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    client = RobotClient(realm.operator, rover.address)
+    with pytest.raises(CommandCancelled, match="its caller has gone"):
+        await client.call("move", {"x": 5}, presence="caller/nobody")
+    assert rover.robot.x < 1
+
+
+async def test_a_caller_that_closes_in_order_leaves_nothing_running(realm: Any, operator: Operator) -> None:
+    rover = await realm.start(Rover("rover"))
+    operator.call("rover", "move", x=5)
+    await realm.until(lambda: running(rover) == ["move"])
+    await operator.fleet.close()
+    await realm.until(lambda: running(rover) == [""], within=0.2)
+
+
+async def test_a_command_that_both_of_two_have_called_ends_with_the_second(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    members = [realm.network.join(name) for name in ("one", "two")]
+    calls = []
+    for number, member in enumerate(members):
+        await member.announce(f"caller/{number}")
+        client = RobotClient(member, rover.address)
+        calls.append(asyncio.create_task(client.call("move", {"x": 5}, key="k", presence=f"caller/{number}")))
+    await realm.until(lambda: running(rover) == ["move"])
+    await asyncio.sleep(0.1)
+    realm.network.kill(members[0])
+    await asyncio.sleep(0.5)
+    assert running(rover) == ["move"]
+    realm.network.kill(members[1])
+    await realm.until(lambda: running(rover) == [""], within=0.2)
+    await asyncio.gather(*calls, return_exceptions=True)
