@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from robotree.protocol import encode
-from robotree.protocol.messages import CommandLong, Goal, Heartbeat, Message
+from robotree.protocol.messages import CommandLong, Heartbeat, MavCmd, Message
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
@@ -94,8 +94,9 @@ def spoken(*messages: Message) -> bytes:
 
 
 HERE = Heartbeat(6, 8, 0, 0, 4)
-STOP = CommandLong(1, 1, 400, 0, 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-DRIVE = Goal(7, 1, 5000, (0.3, 0.1, 0.4, 0.0, 0.2, 0.0, 0.0), 1, 1, 1)
+STOP = CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, 0.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+TAKE = CommandLong(1, 1, MavCmd.REQUEST_OPERATOR_CONTROL, 0, 1.0, 1.0, 10.0, 0.0, 0.0, 0.0, 0.0)
+DRIVE = CommandLong(1, 1, MavCmd.ROBOTREE_MOVE, 0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.4)
 
 
 async def say(address: str, *messages: Message) -> int:
@@ -143,9 +144,11 @@ async def test_the_demo_obeys_no_other_user(place: Path, tmp_path: Path) -> None
         for name in ("arm-1", "rover-1"):
             robot = await fleet.describe(name)
             assert robot.link == "signed"
-            heard = await say(robot.attributes["controller"], HERE, STOP, DRIVE)
+            heard = await say(robot.attributes["controller"], HERE, TAKE, DRIVE, STOP)
             assert heard > 0, "what a robot tells is no secret: it can be read, and not forged"
-        assert not (await fleet.describe("rover-1")).stopped
+        rover = await fleet.describe("rover-1")
+        assert not rover.stopped
+        assert abs(rover.readings["x"]) < 0.01
         assert not (await fleet.describe("arm-1")).stopped
         await fleet.call("rover-1", "move", {"x": 0.05, "y": 0.0})
     key = place / "robotree" / "demo" / "realm.key"
@@ -171,6 +174,8 @@ async def test_an_open_controller_says_so_obeys_anybody_and_is_marked_everywhere
         await crew.start("proxy", "rover", "rover-1", "--connect", rover.address, "--space", "none")
         async with joined("open") as fleet:
             await until_online(fleet, "rover-1")
+            await say(rover.address, HERE, TAKE, DRIVE)
+            assert (await fleet.describe("rover-1")).readings["x"] > 0.05
             await say(rover.address, HERE, STOP)
             async with asyncio.timeout(10):
                 while not (await fleet.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
