@@ -32,6 +32,7 @@ from robotree.tui.processes.realm import joined
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place
+from robotree.tui.wire.security import realm_key
 from robotree.vr.supervision.fleet import Fleet
 
 HERE = Path(__file__).parent
@@ -211,7 +212,7 @@ async def shoot(names: list[str], folder: Path) -> list[Path]:
     """Take the pictures of these scenes; return where they are."""
     taken: list[Path] = []
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
-    async with Crew(REALM) as crew:
+    async with Crew(REALM, key=str(realm_key(REALM))) as crew:
         await cast(crew, counting=False)
         async with joined(REALM) as fleet:
             await prepare(fleet)

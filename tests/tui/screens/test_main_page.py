@@ -41,6 +41,14 @@ async def test_robots_appear_and_go_by_themselves(realm: Realm, operate: Operate
         await operator.sees("late-1 (Robot) left the list", "2 robots")
 
 
+async def test_a_robot_behind_an_open_link_is_marked_in_the_list(realm: Realm, operate: Operate) -> None:
+    await realm.robot(Robot("unguarded", {"link": "open"}))
+    await realm.robot(Robot("guarded", {"link": "signed"}))
+    async with operate(realm.fleet) as operator:
+        await operator.sees("unguarded", "● free, open link")
+        assert operator.text.count("open link") == 1
+
+
 async def test_the_selected_robot_is_described_beside_the_list(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await operator.sees("An arm of paper", "go_to(x, y, z, twist, speed)", "pose")

@@ -22,13 +22,11 @@ from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import MOODS, tint
 from robotree.tui.seen.cells import clip, fit
-from robotree.tui.seen.mood import CALM
+from robotree.tui.seen.mood import CALM, UNGUARDED
 from robotree.tui.seen.rows import GAP, MOST, Column, RobotRow, Seat, columns, row
 
 HEADER = 1
 """Lines above the first robot."""
-OPEN = "open"
-"""Behind the state of a robot whose controller obeys every program that reaches it (docs/security.md)."""
 STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
@@ -167,7 +165,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                     cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)), name))
                 case "STATE":
                     words = strong if shown.mood not in CALM else plain
-                    tail = f" {OPEN}" if shown.unguarded else ""
+                    tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
                     tail = f" ({BY_VERB['enslave'].key})" if shown.mood == "needs" else tail
                     told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
