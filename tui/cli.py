@@ -156,6 +156,10 @@ def _demo(line: Line, *, readonly: bool) -> int:
         note(
             f"the full screen needs a terminal, and {without}; the demo plays its script (`demo --headless`)"
         )
+    if not (headless or without):
+        from robotree.tui.screen import keymap
+
+        keymap.load()  # one that is wrong is told before anything begins
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
     work = demo.demo(
         headless=headless or bool(without),
@@ -210,8 +214,10 @@ async def _supervise(realm: str, *, readonly: bool) -> int:
     if without := no_screen():
         raise NeedsTerminal(without)
     from robotree.tui.processes.realm import joined
+    from robotree.tui.screen import keymap
     from robotree.tui.screen.supervise import supervise
 
+    keymap.load()  # one that is wrong is told before anything begins
     async with joined(realm) as fleet:
         return await supervise(fleet, realm, readonly=readonly)
 

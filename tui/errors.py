@@ -4,7 +4,7 @@ Errors of robots come from `robotree.vr.errors` and pass through unchanged; here
 at the keyboard or in a session script.
 
     SupervisorError
-      UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal
+      UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap
       SessionError    BadScript
       ValueRefused    (also ValueError)
       NothingToAsk · OldList · SomeHang · DemoRuns · MemberFailed · Interrupted
@@ -68,6 +68,15 @@ class NeedsTerminal(UsageError):
         super().__init__(
             f"the full screen needs a terminal, and {without}; use verbs, for example `robotree ls`"
         )
+
+
+class BadKeymap(UsageError):
+    """The operator's file of keys cannot be used; nothing was started."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Name the file and what is wrong in it."""
+        self.path, self.reason = path, reason
+        super().__init__(f"{path}: {reason}")
 
 
 class SessionError(SupervisorError):

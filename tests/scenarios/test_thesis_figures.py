@@ -100,7 +100,7 @@ async def test_figure_4_13_it_descends_and_catches_the_handle(stage: Stage) -> N
     await stage.jog("up", *("pagedown",) * 5)
     await stage.press("minus")  # 20 mm a step
     await stage.jog("down", "pagedown")
-    await stage.press("s")
+    await stage.press("O")
     await stage.until(lambda: stage.readings("teleop")["width"] < 0.05)
     assert stage.readings("teleop")["width"] > 0.015, "the handle is between the fingers"
 

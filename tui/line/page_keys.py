@@ -141,7 +141,7 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         page="teleop", name="open", key="o", action="grip('open')", label="Open", help="Open the gripper."
     ),
     PageKey(
-        page="teleop", name="shut", key="s", action="grip('close')", label="Shut", help="Close the gripper."
+        page="teleop", name="close", key="O", action="grip('close')", label="Close", help="Close the gripper."
     ),
     PageKey(
         page="teleop",
@@ -158,8 +158,16 @@ PAGE_KEYS: tuple[PageKey, ...] = (
         key="v",
         action="camera",
         label="Camera",
-        help="Look through the next camera.",
+        help="Look at the next picture of the workspaces.",
         verb="views",
+    ),
+    PageKey(
+        page="teleop",
+        name="next",
+        key="V",
+        action="camera",
+        help="Look at the next picture of the workspaces.",
+        verb="camera",
     ),
     PageKey(
         page="teleop", name="leave", key="escape", action="dismiss", label="Back", help="Back to the panel."

@@ -30,13 +30,14 @@ from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.themes import DARK, LIGHT
-from robotree.tui.screen.unasked import LINES, Unasked
+from robotree.tui.screen.unasked import Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
@@ -100,6 +101,7 @@ class Supervisor(Fenced, Unasked[int]):
         store: Store | None = None,
         farewell: str = "",
         readonly: bool = False,
+        keymap: Keymap | None = None,
     ) -> None:
         """Supervise a fleet that has been joined.
 
@@ -109,8 +111,11 @@ class Supervisor(Fenced, Unasked[int]):
             store: what is known already, when the screen is opened anew.
             farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
             readonly: whether all that changes robots is absent.
+            keymap: the operator's keys; None: those of the registry.
         """
         super().__init__()
+        self.keymap = keymap or Keymap()
+        self.set_keymap(dict(self.keymap.changed))
         self.readonly = readonly
         shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
         self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
@@ -390,7 +395,7 @@ class Supervisor(Fenced, Unasked[int]):
         stop = BY_VERB["stop"]
         if key.key != stop.key:
             return key.key == stop.typing_key
-        typed_next = any(isinstance(one, Key) and one.key in LINES for one in before)
+        typed_next = any(isinstance(one, Key) and one.key in self.line_keys for one in before)
         return not self.typing and not (typed_next and isinstance(self.screen, MainPage))
 
     def action_quiet_verb(self, verb: str) -> None:
@@ -428,7 +433,9 @@ class Supervisor(Fenced, Unasked[int]):
         """Offer the registry in the palette, beside what Textual offers."""
         for group, actions in self.keyboard.groups.items():
             for action in actions:
-                title = f"{group}: {action.verb}" + (f"  ({spell(action.key)})" if action.key else "")
+                title = f"{group}: {action.verb}" + (
+                    f"  ({self.keymap.spelled(action.verb)})" if action.key else ""
+                )
                 yield SystemCommand(title, action.help, lambda verb=action.verb: self._from_palette(verb))
         yield from super().get_system_commands(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
 

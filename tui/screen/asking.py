@@ -74,7 +74,7 @@ def _enslave(app: Supervisor, place: Place) -> None:
     places = [one for one in found if not slot or (one.parent, one.slot) == (name, slot)]
     if not places:
         why = f"{name} has no empty slot and none waits for it" if name else "no robot is selected"
-        app.tell(f"{why}; `n` makes a virtual robot that could take it", "warning")
+        app.tell(f"{why}; {app.keymap.spelled('create')} makes a virtual robot that could take it", "warning")
         return
     _offer(app, places, "" if any(one.parent == name for one in places) else name)
 
@@ -195,22 +195,34 @@ def _about_robot(verb: str) -> Ask:
 
 def confirm_line(app: Supervisor, line: Line) -> None:
     """Ask back, then carry out."""
-    written = grammar.form(line, shapes(Where.PROMPT))
-    dialog = Confirm(
-        f"{written}?", _consequence(app, line), line.verb.capitalize(), _outlived(app.store, line)
-    )
+    written, outlived = grammar.form(line, shapes(Where.PROMPT)), _outlived(app.store, line)
 
     def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-        if answer:
+        if answer and (why := outlived()):
+            app.tell(why, "warning")  # it has just become another question
+        elif answer:
             app.perform(line)
 
-    app.push_screen(dialog, answered)
+    app.push_screen(
+        Confirm(f"{written}?", _consequence(app, line), line.verb.capitalize(), outlived), answered
+    )
 
 
 def _outlived(store: Store, line: Line) -> Callable[[], str]:
-    """Return how to find out that a question is none any more, because somebody else was faster."""
-    name = line.text("NAME")
-    asked = {one for one in store.stopped if name in {"", one}} if line.verb == "resume" else set[str]()
+    """Return how to find out that a question is none any more: it is answered, or about another robot."""
+    match line.verb:
+        case "resume":
+            return _resumed(store, line.text("NAME"))
+        case "delete":
+            return _replaced(store, line.text("NAME"))
+        case "release":
+            return _changed_hands(store, *line.text("PARENT.SLOT").partition(".")[::2])
+        case _:
+            return lambda: ""
+
+
+def _resumed(store: Store, name: str) -> Callable[[], str]:
+    asked = {one for one in store.stopped if name in {"", one}}
 
     def outlived() -> str:
         if not asked or not asked.isdisjoint(store.stopped):
@@ -218,6 +230,38 @@ def _outlived(store: Store, line: Line) -> Callable[[], str]:
         return f"no need to resume: the stop of {', '.join(sorted(asked))} has ended meanwhile"
 
     return outlived
+
+
+def _replaced(store: Store, name: str) -> Callable[[], str]:
+    before = store.descriptions.get(name)
+
+    def outlived() -> str:
+        now = store.descriptions.get(name)
+        if before is None or (now and now.address == before.address):
+            return ""
+        return f"{name} is another robot now: look, then ask again" if now else f"{name} has gone meanwhile"
+
+    return outlived
+
+
+def _changed_hands(store: Store, parent: str, slot: str) -> Callable[[], str]:
+    before = _child(store, parent, slot)
+
+    def outlived() -> str:
+        now = _child(store, parent, slot)
+        if not before or now == before:
+            return ""
+        return f"{parent}.{slot} {f'holds {now}' if now else 'is empty'} now, not {before}"
+
+    return outlived
+
+
+def _child(store: Store, parent: str, slot: str) -> str:
+    """Return whom a slot holds; empty: nobody, or that is not known."""
+    robot = store.descriptions.get(parent)
+    return (
+        next((one.child.name for one in robot.slots if one.name == slot and one.child), "") if robot else ""
+    )
 
 
 def _consequence(app: Supervisor, line: Line) -> str:
@@ -230,7 +274,9 @@ def _consequence(app: Supervisor, line: Line) -> str:
             freed = f" {', '.join(children)} will be free again." if children else ""
             return f"{line.text('NAME')} ends for good.{busy}{freed}"
         case "release":
-            return "The child stops what it does for its parent, and is listed again."
+            parent, _, slot = line.text("PARENT.SLOT").partition(".")
+            child = _child(store, parent, slot) or "The child"
+            return f"{child} stops what it does for {parent}, and can be commanded by others again."
         case "resume":
             return f"{', '.join(store.stopped) or 'All robots'} may move again when commanded. Is all clear?"
         case _:

@@ -17,6 +17,7 @@ from textual.events import Event, Key, MouseDown, MouseUp, Paste
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import page_keys
+from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.keys_in_order import KeysInOrder
 
 SOON = 0.2
@@ -51,6 +52,8 @@ class BusyForms(KeysInOrder[ReturnType]):
     def __init__(self) -> None:
         """Begin with nothing dropped."""
         super().__init__()
+        self.keymap = Keymap()
+        """The operator's keys."""
         self._lost: list[str] = []
         """Keys that were dropped and are still to be told."""
 
@@ -62,9 +65,10 @@ class BusyForms(KeysInOrder[ReturnType]):
 
     def keys_while_busy(self) -> set[str]:
         """Return the keys that work while the form in front carries something out."""
-        keys = {key for one in ACTIONS if one.while_busy for key in (one.key, one.typing_key)}
+        verbs = [one for one in ACTIONS if one.while_busy]
         page = getattr(self.screen, "KEYS_OF", "") if self.screen_stack else ""
-        return keys.union(*(one.key.split(",") for one in page_keys(page) if one.while_busy))
+        names = [*(one.verb for one in verbs), *(one.id for one in page_keys(page) if one.while_busy)]
+        return {one.typing_key for one in verbs}.union(*map(self.keymap.keys, names))
 
     def _meant(self, event: Event) -> DOMNode | None:
         if not self.screen_stack:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
 from robotree.tui.processes.state_files import state_file
+from robotree.tui.screen import keymap
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.seen.store import Store
 from robotree.tui.terminal import complain
@@ -57,15 +58,19 @@ async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: b
 
     Returns:
         The exit code.
+
+    Raises:
+        BadKeymap: the operator's file of keys is wrong.
     """
     with _logging_to_a_file(realm):
         return await _show(fleet, realm, farewell, readonly=readonly)
 
 
 async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> int:
+    keys = keymap.load()
     task, store, ends = asyncio.current_task(), Store(), list[float]()
     while True:
-        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell, readonly=readonly)
+        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell, readonly=readonly, keymap=keys)
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
             raise asyncio.CancelledError

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 LOOK = 0.5
 """[s] that a person takes to see that something else is in front, and to end what they type."""
 
-LINES = {BY_VERB["prompt"].key, BY_VERB["filter"].key}
-"""Keys of the main page after which one types."""
-
 _STOPS = {BY_VERB["stop"].key, BY_VERB["stop"].typing_key}
 
 
@@ -59,6 +56,11 @@ class Unasked(BusyForms[ReturnType]):
         self._seen = self.now() + LOOK
 
     @property
+    def line_keys(self) -> set[str]:
+        """Keys of the main page after which one types."""
+        return {*self.keymap.keys("prompt"), *self.keymap.keys("filter")}
+
+    @property
     def typing(self) -> bool:
         """Whether keys are letters now."""
         return bool(self.screen_stack) and isinstance(self.focused, Input) and not carried_out(self.focused)
@@ -71,7 +73,7 @@ class Unasked(BusyForms[ReturnType]):
             and event.is_printable
             and event.key not in _STOPS
         ):
-            self._typed = self._typed or event.key in LINES
+            self._typed = self._typed or event.key in self.line_keys
             self._seen = max(self._seen, event.time + LOOK)
         await super().on_event(event)
 

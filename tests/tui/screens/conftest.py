@@ -17,6 +17,7 @@ from textual.widgets import Input
 
 from robotree.tui.screen import unasked
 from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.keymap import Keymap
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -128,8 +129,9 @@ def operate() -> Operate:
         mended: bool = False,
         farewell: str = "",
         readonly: bool = False,
+        keymap: Keymap | None = None,
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly)
+        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly, keymap=keymap)
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.place import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -45,3 +46,39 @@ async def test_the_question_about_one_robot_is_not_answered_by_another(
         await operator.sees(
             "no need to resume: the stop of rover-1 has ended meanwhile", "PROTECTIVE STOP: arm-1"
         )
+
+
+async def test_the_question_to_delete_closes_when_another_robot_has_taken_the_name(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
+        operator.app.ask_for("delete", Place("mover"))
+        await operator.at(Confirm)
+        await operator.sees("delete mover?", "mover ends for good")
+        await realm.fleet.delete("mover")
+        await realm.create("two_arms.py", "mover")
+        await operator.at(MainPage)
+        await operator.until(
+            lambda: any("mover " in one.text for one in operator.app.store.happenings), "it is told"
+        )
+        assert "mover" in {robot.name for robot in await realm.fleet.tree()}, "the new one lives"
+
+
+async def test_the_question_to_release_names_the_child_and_closes_when_the_slot_has_another_one(
+    realm: Realm, operate: Operate
+) -> None:
+    await realm.create("move_to.py", "mover")
+    await realm.fleet.enslave("mover", "arm", "arm-1")
+    async with operate(realm.fleet) as operator:
+        store = operator.app.store
+        await operator.until(
+            lambda: "mover" in store.descriptions and bool(store.descriptions["mover"].slots[0].child), "bond"
+        )
+        operator.app.ask_for("release", Place("mover"))
+        await operator.at(Confirm)
+        await operator.sees("release mover.arm?", "arm-1 stops what it does for mover")
+        await realm.fleet.release("mover", "arm")
+        await operator.at(MainPage)
+        await operator.sees("mover.arm is empty now, not arm-1")

@@ -92,7 +92,9 @@ async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
         lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
         wanted = [f"{spell(one.key)} {one.help}" for one in ACTIONS if one.key and not one.typing_key]
         wanted += [
-            f"{told} {meaning}" for page in ("panel", "teleop", "new") for told, meaning in page_rows(page)
+            f"{told} {meaning}"
+            for page in ("panel", "teleop", "new")
+            for told, meaning in page_rows(page, operator.app.keymap)
         ]
         assert [one for one in wanted if " ".join(one.split()) not in lines] == []
 

@@ -156,7 +156,7 @@ async def test_hasty_keys_become_few_movements_on_a_leash(realm: Realm, operate:
 async def test_the_gripper_opens_and_closes(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await sit_at(operator)
-        await operator.press("s")
+        await operator.press("O")
         await operator.until(lambda: realm.arm.width == 0.0, "closed")
         await operator.press("o")
         await operator.until(lambda: realm.arm.width == 0.08, "open")
@@ -216,7 +216,7 @@ async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
     async with operate(realm.fleet) as operator:
         page = await sit_at(operator)
         realm.network.kill(realm.members["arm-1"])
-        await operator.press("up", "s", "pageup")
+        await operator.press("up", "O", "pageup")
         await operator.until(lambda: bool(page._refusal), "a sentence")
         await operator.press("escape")
         await operator.at(MainPage)

@@ -12,6 +12,7 @@ from robotree.tui.line.action import Action, Scope
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import page_keys
+from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.marks import MOODS, tint
@@ -38,11 +39,11 @@ def help_text(app: Supervisor) -> Text:
     _stop(app, text)
     block("On every page, but not in a field that you type in", _actions(app, Scope.PROGRAM))
     block("On the main page", [*_actions(app, Scope.PAGE), *_own(MainPage)])
-    block("In the panel of a robot", page_rows("panel"))
-    block("In the tele-operation of an arm", page_rows("teleop"))
-    block("On the page for new robots", page_rows("new"))
-    block("In a question", page_rows("question"))
-    block("In a text", page_rows("text"))
+    block("In the panel of a robot", page_rows("panel", app.keymap))
+    block("In the tele-operation of an arm", page_rows("teleop", app.keymap))
+    block("On the page for new robots", page_rows("new", app.keymap))
+    block("In a question", page_rows("question", app.keymap))
+    block("In a text", page_rows("text", app.keymap))
     text.append("Verbs", strong)
     text.append("  at the `:` prompt, on the command line after `robotree`, and in session scripts\n", muted)
     for actions in app.prompt.groups.values():
@@ -54,11 +55,15 @@ def help_text(app: Supervisor) -> Text:
     return text
 
 
-def page_rows(page: str) -> list[tuple[str, str]]:
+def page_rows(page: str, keymap: Keymap) -> list[tuple[str, str]]:
     """Return the keys of a page with what they do; those that do the same share a line."""
     found: dict[str, list[str]] = {}
     for one in page_keys(page):
-        found.setdefault(one.help, []).append(one.shown or " ".join(map(spell, one.key.split(","))))
+        found.setdefault(one.help, []).append(
+            one.shown
+            if one.shown and one.id not in keymap.changed
+            else " ".join(map(spell, keymap.keys(one.id)))
+        )
     return [(" ".join(keys), meaning) for meaning, keys in found.items()]
 
 
@@ -75,7 +80,7 @@ def _stop(app: Supervisor, text: Text) -> None:
     text.append(f"  {spell(stop.key):<{ROOM}}", strong)
     text.append("stops every robot at once, on every page. In a field that you type in it is a space:\n")
     text.append(f"  {spell(stop.typing_key):<{ROOM}}", strong)
-    resume = spell(BY_VERB["resume"].key)
+    resume = app.keymap.spelled("resume")
     text.append(f"stops every robot even then. {resume} resumes; nothing moves by itself.\n\n")
 
 
@@ -83,7 +88,7 @@ def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:
     """Return keys and meanings of the actions of a scope; the stop has been told."""
     for action in app.keyboard.actions:
         if action.key and action.scope is scope and not action.typing_key:
-            yield spell(action.key), _meaning(app, action)
+            yield " ".join(map(spell, app.keymap.keys(action.verb))), _meaning(app, action)
     if scope is Scope.PROGRAM:
         yield spell(app.COMMAND_PALETTE_BINDING), "Palette: everything by name, colours, a screenshot."
 

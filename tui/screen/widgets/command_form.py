@@ -29,8 +29,6 @@ from robotree.vr.network.rendezvous import DEFAULT_REALM
 CELLS = 20
 """Of the bar that shows how far a command is."""
 
-HOW_TO_RUN = "ctrl+r runs it, or the button"
-
 
 class CommandForm(Form, Fenced, VerticalScroll):
     """Draws one command; asks the screen to run or to cancel it."""
@@ -88,7 +86,11 @@ class CommandForm(Form, Fenced, VerticalScroll):
         self._draw_line()
         if not self.spec.available:
             slot = self.spec.through.partition(".")[0]
-            self._say("!", "warning", f"the slot {slot} is empty: enslave a robot first (key e)")
+            self._say(
+                "!",
+                "warning",
+                f"the slot {slot} is empty: enslave a robot first (key {self.app.keymap.spelled('enslave')})",
+            )
 
     def focus_first(self) -> None:
         """Put the cursor into the first field; where there is none, say how it is run.
@@ -99,7 +101,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
         if rows:
             rows[0].focus_entry()
         elif self.spec.available:
-            self._say("·", "muted", HOW_TO_RUN)
+            self._say("·", "muted", f"{self.app.keymap.spelled('panel.run')} runs it, or the button")
 
     @on(FieldRow.Onward)
     def _onward(self, event: FieldRow.Onward) -> None:
@@ -108,7 +110,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
         if following:
             following[0].focus_entry()
         else:
-            self._say("·", "muted", HOW_TO_RUN)
+            self._say("·", "muted", f"{self.app.keymap.spelled('panel.run')} runs it, or the button")
 
     def draw(self, readings: Mapping[str, float]) -> None:
         """Show the values now; a form that is carried out keeps what was sent, and tells how far it is."""

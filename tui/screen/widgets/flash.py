@@ -6,7 +6,6 @@ import time
 
 from rich.text import Text
 
-from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.widgets.marks import tint, weigh
 from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen.store import Happening, Store
@@ -28,9 +27,9 @@ def _recent(store: Store, now: float) -> list[Happening]:
     return found
 
 
-def more(count: int) -> str:
+def more(count: int, key: str) -> str:
     """Say how much else has just happened, and which key shows it."""
-    return f"+{count} · {BY_VERB['log'].key}" if count > 0 else ""
+    return f"+{count} · {key}" if count > 0 else ""
 
 
 class FlashLine(Still):
@@ -42,7 +41,7 @@ class FlashLine(Still):
         if recent:
             newest = recent[0]
             line.append_text(weigh(self.app, newest.weight, newest.text))
-            rest = more(len(recent) - 1)
+            rest = more(len(recent) - 1, self.app.keymap.spelled("log"))
             room = self.size.width - len(rest) - 2
             long = newest.weight == "error" and line.cell_len > self.size.width
             if not long and rest:
@@ -76,6 +75,6 @@ class LastLines(Still):
             if len(lines) + len(parts) > LINES:
                 break
             lines = [*parts, *lines]
-        self.border_title = f"log  {BY_VERB['log'].key}"
-        self.border_subtitle = more(len(_recent(store, now)) - LINES)
+        self.border_title = f"log  {self.app.keymap.spelled('log')}"
+        self.border_subtitle = more(len(_recent(store, now)) - LINES, self.app.keymap.spelled("log"))
         self.show(Text("\n").join(lines))

@@ -53,7 +53,8 @@ class Banner(Still):
         if store.stopped:
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             names = ", ".join(seen(name) for name in store.stopped)
-            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {spell(BY_VERB['resume'].key)} resumes"))
+            key = self.app.keymap.spelled("resume")
+            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {key} resumes"))
         if store.orphaned:
             stale = "✗ STALE: no lookup service is left; the lists may be old, known robots still obey"
             lines.append(Text(stale))

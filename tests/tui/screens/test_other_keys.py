@@ -1,0 +1,55 @@
+"""With the preset of k9s the screen has its keys, in footer and help, too; the stop stays where it was."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotree.tui.screen.keymap import read
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.place import Place
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate
+    from tui.conftest import Realm
+
+K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "U"', "keys.toml")
+
+
+async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet, keymap=K9S) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
+        operator.app.choose("mover")
+        await operator.sees("^d Delete", "f3 Filter")
+        await operator.press("d")
+        await operator.at(Reading)
+        await operator.sees("VirtualRobot")
+        await operator.press("escape", "ctrl+d")
+        await operator.at(Confirm)
+        await operator.sees("delete mover?")
+        await operator.press("escape", "question_mark")
+        await operator.at(Reading)
+        await operator.sees("U resumes")
+        await operator.press("escape", "f3", "space", "x")
+        assert operator.app.store.stopped == (), "a space that is typed stops nobody"
+        await operator.press("escape", "space")
+        await operator.sees("U resumes")
+        await operator.press("U")
+        await operator.at(Confirm)
+
+
+async def test_a_form_runs_by_its_other_key_and_says_so(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, keymap=K9S) as operator:
+        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.at(PanelPage)
+        await operator.sees("f5 Run")
+        await operator.press(*["down"] * 3, "enter")
+        await operator.sees("f5 runs it, or the button")
+        await operator.press("f5")
+        await operator.sees("done in")
+        await operator.press("escape")
+        await operator.at(MainPage)
