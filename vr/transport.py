@@ -29,6 +29,10 @@ PresenceHandler = Callable[[str, bool], None]
 """Takes one change of presence: the key, and whether it is there now. Must not block."""
 
 
+CutOffHandler = Callable[[str], None]
+"""Takes why no other process can reach this one, as a clause; empty: one can. Must not block."""
+
+
 class Held(msgspec.Struct, frozen=True):
     """Something that a living process holds present, by the record that its machine keeps of it."""
 
@@ -131,6 +135,13 @@ class Transport(Protocol):
         """Return the processes of the realm that live and are in no record. Asks no network.
 
         Who is just entering is among them for a moment.
+        """
+        ...
+
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """Hear when no other process of the realm can reach this one any more, and when one can again.
+
+        That is so when no other process is connected and awake, and none that comes later can find this one.
         """
         ...
 

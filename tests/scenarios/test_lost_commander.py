@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import math
 import os
+import shutil
 import signal
 import sys
 from asyncio.subprocess import DEVNULL
@@ -49,6 +50,8 @@ LATEST, FARTHEST = 0.15, 0.025
 """[s], [m] from the end to the arm standing."""
 SOON = 0.5
 """[s] from the end of a command line: two processes and a thread have to notice it first."""
+UNREACHED = 2.0
+"""[s] from when nobody can reach a proxy: it looks twice a second, and acts when it looks again."""
 BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 
 
@@ -156,6 +159,32 @@ async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_i
     seconds, metres = track.stood(killed)
     record_property("standing after [ms], [mm]", (round(1e3 * seconds), round(1e3 * metres, 1)))
     assert seconds < SOON, f"{1e3 * seconds:.0f} ms, {1e3 * metres:.1f} mm"
+
+
+async def test_the_arm_stands_when_no_process_can_reach_its_proxy_any_more(place: Path) -> None:
+    """The realm's folder is gone and cannot be made again, as after the end of a login session."""
+    async with Crew(REALM, place) as crew:
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0")
+        proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
+        async with watching(arm.address) as track:
+            async with joined(REALM) as fleet:
+                await fleet.call(
+                    "arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST}
+                )
+                slow = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0, "speed": 0.05}
+                await fleet.tell("arm-1", "go_to", slow)
+                await until(lambda: track.speed() > 0.03, "the arm moves slowly")
+                shutil.rmtree(place / "robotree")
+                (place / "robotree").touch()
+                gone = track.places[-1][0]
+                await until(lambda: track.places[-1][0] > gone + 1.5, "it is watched")
+                assert track.speed() > 0.03, "the supervisor can still stop it"
+            gone = track.places[-1][0]
+            await until(lambda: track.places[-1][0] > gone + 2.5, "nobody is left")
+            assert track.speed() < STANDING
+            assert "arm-1 ends its commands: no other process can reach it: realm 'lost'" in proxy.log
+    seconds, _ = track.stood(gone)
+    assert seconds < UNREACHED, f"{seconds:.2f} s"
 
 
 async def test_the_arm_stands_within_150_ms_of_the_end_of_its_serial_line(

@@ -91,7 +91,7 @@ class RobotAgent:
         self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
         self._listed = Listed(registrar, self.address)
         self._news = StateNews(transport, self.address.key, self._portrait.state)
-        self._serving: Registration | None = None
+        self._declared: list[Registration] = []
         self._presence: Registration | None = None
         self._publishing: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
@@ -112,7 +112,8 @@ class RobotAgent:
         self.open = True
         try:
             handler = conversing(self._requests.answer, self.robot.name)
-            self._serving = await self.transport.serve(self.address.key, handler)
+            self._declared.append(await self.transport.serve(self.address.key, handler))
+            self._declared.append(await self.transport.watch_itself(self._cut_off))
             self._presence = await claim(self.transport, self.address)
         except BaseException:
             self.open = False
@@ -175,7 +176,7 @@ class RobotAgent:
                 await self._presence.close()
 
     async def _withdraw(self) -> None:
-        for registration in (self._presence, self._serving):
+        for registration in (self._presence, *reversed(self._declared)):
             if registration is not None:
                 with contextlib.suppress(VrError):
                     await registration.close()
@@ -210,6 +211,12 @@ class RobotAgent:
         if self._bonds is not None:
             self._bonds.hurry()
         self.changed()
+
+    def _cut_off(self, reason: str) -> None:
+        """End all motion when nobody could end it any more: no stop would reach the robot."""
+        if reason:
+            _log.warning("%s ends its commands: %s", self.robot.name, reason)
+            self._desk.jobs.cancel_all(reason)
 
     def _freed(self, tenure: Tenure, reason: str) -> None:
         _log.info("%s is free again: %s", self.robot.name, reason)

@@ -17,6 +17,7 @@ from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.transport import (
+    CutOffHandler,
     Held,
     PresenceHandler,
     Registration,
@@ -174,6 +175,16 @@ class LocalTransport:
         """See `Transport.unlisted`."""
         self._check("")
         return self.mesh.unlisted()
+
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """See `Transport.watch_itself`."""
+        self._check("")
+
+        def hear(reason: str) -> None:
+            self._turns.put(partial(handler, reason), urgent=True)
+
+        number = self.mesh.watch_itself(hear)
+        return _Registration(self, lambda: self.mesh.unwatch(number))
 
     async def close(self) -> None:
         """See `Transport.close`."""

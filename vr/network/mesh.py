@@ -58,6 +58,9 @@ HANGS: Final = 2.0
 GREETING: Final = 0.3
 """[s] that a newcomer waits at most for the others to say who they are."""
 
+LOST: Final = 2
+"""Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
+
 FAREWELL: Final = 0.5
 """[s] for which a process that leaves tries to send what waits."""
 
@@ -118,6 +121,11 @@ class Mesh:
         self._servers: dict[str, Answer] = {}
         self._subscribers: dict[int, tuple[str, OnSample]] = {}
         self._watchers: dict[int, tuple[str, OnPresence]] = {}
+        self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
+        self._cut_off = False
+        """Whether no other process can reach this one."""
+        self._lost_ticks = 0
+        """For how many ticks that has been so."""
         self._holders: Counter[str] = Counter()
         """How many processes that are awake are present under a key, this one included."""
         self._where: dict[str, _Peer] = {}
@@ -250,6 +258,14 @@ class Mesh:
         """See them no longer."""
         with self._lock:
             self._watchers.pop(number, None)
+            self._watchers_of_itself.pop(number, None)
+
+    def watch_itself(self, on_cut_off: Callable[[str], None]) -> int:
+        """Hear why no other process can reach this one any more, and "" when one can; see `unwatch`."""
+        with self._lock:
+            number = next(self._numbers)
+            self._watchers_of_itself[number] = on_cut_off
+            return number
 
     def silent(self, pattern: str) -> list[Held]:
         """Return what is held present by processes that live and are not heard."""
@@ -676,9 +692,33 @@ class Mesh:
         else:
             for peer in list(self._peers.values()):
                 self._judge(peer, now)
+        trouble = ""
         if not self.place.registered():
-            self._register()
+            try:
+                self._register()
+            except RealmUnusable as error:
+                trouble = str(error)
         self._dial_all()
+        self._judge_itself(trouble)
+
+    def _judge_itself(self, trouble: str) -> None:
+        """See whether any other process can reach this one, and tell it when that changes.
+
+        Args:
+            trouble: why nobody who comes now can find this process; empty: it can be found.
+        """
+        with self._lock:
+            alone = not any(peer.awake for peer in self._peers.values())
+            watchers = list(self._watchers_of_itself.values())
+        self._lost_ticks = self._lost_ticks + 1 if trouble and alone else 0
+        cut_off = self._lost_ticks >= LOST
+        if cut_off == self._cut_off:
+            return
+        self._cut_off = cut_off
+        if cut_off:
+            _log.warning("no other process can reach this one: %s", trouble)
+        for watcher in watchers:
+            watcher(f"no other process can reach it: {trouble}" if cut_off else "")
 
     def _judge(self, peer: _Peer, now: float) -> None:
         if peer.beat is not None:

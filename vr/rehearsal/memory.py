@@ -19,7 +19,15 @@ from robotree.vr.errors import TransportClosed
 from robotree.vr.network.pattern import matches
 from robotree.vr.network.replies import Replies
 from robotree.vr.rehearsal.memory_link import Link
-from robotree.vr.transport import Held, PresenceHandler, Registration, RequestHandler, SampleHandler, Unlisted
+from robotree.vr.transport import (
+    CutOffHandler,
+    Held,
+    PresenceHandler,
+    Registration,
+    RequestHandler,
+    SampleHandler,
+    Unlisted,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -84,6 +92,7 @@ class MemoryNetwork:
     def unlist(self, member: MemoryTransport) -> None:
         """Take a member out of the record: who comes from now on never meets it."""
         self.unlisted.add(member)
+        self.refresh()
 
     # -- for the members and links ----------------------------------------------------------------
 
@@ -168,6 +177,8 @@ class MemoryTransport:
         self.tokens: list[str] = []
         self._subscriptions: dict[int, tuple[str, SampleHandler]] = {}
         self._watches: dict[int, _Watch] = {}
+        self._cut_off_handlers: dict[int, CutOffHandler] = {}
+        self._cut_off = False
         self._numbers = itertools.count()
         self._tasks: set[asyncio.Task[None]] = set()
         self._asking: set[Replies] = set()
@@ -254,6 +265,13 @@ class MemoryTransport:
             if member in self.network.unlisted and member is not self
         ]
 
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """See `Transport.watch_itself`."""
+        self._check("")
+        number = next(self._numbers)
+        self._cut_off_handlers[number] = handler
+        return _Entry(partial(self._cut_off_handlers.pop, number, None))
+
     async def close(self) -> None:
         """See `Transport.close`."""
         if not self.closed:
@@ -282,6 +300,12 @@ class MemoryTransport:
 
     def look(self) -> None:
         """Tell each watcher what came and went since it was told last."""
+        cut_off = self in self.network.unlisted and not any(map(self._sees, self._others()))
+        if cut_off != self._cut_off:
+            self._cut_off = cut_off
+            for handler in self._cut_off_handlers.values():
+                reason = "no other process can reach it: its entry is gone" if cut_off else ""
+                self.network.post(self.network.delay, partial(handler, reason))
         for watch in self._watches.values():
             now = set(self._visible(watch.pattern))
             changes = sorted((key, key in now) for key in now ^ watch.told)
@@ -294,6 +318,9 @@ class MemoryTransport:
     def _notify(self, watch: _Watch, key: str, there: bool) -> None:  # noqa: FBT001 # as the handler takes it
         if watch in self._watches.values():
             watch.handler(key, there)
+
+    def _others(self) -> list[MemoryTransport]:
+        return [member for member in self.network.members if member is not self]
 
     def _check(self, key: str) -> None:
         if self.closed:

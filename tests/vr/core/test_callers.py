@@ -125,3 +125,39 @@ async def test_a_command_that_both_of_two_have_called_ends_with_the_second(realm
     realm.network.kill(members[1])
     await realm.until(lambda: running(rover) == [""], within=0.2)
     await asyncio.gather(*calls, return_exceptions=True)
+
+
+# -- nobody is left who could end it ---------------------------------------------------------------
+
+
+async def test_a_robot_that_nobody_can_reach_any_more_ends_its_motion_and_says_why(
+    realm: Any, operator: Operator, caplog: pytest.LogCaptureFixture
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    await operator.fleet.tell("rover", "move", {"x": 5})
+    await realm.until(lambda: running(rover) == ["move"])
+    realm.network.unlist(rover.transport)
+    await asyncio.sleep(1.0)
+    assert running(rover) == ["move"], "those who know it can still end it"
+    for other in list(realm.network.members):
+        if other is not rover.transport:
+            realm.network.cut(rover.transport, other)
+    await realm.until(lambda: running(rover) == [""], within=3.0)
+    assert rover.robot.x < 4.9
+    assert "rover ends its commands: no other process can reach it: its entry is gone" in caplog.text
+    for other in list(realm.network.members):
+        if other is not rover.transport:
+            realm.network.heal(rover.transport, other)
+    await realm.until(lambda: bool(operator.fleet.directory.present("robot")))
+    await operator.fleet.call("rover", "move", {"x": 0.1})
+
+
+async def test_a_robot_that_others_can_find_goes_on_alone(realm: Any, operator: Operator) -> None:
+    rover = await realm.start(Rover("rover"))
+    await operator.fleet.tell("rover", "move", {"x": 3})
+    await realm.until(lambda: running(rover) == ["move"])
+    for other in list(realm.network.members):
+        if other is not rover.transport:
+            realm.network.cut(rover.transport, other)
+    await realm.until(lambda: running(rover) == [""])
+    assert rover.robot.x == pytest.approx(3)

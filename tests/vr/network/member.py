@@ -89,6 +89,10 @@ class Rover(Robot):
     def move(self, x: float) -> float:
         return x
 
+    @command
+    def wait(self) -> None:
+        self.sleep(60)
+
 
 async def robot(transport: LocalTransport, name: str) -> None:
     """Be a robot with an agent."""

@@ -36,6 +36,7 @@ from robotree.vr import Child, VirtualRobot
 class Carrier(VirtualRobot):
     rover = Child("Rover")
     move = rover.exposed("move")
+    wait = rover.exposed("wait")
 """
 WAITING = 5000
 """Calls of a flood that wait at any time."""
@@ -129,6 +130,25 @@ async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when
     await fleet.enslave("carrier", "rover", "rover")
     assert (await fleet.describe("rover")).epoch > bound.epoch
     assert await fleet.call("carrier", "move", {"x": 4.0}) == 4.0
+
+
+async def test_what_a_killed_parent_has_begun_ends_at_once(
+    start: Start, fleet: Fleet, tmp_path: Path
+) -> None:
+    _, host, _ = await begin(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
+    (tmp_path / "carrier.py").write_text(CARRIER)
+    await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
+    await fleet.create(str(tmp_path / "carrier.py"), "carrier")
+    await fleet.enslave("carrier", "rover", "rover")
+    await fleet.tell("carrier", "wait", {})
+    while (await fleet.describe("rover")).busy != "wait":  # noqa: ASYNC110 # what is asked is the condition
+        await asyncio.sleep(0.01)
+    with ticking() as ticks:
+        host.signal(signal.SIGKILL)
+        while (await fleet.describe("rover")).busy:  # noqa: ASYNC110 # what is asked is the law
+            await asyncio.sleep(0.01)
+    assert len(ticks) * TICK < NOISE
+    assert await fleet.call("rover", "move", {"x": 1.0}) == 1.0
 
 
 @contextmanager

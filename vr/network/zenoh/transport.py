@@ -26,6 +26,7 @@ from robotree.vr.network.zenoh.making import made
 from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
+    CutOffHandler,
     Held,
     PresenceHandler,
     Registration,
@@ -251,6 +252,12 @@ class ZenohTransport:
         self._open("")
         return []
 
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """See `Transport.watch_itself`: who may come and find this process nobody can tell here."""
+        self._open("")
+        del handler
+        return _Nothing()
+
     async def close(self) -> None:
         """See `Transport.close`."""
         if self._closing is None:
@@ -363,6 +370,13 @@ def _direct(
 ) -> zenoh.handlers.Callback[_R]:
     """Have a callback called in the network's own thread; otherwise each request costs a new thread."""
     return zenoh.handlers.Callback(callback, drop, indirect=False)
+
+
+class _Nothing:
+    """A registration of nothing."""
+
+    async def close(self) -> None:
+        pass
 
 
 class _Declared:
