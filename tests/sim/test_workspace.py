@@ -42,10 +42,11 @@ def visit(seed: int, count: int, *, lever: bool) -> collections.Counter[tuple[Go
 
 
 @pytest.mark.timeout(300)
-def test_of_a_hundred_goals_on_a_bare_table_none_gets_stuck() -> None:
-    ends = visit(seed=5, count=100, lever=False)
+def test_of_thirty_goals_on_a_bare_table_none_gets_stuck() -> None:
+    """The soak test visits a thousand."""
+    ends = visit(seed=5, count=30, lever=False)
     reached = ends.pop((GoalState.SUCCEEDED, Reason.NONE))
-    assert reached >= 80
+    assert reached >= 24
     assert {state for state, _ in ends} == {GoalState.REFUSED}
     assert {reason for _, reason in ends} <= HONEST
 
