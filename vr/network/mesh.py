@@ -114,6 +114,7 @@ class Mesh:
         """Prepare to enter at this place."""
         self.place = place
         self.closed = False
+        self._entering = False
         self._lock = threading.RLock()
         self._peers: dict[str, _Peer] = {}
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
@@ -164,18 +165,36 @@ class Mesh:
         Args:
             greeting: [s] to wait for that at most.
 
+        It may be closed meanwhile by another thread; then it is left again.
+
         Raises:
             RealmUnusable: the realm's folder cannot be used.
         """
+        with self._lock:
+            if self.closed:
+                return
+            self._entering = True
+        try:
+            self._enter()
+        except BaseException:
+            with self._lock:
+                self._entering = False
+            if self.closed:
+                self._release()
+            raise
+        self._thread.start()
+        if self.closed:
+            self.place.leave()
+        self._check_complete()
+        self._complete.wait(greeting)
+
+    def _enter(self) -> None:
         for end in (self._nudge, self._nudged):
             end.setblocking(False)
         self._selector.register(self._nudged, selectors.EVENT_READ)
         self._ticked = time.monotonic()
         self._register()
         self._dial_all()
-        self._thread.start()
-        self._check_complete()
-        self._complete.wait(greeting)
 
     def close(self) -> Future[None]:
         """Leave: others see it at once. Twice is once.
@@ -185,9 +204,10 @@ class Mesh:
         """
         with self._lock:
             first, self.closed = not self.closed, True
+            opened = self._entering
         if first:
             self.place.leave()
-            if self._thread.ident is None:  # it was never opened
+            if not opened:
                 self._release()
             self._wake()
         return self._ended_all

@@ -11,6 +11,7 @@ import pytest
 
 from robotree.vr.errors import BadName, RealmUnusable
 from robotree.vr.network.local import join
+from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous, realm_name, runtime_directory
 
 
@@ -169,3 +170,19 @@ def test_realms_lie_in_the_users_runtime_directory(monkeypatch: pytest.MonkeyPat
     assert runtime_directory() == tmp_path / "robotree"
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert runtime_directory().name == f"robotree-{os.geteuid()}"
+
+
+def test_a_process_that_leaves_while_it_enters_leaves_nothing_behind(tmp_path: Path) -> None:
+    """As `robotree watch` does whose reader has left already."""
+    mesh = Mesh(place_at(tmp_path))
+    enter = mesh._dial_all
+
+    def leave_meanwhile() -> None:
+        mesh.close()
+        enter()
+
+    mesh._dial_all = leave_meanwhile  # type: ignore[method-assign]
+    mesh.open()
+    mesh._thread.join(10.0)
+    assert mesh.close().done()
+    assert names(mesh.place) == set()
