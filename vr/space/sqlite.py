@@ -34,9 +34,9 @@ _TABLE = (
 _FORMER = "CREATE TABLE variable (name TEXT PRIMARY KEY, value INTEGER NOT NULL) WITHOUT ROWID"
 """The table of earlier versions, which had no checksums."""
 _ADD = (
-    "INSERT INTO sums (name, value, checksum) VALUES (?1, ?2, checksum(?1, ?2)) "
-    "ON CONFLICT (name) DO UPDATE SET value = intact(name, value, checksum) + ?2, "
-    "checksum = checksum(name, intact(name, value, checksum) + ?2)"
+    "INSERT INTO sums (name, value, checksum) VALUES (:name, :amount, checksum(:name, :amount)) "
+    "ON CONFLICT (name) DO UPDATE SET value = intact(name, value, checksum) + :amount, "
+    "checksum = checksum(name, intact(name, value, checksum) + :amount)"
 )
 _READ = "SELECT name, intact(name, value, checksum) FROM sums WHERE substr(name, 1, ?) = ?"
 
@@ -124,7 +124,8 @@ class SqliteSpace:
     def _commit(self, sums: Counter[str]) -> None:
         try:
             with self._connection:
-                self._connection.executemany(_ADD, sums.items())
+                added = ({"name": name, "amount": amount} for name, amount in sums.items())
+                self._connection.executemany(_ADD, added)
         except sqlite3.Error as error:  # a robot does not stop because it cannot be counted
             _log.warning("%s: %d sums wait, because %s", self.path, len(sums), _reason(error))
         else:
