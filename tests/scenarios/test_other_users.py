@@ -166,6 +166,18 @@ async def test_the_demo_over_can_obeys_nobody_without_the_realms_key(tmp_path: P
     assert codes == [exit_codes.NOBODY, exit_codes.DONE]
 
 
+@pytest.mark.soak
+async def test_the_demo_is_open_to_others_only_on_request(tmp_path: Path) -> None:
+    """And so the test above could fail."""
+    async with played(tmp_path, "--open") as fleet:
+        rover = await fleet.describe("rover-1")
+        assert rover.link == "open"
+        await say(rover.attributes["controller"], HERE, STOP)
+        async with asyncio.timeout(10):
+            while not (await fleet.describe("rover-1")).stopped:  # noqa: ASYNC110  an answer has no event
+                await asyncio.sleep(0.02)
+
+
 async def test_an_open_controller_says_so_obeys_anybody_and_is_marked_everywhere(tmp_path: Path) -> None:
     async with Crew("open", tmp_path) as crew:
         rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
