@@ -6,6 +6,7 @@ heavy is imported where it is needed, so that help comes at once.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
@@ -113,6 +114,7 @@ def _start(line: Line, *, readonly: bool) -> int:
     tether = line.flag("--tether")
     match line.verb:
         case "supervise":
+            _take_calm(line)
             return _run(_supervise(realm, readonly=readonly), on_screen=True)
         case "demo":
             return _demo(line, readonly=readonly)
@@ -146,11 +148,18 @@ def _look(line: Line, realm: str, *, readonly: bool) -> int:
     return info.run(realm, readonly=readonly) if line.verb == "info" else doctor.run(line, realm)
 
 
+def _take_calm(line: Line) -> None:
+    """Hand `--calm` over to the screen, and to whatever it starts."""
+    if line.flag("--calm"):
+        os.environ["ROBOTREE_CALM"] = "1"
+
+
 def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
     from robotree.tui import demo
     from robotree.tui.wire import security
 
+    _take_calm(line)
     headless, without = line.flag("--headless"), no_screen()
     if without and not headless:
         note(

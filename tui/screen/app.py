@@ -102,6 +102,7 @@ class Supervisor(Fenced, Unasked[int]):
         farewell: str = "",
         readonly: bool = False,
         keymap: Keymap | None = None,
+        calm: bool = False,
     ) -> None:
         """Supervise a fleet that has been joined.
 
@@ -112,8 +113,10 @@ class Supervisor(Fenced, Unasked[int]):
             farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
             readonly: whether all that changes robots is absent.
             keymap: the operator's keys; None: those of the registry.
+            calm: whether the line is slow: no pictures, and what changes all the time is drawn seldom.
         """
         super().__init__()
+        self.calm = calm
         self.keymap = keymap or Keymap()
         self.set_keymap(dict(self.keymap.changed))
         self.readonly = readonly

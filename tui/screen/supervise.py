@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -19,6 +20,9 @@ from robotree.tui.terminal import complain
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
+
+CALM = "ROBOTREE_CALM"
+"""In the environment: the line to the terminal is slow."""
 
 LOG_FILE = "supervisor.log"
 """In `$XDG_STATE_HOME/robotree/REALM`."""
@@ -47,6 +51,11 @@ def _logging_to_a_file(realm: str) -> Generator[None]:
         handler.close()
 
 
+def wants_calm() -> bool:
+    """Whether the line to the terminal is said to be slow: `robotree --calm`, or `$ROBOTREE_CALM=1`."""
+    return os.environ.get(CALM, "") not in {"", "0"}
+
+
 async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: bool = False) -> int:
     """Show the full screen until the operator leaves; open it anew should an error end it.
 
@@ -70,7 +79,15 @@ async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> i
     keys = keymap.load()
     task, store, ends = asyncio.current_task(), Store(), list[float]()
     while True:
-        app = Supervisor(fleet, realm=realm, store=store, farewell=farewell, readonly=readonly, keymap=keys)
+        app = Supervisor(
+            fleet,
+            realm=realm,
+            store=store,
+            farewell=farewell,
+            readonly=readonly,
+            keymap=keys,
+            calm=wants_calm(),
+        )
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing
             raise asyncio.CancelledError

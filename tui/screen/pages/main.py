@@ -31,6 +31,9 @@ PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
 FIRST = next(iter(PANES))
 """The pane to begin with."""
 
+CALM_DETAILS = 4.0
+"""[s] between two drawings of the selected robot on a slow line."""
+
 PICTURES = 2.0
 """[Hz] of the picture beside the selected robot."""
 
@@ -86,6 +89,8 @@ class MainPage(Page):
         self.order: Order = "tree"
         self.level: Weight = "good"
         """What is less important is left out of the log."""
+        self._detailed = ("", 0.0)
+        """The robot whose details were drawn last, and when [s]."""
         self.filters: dict[str, str] = {}
         """Letters that a pane is filtered by."""
         self._family: tuple[int, tuple[Seat, ...]] = (-1, ())
@@ -296,8 +301,15 @@ class MainPage(Page):
         self.query_one("#below").set_class(not self.selected, "-nothing")
         self.app.store.attend(self.selected)
         if self.selected:
-            self.query_one(Details).draw(self.app.store, self.selected, now)
+            self._draw_details(now)
         self.query_one(PictureBox).draw()
+
+    def _draw_details(self, now: float) -> None:
+        """Draw the selected robot; on a slow line again only after a while."""
+        if self.app.calm and self._detailed[0] == self.selected and now - self._detailed[1] < CALM_DETAILS:
+            return
+        self._detailed = (self.selected, now)
+        self.query_one(Details).draw(self.app.store, self.selected, now)
 
     def _draw_empty(self) -> None:
         """Say what emptiness means, over the list: one that is hidden would lose the focus."""

@@ -13,6 +13,9 @@ from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
 
+CALM_TICK = 1.0
+"""[s] between two drawings on a slow line."""
+
 TICK = 0.25
 """[s] between two drawings of a page: tables cost too much for more."""
 
@@ -47,7 +50,7 @@ class Page(Fenced, Leaving[None]):
     def on_mount(self) -> None:
         """Draw now and then regularly."""
         self.draw()
-        self.set_interval(TICK, self.fenced(self._tick))
+        self.set_interval(CALM_TICK if self.app.calm else TICK, self.fenced(self._tick))
 
     def on_screen_resume(self) -> None:
         """Draw what changed while another page was in front."""

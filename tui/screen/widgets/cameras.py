@@ -12,7 +12,8 @@ from textual.containers import Vertical
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.still import Still
+from robotree.tui.screen.widgets.still import Still, entitle
+from robotree.tui.seen.cells import seen
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
 
@@ -120,8 +121,8 @@ class PictureBox(Fenced, Vertical):
         """Name the camera; without a view there is no picture."""
         cameras = self.query_one(Cameras)
         cameras.draw()
-        self.set_class(not cameras.all, "-nothing")
-        self.border_title = cameras.label
+        self.set_class(self.app.calm or not cameras.all, "-nothing")
+        entitle(self, seen(cameras.label.plain))
 
     def turn(self) -> None:
         """Look through the next camera."""

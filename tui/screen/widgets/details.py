@@ -10,9 +10,9 @@ from textual.widget import Widget
 
 from robotree.tui.screen.widgets.gauges import ALARM, FULL_FORCE, WARN
 from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.screen.widgets.still import Still
+from robotree.tui.screen.widgets.still import Still, entitle
 from robotree.tui.seen import instruments, wording
-from robotree.tui.seen.cells import seen
+from robotree.tui.seen.cells import fit, seen
 from robotree.tui.seen.instruments import Figure, Group
 from robotree.tui.seen.mood import span
 from robotree.tui.seen.store import Store
@@ -32,7 +32,7 @@ class Details(Still):
     def draw(self, store: Store, name: str, now: float) -> None:
         """Draw the robot of this name."""
         if isinstance(self.parent, Widget):
-            self.parent.border_title = Text(seen(name))
+            entitle(self.parent, seen(name))
         robot, listing = store.described(name), store.robots.get(name)
         text = Text()
         self._state(text, store, name, now)
@@ -59,7 +59,7 @@ class Details(Still):
             return
         if text:
             text.append("\n")
-        text.append(f"{seen(label)[:LABEL]:<{LABEL}}", tint(self.app, "muted"))
+        text.append(fit(label, LABEL - 1) + " ", tint(self.app, "muted"))
         text.append_text(words)
 
     def _state(self, text: Text, store: Store, name: str, now: float) -> None:
@@ -102,6 +102,9 @@ class Details(Still):
     def _force(self, words: Text, store: Store, group: Group, *, old: bool) -> None:
         """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
         total, past = group.figures[0], [force for _, force in store.forces]
+        parts = [one for one in group.figures[1:] if one.name != instruments.PEAK]
+        told = [one.text for one in group.figures if one.name == instruments.PEAK]
+        peak = told or ([instruments.figure(max(past), "N")[0]] if past else [])
         muted = tint(self.app, "muted")
         now = past[-1] if past else 0.0
         colour = (
@@ -111,9 +114,8 @@ class Details(Still):
         words.append(instruments.spark(past, FULL_FORCE, SPARK), style)
         words.append(f" {total.text}", style)
         words.append(f" {total.unit}  ", muted)
-        if past:
-            words.append(f"peak {instruments.figure(max(past), 'N')[0]}  ", muted)
-        self._figures(words, group.figures[1:], muted)
+        words.append("".join(f"peak {one}   " for one in peak))
+        self._figures(words, tuple(parts), muted)
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
         state = store.state(robot.name)

@@ -7,7 +7,7 @@ import time
 from rich.text import Text
 
 from robotree.tui.screen.widgets.marks import tint, weigh
-from robotree.tui.screen.widgets.still import Still
+from robotree.tui.screen.widgets.still import Still, entitle
 from robotree.tui.seen.store import Happening, Store
 
 STAYS = 8.0
@@ -75,6 +75,6 @@ class LastLines(Still):
             if len(lines) + len(parts) > LINES:
                 break
             lines = [*parts, *lines]
-        self.border_title = f"log  {self.app.keymap.spelled('log')}"
-        self.border_subtitle = more(len(_recent(store, now)) - LINES, self.app.keymap.spelled("log"))
+        log = self.app.keymap.spelled("log")
+        entitle(self, f"log  {log}", more(len(_recent(store, now)) - LINES, log))
         self.show(Text("\n").join(lines))

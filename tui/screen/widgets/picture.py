@@ -75,6 +75,8 @@ class PictureView(Fenced, Widget):
         """Look through another view from now on; `message` stands there until its first picture comes."""
         self._fetch, self._rows, self._message = fetch, [], message
         self._jpeg, self._trouble = b"", ""
+        if self.app.calm:
+            self._message = "no pictures: this line is slow (--calm)"
         self.refresh()
         if fetch is not None:
             self._keep_looking()
@@ -82,7 +84,8 @@ class PictureView(Fenced, Widget):
     @property
     def seen(self) -> bool:
         """Whether somebody can see this widget now."""
-        return self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
+        shown = self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
+        return shown and not self.app.calm
 
     @work(exclusive=True, exit_on_error=False)
     async def _keep_looking(self) -> None:

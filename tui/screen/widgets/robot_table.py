@@ -21,12 +21,15 @@ from textual.strip import Strip
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import MOODS, tint
+from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.mood import CALM, UNGUARDED
 from robotree.tui.seen.rows import GAP, MOST, Column, RobotRow, Seat, columns, row
 
 HEADER = 1
 """Lines above the first robot."""
+CALM_LINES = 2
+"""Lines that are drawn at once on a slow line of those that only make progress."""
 STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
@@ -55,6 +58,8 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         self._at = -1
         self._drawn: dict[int, tuple[RobotRow, bool]] = {}
         """By line: what stands there, and whether the cursor is on it."""
+        self._turn = 0
+        """The last line that was drawn in its turn on a slow line."""
         self._columns: tuple[Column, ...] = ()
         self._theme = ""
 
@@ -102,7 +107,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
             known = store.described(seat.name) or store.robots.get(seat.name)
             words = {
                 "ROBOT": cell_len(_lead(seat, MOST["ROBOT"])) + cell_len(seat.name) + 1,
-                "KIND": cell_len(known.kind) if known else 0,
+                "KIND": cell_len(wording.kind(known.kind, known.attributes)) if known else 0,
                 "HOST": cell_len(known.host) if known else 0,
                 "BY": cell_len(seat.parent),
             }
@@ -119,8 +124,31 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
             wanted = self._wanted(top + line - HEADER)
             if wanted is not None and self._drawn.get(line) != wanted:
                 dirty.append(Region(0, line, self.size.width, 1))
+        if self.app.calm:
+            dirty = self._few(dirty, top)
         if dirty:
             self.refresh(*dirty)
+
+    def _few(self, dirty: list[Region], top: int) -> list[Region]:
+        """Choose what is drawn now on a slow line: other moods at once, the rest in turn."""
+        urgent, rest = list[Region](), list[Region]()
+        for region in dirty:
+            drawn, wanted = self._drawn.get(region.y), self._wanted(top + region.y - HEADER)
+            same = (
+                drawn
+                and wanted
+                and (drawn[0].name, drawn[0].mood, drawn[1])
+                == (
+                    wanted[0].name,
+                    wanted[0].mood,
+                    wanted[1],
+                )
+            )
+            (rest if same else urgent).append(region)
+        rest = [one for one in rest if one.y > self._turn] + [one for one in rest if one.y <= self._turn]
+        if rest:
+            self._turn = rest[:CALM_LINES][-1].y
+        return urgent + rest[:CALM_LINES]
 
     def _wanted(self, position: int) -> tuple[RobotRow, bool] | None:
         if not 0 <= position < len(self._seats):
@@ -231,5 +259,6 @@ def _lead(seat: Seat, room: int) -> str:
     if not seat.depth:
         return ""
     lead = set_cell_size("  " * (seat.depth - 1) + "└ ", min(2 * seat.depth, max(room // 3, 0)))
-    slot = clip(f"{seat.slot}:", max(room // 2 - cell_len(lead), 0)) if seat.slot else ""
+    free = max(room // 2, room - cell_len(seat.name) - 1) - cell_len(lead)
+    slot = clip(f"{seat.slot}:", max(free, 0)) if seat.slot else ""
     return f"{lead}{slot} " if slot else lead

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from rich.text import Text
+from textual.content import Content
+from textual.widget import Widget
 from textual.widgets import Static
 
 from robotree.tui.screen.error_boundary import Fenced
@@ -28,6 +30,15 @@ class Still(Fenced, Static):
         moved = _lengths(text) != _lengths(self._shown)
         self._shown = text
         self.update(text, layout=moved)
+
+
+def entitle(widget: Widget, title: str, below: str = "") -> None:
+    """Write into the frame of a widget, unless it stands there: Textual draws all of it again for a title."""
+    wanted, under = Content(title).markup, Content(below).markup
+    if (widget.border_title or "") != wanted:
+        widget.border_title = Text(title)
+    if (widget.border_subtitle or "") != under:
+        widget.border_subtitle = Text(below)
 
 
 def _lengths(text: Text) -> list[int]:

@@ -1,0 +1,256 @@
+"""What the full screen costs: CPU, key to first byte, bytes on the line; and the start of the command line.
+
+    python bench/tui.py [--robots 1000] [--hz 10] [--seconds 10] [--size 160x48]
+
+The supervisor runs in a terminal of its own (a pty). Its robots are played in its own process by a transport
+that hands over encoded states, so decoding them is part of what is measured, and playing them, too; the
+network's own cost is not (bench/lookup.py and docs/performance.md have that). CPU is user and system time of
+the process, as a share of one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import fcntl
+import os
+import pty
+import select
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+from collections.abc import AsyncIterator, Iterable
+from typing import Any
+
+TICKS = os.sysconf("SC_CLK_TCK")
+LATEST = 30.0
+"""[s] until the first picture, on a machine that has much else to do."""
+SETTLE = 4.0
+"""[s] after that, until everything is drawn."""
+COUNTER = 9
+"""Descriptor of the file in which the child counts the states that it was told."""
+PRESSES = 80
+"""Keys whose answer is timed."""
+
+
+# -- the child: a supervisor and the robots that it sees -------------------------------------------
+
+
+class _Nothing:
+    async def close(self) -> None:
+        """There is nothing to take back."""
+
+
+class Crowd:
+    """A transport on which many robots speak and none has to run (`robotree.vr.transport.Transport`)."""
+
+    def __init__(self, count: int, hz: float) -> None:
+        """Play `count` robots that tell another state so many times a second; 0: the same each second."""
+        from robotree.vr.address import Address
+        from robotree.vr.description import RobotDescription
+        from robotree.vr.requests import Described, State, encode
+
+        self.hz = hz
+        self.addresses = [Address("robot", f"r{number}", "1") for number in range(count)]
+        self.described = {
+            one.key: encode(
+                Described(robot=RobotDescription(address=one, kinds=("Arm", "Robot"), doc="An arm."))
+            )
+            for one in self.addresses
+        }
+        readings = [{"x": 0.1 * part, "y": 0.0, "z": 0.4, "progress": part / 20} for part in range(20)]
+        self.bodies = [encode(State(busy="go_to", readings=one)) for one in readings]
+        self.calm = encode(State(readings={"x": 0.1, "y": 0.0, "z": 0.4}))
+        self.told = 0
+
+    async def serve(self, *_: Any) -> _Nothing:
+        """Nobody asks."""
+        return _Nothing()
+
+    async def announce(self, *_: Any) -> _Nothing:
+        """Nobody looks."""
+        return _Nothing()
+
+    def publish(self, *_: Any) -> None:
+        """Nobody hears."""
+
+    async def request(self, key: str, *_: Any, **__: Any) -> AsyncIterator[bytes]:
+        """Describe a robot."""
+        yield self.described[key]
+
+    async def watch(self, _pattern: str, handler: Any) -> _Nothing:
+        """Everybody is there from the beginning."""
+        for one in self.addresses:
+            handler(one.key, True)  # a presence
+        return _Nothing()
+
+    async def present(self, _pattern: str) -> list[str]:
+        """All."""
+        return [one.key for one in self.addresses]
+
+    async def silent(self, _pattern: str) -> list[Any]:
+        """Nobody hangs."""
+        return []
+
+    async def close(self) -> None:
+        """Leave."""
+
+    async def subscribe(self, pattern: str, handler: Any) -> _Nothing:
+        """Begin to tell states."""
+        if pattern.endswith("/state"):
+            self._task = asyncio.create_task(self._play(handler))
+        return _Nothing()
+
+    async def _play(self, handler: Any) -> None:
+        """Tell each robot's state in its turn, in as many portions as keep the loop free."""
+        keys = [f"{one.key}/state" for one in self.addresses]
+        portions, period = 20, 1 / (self.hz or 1.0)
+        size = max(len(keys) // portions, 1)
+        due = time.monotonic()
+        for turn in range(10**9):
+            for start in range(0, len(keys), size):
+                self.told += len(keys[start : start + size])
+                for number, key in enumerate(keys[start : start + size], start):
+                    handler(key, self.bodies[(turn + number) % 20] if self.hz else self.calm)
+                due += period * size / len(keys)
+                await asyncio.sleep(max(due - time.monotonic(), 0.0))
+
+
+async def play(count: int, hz: float, *, calm: bool) -> None:
+    """Be the supervisor of a crowd."""
+    from robotree.tui.screen.app import Supervisor
+    from robotree.vr.supervision.fleet import Fleet
+
+    crowd = Crowd(count, hz)
+    fleet = Fleet(crowd)
+    await fleet.start()
+
+    def count_up() -> None:
+        os.pwrite(COUNTER, struct.pack("q", crowd.told), 0)
+        asyncio.get_running_loop().call_later(0.1, count_up)
+
+    count_up()
+    await Supervisor(fleet, realm="bench", calm=calm).run_async()
+
+
+# -- the parent: a terminal and a clock ------------------------------------------------------------
+
+
+class Terminal:
+    """A pty with a program in it."""
+
+    def __init__(self, words: Iterable[str], size: tuple[int, int]) -> None:
+        """Start the program in a terminal of this many columns and rows."""
+        self._counter = tempfile.TemporaryFile()  # noqa: SIM115 # open as long as the program runs
+        self.pid, self.fd = pty.fork()
+        if self.pid == 0:
+            os.dup2(self._counter.fileno(), COUNTER)
+            os.environ.update(TERM="xterm-256color", COLORTERM="truecolor")
+            os.execv(sys.executable, [sys.executable, *words])  # noqa: S606 # this program again
+        fcntl.ioctl(self.fd, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+
+    def drain(self, seconds: float, *, first: bool = False) -> tuple[int, float]:
+        """Read for a while, or until the first bytes; returns how many came, and how long it took [s]."""
+        began, count = time.monotonic(), 0
+        while (left := began + seconds - time.monotonic()) > 0:
+            if not select.select([self.fd], [], [], left)[0]:
+                break
+            count += len(os.read(self.fd, 1 << 16))
+            if first:
+                break
+        return count, time.monotonic() - began
+
+    def cpu(self) -> float:
+        """[s] of CPU that the program has taken."""
+        fields = open(f"/proc/{self.pid}/stat", encoding="ascii").read().rpartition(")")[2].split()  # noqa: PTH123, SIM115 # Linux's own file
+        return (int(fields[11]) + int(fields[12])) / TICKS
+
+    def told(self) -> int:
+        """Return how many states the program was told."""
+        return int(struct.unpack("q", os.pread(self._counter.fileno(), 8, 0) or bytes(8))[0])
+
+    def end(self) -> None:
+        """End the program."""
+        os.kill(self.pid, 9)
+        os.waitpid(self.pid, 0)
+        os.close(self.fd)
+
+
+def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, calm: bool = False) -> None:
+    """Run one case and print its line."""
+    words = [__file__, "--play", str(count), str(hz), *(["calm"] if calm else [])]
+    size = tuple(int(part) for part in arguments.size.split("x"))
+    terminal = Terminal(words, (size[0], size[1]))
+    try:
+        terminal.drain(LATEST, first=True)
+        terminal.drain(SETTLE)
+        before, told = terminal.cpu(), terminal.told()
+        sent, took = terminal.drain(arguments.seconds)
+        share, states = (terminal.cpu() - before) / took, (terminal.told() - told) / took
+        delays = []
+        for press in range(PRESSES):
+            terminal.drain(0.06 + 0.013 * (press % 7))
+            os.write(terminal.fd, b"\x1b[B" if press % 40 < 20 else b"\x1b[A")
+            delays.append(terminal.drain(1.0, first=True)[1])
+    finally:
+        terminal.end()
+    delays.sort()
+    p50, p95 = statistics.median(delays), delays[int(0.95 * len(delays))]
+    print(
+        f"{name:<30} {states:6.0f} states/s {share:6.1%} of a core {sent / took / 1000:6.1f} kB/s "
+        f" key to byte p50 {1000 * p50:5.1f} ms  p95 {1000 * p95:5.1f} ms",
+        flush=True,
+    )
+
+
+def start(words: list[str], runs: int = 5) -> float:
+    """Return the median [s] that a command takes from its start to its end."""
+    took: list[float] = []
+    for _ in range(runs):
+        began = time.monotonic()
+        subprocess.run(
+            [sys.executable, "-m", "robotree.tui", *words], capture_output=True, check=False
+        )  # our own program
+        took.append(time.monotonic() - began)
+    return statistics.median(took)
+
+
+def main() -> None:
+    """Measure all cases."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--robots", type=int, default=1000)
+    parser.add_argument("--hz", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--size", default="160x48")
+    parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.play:
+        count, hz = int(arguments.play[0]), float(arguments.play[1])
+        asyncio.run(play(count, hz, calm="calm" in arguments.play))
+        return
+    print(
+        f"load {os.getloadavg()[0]:.1f}, terminal {arguments.size}, {arguments.seconds:g} s each", flush=True
+    )
+    measure("5 robots, idle", 5, 0.0, arguments)
+    measure("300 robots, idle", 300, 0.0, arguments)
+    measure(f"{arguments.robots} robots, idle", arguments.robots, 0.0, arguments)
+    measure("100 robots, 10 Hz", 100, 10.0, arguments)
+    measure(f"{arguments.robots} robots, {arguments.hz:g} Hz", arguments.robots, arguments.hz, arguments)
+    measure(
+        f"{arguments.robots} robots, {arguments.hz:g} Hz, --calm",
+        arguments.robots,
+        arguments.hz,
+        arguments,
+        calm=True,
+    )
+    print(f"robotree --help {1000 * start(['--help']):5.0f} ms")
+
+
+if __name__ == "__main__":
+    main()
