@@ -130,8 +130,9 @@ def operate() -> Operate:
         farewell: str = "",
         readonly: bool = False,
         keymap: Keymap | None = None,
+        calm: bool = False,
     ) -> AsyncGenerator[Operator]:
-        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly, keymap=keymap)
+        app = Supervisor(fleet, realm="test", farewell=farewell, readonly=readonly, keymap=keymap, calm=calm)
         async with app.run_test(size=size) as pilot:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")

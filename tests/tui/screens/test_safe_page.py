@@ -219,3 +219,15 @@ async def test_every_mood_has_a_sign() -> None:
         len({sign for mood, (sign, _) in marks.MOODS.items() if mood not in {"hangs", "gone"}})
         == len(MOODS) - 2
     )
+
+
+async def test_on_a_slow_line_there_are_no_pictures_and_other_moods_come_at_once(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, calm=True) as operator:
+        await known(operator, "arm-1", "rover-1")
+        await realm.fleet.stop("rover-1")
+        await operator.sees("■ stopped", "PROTECTIVE STOP: rover-1")
+        assert realm.cell.looks == []
+        await operator.press("v")
+        await operator.sees("no pictures: this line is slow")

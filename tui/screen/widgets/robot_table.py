@@ -18,7 +18,6 @@ from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
-from robotree.tui.line.actions import BY_VERB
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import MOODS, tint
 from robotree.tui.seen import wording
@@ -195,7 +194,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                     words = strong if shown.mood not in CALM else plain
                     tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
-                    tail = f" ({BY_VERB['enslave'].key})" if shown.mood == "needs" else tail
+                    tail = f" ({self.app.keymap.spelled('enslave')})" if shown.mood == "needs" else tail
                     told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     cells += [Segment(fit(told, max(room - 2, 0)), words)]
