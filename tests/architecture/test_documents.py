@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.tui.line import grammar
+from robotree.tui.line import grammar, manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.manual import EVERYWHERE
@@ -37,6 +37,12 @@ def test_every_command_line_is_understood(path: Path) -> None:
             if line.startswith("robotree "):
                 words = grammar.split(re.split(r"\s{3,}| \| | > ", line)[0])
                 grammar.parse(words[1:] or ["supervise"], shapes(Where.SHELL), EVERYWHERE)
+
+
+def test_the_tables_of_verbs_and_keys_are_those_of_the_registry() -> None:
+    guide = (ROOT / "docs" / "operating.md").read_text()
+    assert manual.tables() in guide, "run `python docs/actions.py`"
+    assert guide.count("made by `python docs/actions.py`") == 1
 
 
 def test_the_guide_s_virtual_robot_loads() -> None:

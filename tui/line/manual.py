@@ -7,8 +7,9 @@ from importlib import import_module
 from typing import Any
 
 from robotree.tui.line.action import Action, Where
-from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
+from robotree.tui.line.page_keys import PAGE_KEYS
 from robotree.tui.line.surface import Surface
 
 EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "help": "", "version": ""}
@@ -86,6 +87,23 @@ def structure(action: Action) -> dict[str, Any]:
         "alters": action.alters,
         "examples": list(action.examples),
     }
+
+
+def tables() -> str:
+    """Return the registry as two tables for the guide: what can be done, and the keys of each page."""
+    rows = ["| what | key | verb |", "|---|---|---|"]
+    for action in ACTIONS:
+        keys = [f"`{spell(key)}`" for key in (action.key, action.typing_key) if key]
+        typed = action.where & (Where.PROMPT | Where.SHELL)
+        verb = f"`{action.usage}`".replace("|", "\\|") if typed else ""
+        shell = " (shell)" if typed == Where.SHELL else ""
+        rows.append(f"| {action.help.replace('|', chr(92) + '|')} | {' '.join(keys)} | {verb}{shell} |")
+    rows += ["", "| page | key | what |", "|---|---|---|"]
+    rows += [
+        f"| {one.page} | {' '.join(f'`{spell(key)}`' for key in one.key.split(','))} | {one.help} |"
+        for one in PAGE_KEYS
+    ]
+    return "\n".join([*rows, ""])
 
 
 def page(verb: str) -> str:
