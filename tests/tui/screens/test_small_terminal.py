@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from textual.widgets import Input
 
+from robotree.tui.line.actions import ACTIONS
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
@@ -13,6 +14,7 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.gauges import Gauges
+from robotree.tui.screen.widgets.key_line import fitting
 from robotree.tui.screen.widgets.picture import PictureView
 
 if TYPE_CHECKING:
@@ -20,6 +22,24 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 SMALL = (40, 12)
+
+
+def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -> None:
+    assert fitting([5, 5, 5, 5], 20, 3) == [0, 1, 2, 3]
+    assert fitting([5, 5, 5, 5], 19, 3) == [0, 1, 3]
+    assert fitting([5, 9, 2, 5], 13, 3) == [0, 3], "nothing is taken before what matters more"
+    assert fitting([5, 5], 4, 1) == [1]
+    assert fitting([5, 5], 9, None) == [0]
+
+
+async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, size=(50, 15)) as operator:
+        for width in (50, 40, 120, 80):
+            await operator.resize(width, 24)
+            await operator.until(lambda: "? Help" in operator.text.splitlines()[-1], f"help at {width}")
+            keys = operator.text.splitlines()[-1].split()
+            labels = {one.label for one in ACTIONS if one.label}
+            assert all(word in labels or not word.isalpha() or len(word) == 1 for word in keys), keys
 
 
 async def test_the_answers_to_a_question_can_be_read_in_a_small_terminal(

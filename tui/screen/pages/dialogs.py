@@ -11,11 +11,12 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
-from textual.widgets import Button, Footer, Static
+from textual.widgets import Button, Static
 
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
+from robotree.tui.screen.widgets.key_line import KeyLine
 
 LOW = [(0, "-tight"), (20, "-roomy")]
 """Lines below which a question leaves its margins out, so that its answers can be read."""
@@ -33,7 +34,7 @@ class Modal(Fenced, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
     def compose(self) -> ComposeResult:
         """The box and its keys."""
         yield from self.box()
-        yield Footer(show_command_palette=False, compact=True)
+        yield KeyLine()
 
     def box(self) -> ComposeResult:
         """Yield the box."""

@@ -6,11 +6,11 @@ import time
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.widgets import Footer
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.widgets.flash import FlashLine
+from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
 
 CALM_TICK = 1.0
@@ -37,7 +37,7 @@ class Page(Fenced, Leaving[None]):
         yield Banner(classes="banner")
         yield from self.parts()
         yield from self.messages()
-        yield Footer(show_command_palette=False, compact=True)
+        yield KeyLine()
 
     def parts(self) -> ComposeResult:
         """Yield the page's own parts."""

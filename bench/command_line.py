@@ -1,0 +1,74 @@
+"""Measures how long a person waits for the command line, against a Python that does nothing.
+
+    python bench/command_line.py [ROUNDS]
+
+All are started in turns, so that they meet the same machine; medians. `ls`, `tree` and `show` ask the demo's
+eight processes. Promised: `--help` 80 ms, `ls` 250 ms.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from robotree.tui.demo import cast
+from robotree.tui.processes.crew import Crew
+
+REALM = "bench"
+ROUNDS = 15
+ROBOTREE = [str(Path(sys.executable).with_name("robotree"))]
+BARE = "python -c pass"
+CASES: dict[str, tuple[list[str], float]] = {
+    BARE: ([sys.executable, "-c", "pass"], float("inf")),
+    "robotree --help": ([*ROBOTREE, "--help"], 0.08),
+    "robotree help call": ([*ROBOTREE, "help", "call"], 0.08),
+    "robotree fly": ([*ROBOTREE, "fly"], 0.08),
+    "robotree ls": ([*ROBOTREE, "ls"], 0.25),
+    "robotree tree": ([*ROBOTREE, "tree"], 0.25),
+    "robotree show arm-1": ([*ROBOTREE, "show", "arm-1"], 0.25),
+    "robotree doctor": ([*ROBOTREE, "doctor"], float("inf")),
+}
+"""What is started, and how long it may take [s]."""
+
+
+def once(words: list[str]) -> float:
+    """Return how long one start takes [s], to its end."""
+    began = time.perf_counter()
+    subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    return time.perf_counter() - began
+
+
+def measure(rounds: int) -> None:
+    """Take turns and print the medians."""
+    took: dict[str, list[float]] = {name: [] for name in CASES}
+    for _ in range(rounds):
+        for name, (words, _) in CASES.items():
+            took[name].append(once(words))
+    bare = statistics.median(took[BARE])
+    for name, (_, promised) in CASES.items():
+        median = statistics.median(took[name])
+        kept = "kept" if median <= promised else "NOT kept"
+        bound = "" if promised == float("inf") else f"  of {promised * 1e3:.0f}: {kept}"
+        times = (
+            f"{median * 1e3:6.0f} ms  fastest {min(took[name]) * 1e3:5.0f}  {median / bare:5.1f} times bare"
+        )
+        sys.stdout.write(f"{name:<22} {times}{bound}\n")
+
+
+async def main(rounds: int) -> None:
+    """Measure beside the demo's cast."""
+    async with Crew(REALM) as crew:
+        await cast(crew, counting=False)
+        await asyncio.to_thread(measure, rounds)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory(prefix="rt-") as apart:
+        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart, ROBOTREE_REALM=REALM)
+        asyncio.run(main(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS))

@@ -1,0 +1,70 @@
+"""The keys of the page at the bottom, as many as there is room for; help is always among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.cells import cell_len
+from textual.app import ComposeResult
+from textual.events import Resize
+from textual.widget import Widget
+from textual.widgets import Footer
+from textual.widgets._footer import FooterKey
+
+from robotree.tui.line.actions import BY_VERB
+
+HELP = BY_VERB["help"].label
+GAPS = 2
+"""Columns beside the letters of a key: one before its word, one behind it."""
+
+
+class KeyLine(Footer):
+    """A footer in which no word is cut: what has no room is left out, from the right, and help never."""
+
+    def __init__(self) -> None:
+        """Show the keys in as few columns as possible."""
+        super().__init__(show_command_palette=False, compact=True)
+        self._width = 0
+
+    def compose(self) -> ComposeResult:
+        """Yield the keys that have room."""
+        keys = list(super().compose())
+        widths = [_width(key) for key in keys]
+        last = next((place for place, key in enumerate(keys) if _is_help(key)), None)
+        kept = fitting(widths, self.screen.size.width, last)
+        yield from (keys[place] for place in kept)
+
+    def on_resize(self, event: Resize) -> None:
+        """Choose anew where there is more room, or less."""
+        if event.size.width != self._width:
+            self._width = event.size.width
+            self.refresh(recompose=True)
+
+
+def fitting(widths: Sequence[int], room: int, needed: int | None) -> list[int]:
+    """Return the places of what fits into a line, the first ones first; the needed one is always among them.
+
+    Args:
+        widths: of each, in columns.
+        room: of the line.
+        needed: place of what must not be left out; None: there is none.
+    """
+    left = room - (widths[needed] if needed is not None else 0)
+    kept: list[int] = []
+    for place, width in enumerate(widths):
+        if place == needed:
+            kept.append(place)
+        elif width <= left:
+            left -= width
+            kept.append(place)
+        else:
+            left = 0  # what comes later matters less than what was left out
+    return kept
+
+
+def _is_help(key: Widget) -> bool:
+    return isinstance(key, FooterKey) and key.description == HELP
+
+
+def _width(key: Widget) -> int:
+    return cell_len(key.key_display) + cell_len(key.description) + GAPS if isinstance(key, FooterKey) else 0
