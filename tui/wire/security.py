@@ -10,7 +10,7 @@ import os
 import secrets
 import time
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from robotree.protocol.errors import KeyFileError
@@ -70,13 +70,24 @@ def realm_key(realm: str) -> Path:
     if not path.exists():
         create(draft)
         try:
-            with suppress(FileExistsError):  # somebody else was quicker
-                os.link(draft, path)  # at once: nobody finds half a file
+            _name_once(draft, path)
         except OSError as error:
             raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
         finally:
-            draft.unlink()
+            draft.unlink(missing_ok=True)
     return path
+
+
+def _name_once(draft: Path, path: Path) -> None:
+    """Give a file its name at once, so that nobody finds half of it, unless somebody else was quicker."""
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        pass
+    except (
+        OSError
+    ):  # a file system without hard links: of those who come at the same moment the last one wins
+        draft.replace(path)
 
 
 def openness(url: str) -> str:

@@ -54,6 +54,17 @@ def test_processes_that_come_at_the_same_moment_find_one_key() -> None:
         assert len(set(threads.map(come, range(6)))) == 1
 
 
+def test_a_file_system_without_hard_links_is_no_obstacle(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert fingerprint(realm_key("cell")) == fingerprint(realm_key("cell"))
+    assert [one.name for one in (place / "robotree" / "cell").iterdir()] == ["realm.key"]
+
+
 @pytest.mark.timeout(10)
 def test_what_lies_in_its_place_is_not_taken_for_it(place: Path) -> None:
     folder = place / "robotree" / "cell"
