@@ -32,6 +32,7 @@ _OVERHEAD_V1 = 8
 _HEADER = struct.Struct("<BBBxBH3s").unpack_from
 """Magic, length, incompatibility flags, sequence, system and component as one number, id."""
 _CHECKSUM = struct.Struct("<H").unpack_from
+_MAGICS = (MAGIC, MAGIC_V1)
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _LATE = 128
 """A sequence number this far ahead is an old frame that was overtaken, not a gap."""
@@ -66,7 +67,7 @@ class ParserStatistics(msgspec.Struct, frozen=True):
     version_1: int
     """Frames of MAVLink 1 among the received ones."""
     lost: int
-    """Frames that never came, by the gaps in the sequence numbers."""
+    """Frames that never came, by the gaps in the sequence numbers; those with an unknown id have come."""
     late: int
     """Frames that came twice or out of order."""
     skipped: int
@@ -183,9 +184,11 @@ class Parser:
             return start
         if left < _OVERHEAD:
             return i
-        if CODECS[buffer[i + 7 : i + 10]] is None:
-            return self._step(i, unknown=True)
         signature = SIGNATURE_BYTES if buffer[i + 2] & SIGNED else 0
+        if CODECS[buffer[i + 7 : i + 10]] is None:
+            _, _, _, sequence, speaker, _ = _HEADER(buffer, i)
+            self._pass_by(buffer, i + _OVERHEAD + buffer[i + 1] + signature, speaker, sequence)
+            return self._step(i, unknown=True)
         return i if left < _OVERHEAD + buffer[i + 1] + signature else self._step(i)
 
     def _version_1_frame(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
@@ -193,6 +196,8 @@ class Parser:
             return i
         codec = CODECS[buffer[i + 5 : i + 6] + b"\0\0"]
         if codec is None or buffer[i + 1] > codec.length:
+            speaker = buffer[i + 3] | buffer[i + 4] << 8
+            self._pass_by(buffer, i + _OVERHEAD_V1 + buffer[i + 1], speaker, buffer[i + 2])
             return self._step(i, unknown=True)
         crc = i + HEADER_BYTES_V1 + buffer[i + 1]
         if crc + 2 > len(buffer):
@@ -208,6 +213,15 @@ class Parser:
         self._turn(frame.system | frame.component << 8, frame.sequence)
         frames.append(frame)
         return crc + 2
+
+    def _pass_by(self, buffer: bytes, end: int, speaker: int, sequence: int) -> None:
+        """Count the number of what may be a frame with an id that we do not know: nothing is missing there.
+
+        It cannot be checked, so it counts only if its speaker was heard, and if a frame or nothing follows it.
+        """
+        heard = speaker == self._speaker or speaker in self._expected
+        if heard and (end >= len(buffer) or buffer[end] in _MAGICS):
+            self._turn(speaker, sequence)
 
     def _step(self, i: int, *, unknown: bool = False) -> int:
         """What began like a frame is none; go on one byte later."""

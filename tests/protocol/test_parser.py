@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Frame, Parser, encode
-from robotree.protocol.dialect import by_name
+from robotree.protocol.dialect import by_name, definitions
 from robotree.protocol.frame import CRC_START, CRC_START_V1, LARGEST_FRAME
 from robotree.protocol.messages import (
     AnyMessage,
@@ -28,6 +28,8 @@ from robotree.protocol.messages.base import codec_of
 if TYPE_CHECKING:
     from types import ModuleType
 
+UNHEARD_OF = next(msgid for msgid in range(256) if msgid not in definitions())
+"""An id that MAVLink 1 could have, and no message has."""
 GRIPPER = Gripper(1, 0.5, 0.25, 1.0, 2)
 
 
@@ -183,6 +185,35 @@ def test_gaps_in_the_numbers_are_counted_for_each_speaker() -> None:
         parser.feed(_frame(sequence=sequence, system=system))
     assert parser.statistics.lost == 2 + 2
     assert parser.statistics.late == 0
+
+
+def _unknown(sequence: int, msgid: int = 10_000_000, *, version: int = 2) -> bytes:
+    """A frame of somebody's own message; nobody but them knows whether its checksum is right."""
+    if version == 1:
+        return bytes((0xFE, 4, sequence, 1, 1, UNHEARD_OF)) + b"abcd" + b"\x12\x34"
+    return bytes((0xFD, 4, 0, 0, sequence, 1, 1)) + msgid.to_bytes(3, "little") + b"abcd" + b"\x12\x34"
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("largest", [1, 7, 5000])
+def test_a_frame_with_an_id_that_we_do_not_know_is_no_lost_one(version: int, largest: int) -> None:
+    """Of the numbers 0 to 19 all come but 3 and 13; each third frame is a message that we do not know."""
+    numbers = [number for number in range(20) if number not in {3, 13}]
+    frames = [
+        _unknown(number, version=version) if number % 3 == 2 else _frame(sequence=number)
+        for number in numbers
+    ]
+    parser = Parser()
+    for piece in _in_pieces(b"".join(frames), random.Random(largest), largest):
+        parser.feed(piece)
+    assert (parser.statistics.lost, parser.statistics.late) == (2, 0)
+    assert (parser.statistics.received, parser.statistics.unknown) == (12, 6)
+
+
+def test_what_looks_like_an_unknown_frame_and_is_followed_by_none_is_nothing() -> None:
+    parser = Parser()
+    parser.feed(_frame(sequence=0) + _unknown(50) + b"noise" + _frame(sequence=1))
+    assert parser.statistics.lost == 0
 
 
 def test_a_frame_that_is_overtaken_is_late_and_no_new_gap() -> None:
