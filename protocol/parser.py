@@ -217,7 +217,7 @@ class Parser:
     def _pass_by(self, buffer: bytes, end: int, speaker: int, sequence: int) -> None:
         """Count the number of what may be a frame with an id that we do not know: nothing is missing there.
 
-        It cannot be checked, so it counts only if its speaker was heard, and if a frame or nothing follows it.
+        It cannot be checked, so it counts only if its speaker was heard and if a frame or nothing follows.
         """
         heard = speaker == self._speaker or speaker in self._expected
         if heard and (end >= len(buffer) or buffer[end] in _MAGICS):
