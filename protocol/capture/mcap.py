@@ -1,25 +1,48 @@
 """Recordings in MCAP, the format of Foxglove (https://mcap.dev/spec): the frames, and what they say as JSON.
 
-Each frame is kept twice: as it came, on the channel `/mavlink`, which is what we read again; and its fields
-as a JSON object on the channel `/SYSTEM/COMPONENT/MESSAGE`, with a schema made from the dialect, which is
-what Foxglove plots. Times are [ns] since 1970.
+Each frame is kept as it came, on the channel `/mavlink`, which is what we read again; and its fields as JSON
+on the channel `/SYSTEM/COMPONENT/MESSAGE`, with a schema made from the dialect, which is what Foxglove plots.
+Places and postures are told a third time, in Foxglove's own schemas (`foxglove.py`), which it shows in
+space. Times are [ns] since 1970.
+
+JSON has no NaN: a number that is none is left out, and an array that has one is told as text beside it,
+`NAME_text`. A value with a name has it beside it, `NAME_name`.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import re
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 
 from robotree.protocol.capture.captured import Captured
+from robotree.protocol.capture.foxglove import SCHEMAS, View, views
 from robotree.protocol.capture.framing import claimed_size
 from robotree.protocol.capture.plain import plain_fields
+from robotree.protocol.messages import (
+    ClaimWish,
+    GoalState,
+    GripperState,
+    MavAutopilot,
+    MavCmd,
+    MavResult,
+    MavSeverity,
+    MavState,
+    MavType,
+    ModeKind,
+    Reason,
+    SetpointKind,
+    Verb,
+)
 from robotree.protocol.parser import Parser
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from enum import IntEnum
     from typing import BinaryIO
 
     from mcap.records import Chunk, Message
@@ -57,6 +80,8 @@ class McapWriter:
         self._parser = Parser()
         self._schemas: dict[int, int] = {}
         self._channels: dict[tuple[int, int, int], int] = {}
+        self._views: dict[str, int] = {}
+        self._view_schemas: dict[str, int] = {}
 
     def write(self, time: int, frame: bytes) -> None:
         """Append one frame that came at `time`, [us] since 1970."""
@@ -64,8 +89,11 @@ class McapWriter:
         self._writer.add_message(self._frames, nanoseconds, frame, nanoseconds)
         for each in self._parser.feed(frame) + self._parser.flush():
             channel = self._channel(each)
-            said = msgspec.json.encode(plain_fields(each))
+            said = msgspec.json.encode(said_of(each))
             self._writer.add_message(channel, nanoseconds, said, nanoseconds, each.sequence)
+            for view in views(each, nanoseconds):
+                data = msgspec.json.encode(view.data)
+                self._writer.add_message(self._shown(view), nanoseconds, data, nanoseconds, each.sequence)
 
     def flush(self) -> None:
         """End the chunk, so that whoever reads the file while it grows, or after we were killed, has it."""
@@ -86,6 +114,18 @@ class McapWriter:
             self._channels[key] = channel
         return channel
 
+    def _shown(self, view: View) -> int:
+        if (channel := self._views.get(view.topic)) is None:
+            if len(self._views) >= _LARGEST_CROWD:
+                return self._frames
+            if (schema := self._view_schemas.get(view.schema)) is None:
+                text = json.dumps(SCHEMAS[view.schema]).encode()
+                schema = self._view_schemas[view.schema] = self._writer.register_schema(
+                    view.schema, "jsonschema", text
+                )
+            channel = self._views[view.topic] = self._writer.register_channel(view.topic, "json", schema)
+        return channel
+
     def _schema(self, definition: Definition) -> int:
         if (schema := self._schemas.get(definition.id)) is None:
             text = json.dumps(schema_of(definition)).encode()
@@ -94,13 +134,32 @@ class McapWriter:
         return schema
 
 
+def said_of(frame: Frame) -> dict[str, Any]:
+    """Return a frame's fields as its schema has them."""
+    named, said = NAMES.get(frame.name, {}), dict[str, Any]()
+    for name, value in plain_fields(frame).items():
+        if isinstance(value, float):
+            if math.isfinite(value):
+                said[name] = value
+        elif isinstance(value, list | tuple) and not all(map(math.isfinite, cast("list[float]", value))):
+            said[f"{name}_text"] = " ".join(f"{each:g}" for each in cast("list[float]", value))
+        else:
+            said[name] = value
+        if name in named and value in named[name].__members__.values():
+            said[f"{name}_name"] = named[name](value).name
+    return said
+
+
 def schema_of(definition: Definition) -> dict[str, Any]:
-    """The JSON schema of a message's fields."""
-    return {
-        "title": definition.name,
-        "type": "object",
-        "properties": {field.name: _type_of(field) for field in definition.fields},
-    }
+    """Return the JSON schema of a message's fields; none is required, for NaN is left out."""
+    properties: dict[str, Any] = {}
+    for field in definition.fields:
+        properties[field.name] = _type_of(field)
+        if field.length and field.type in ("float", "double"):
+            properties[f"{field.name}_text"] = {"type": "string"}
+        if field.name in NAMES.get(definition.name, {}):
+            properties[f"{field.name}_name"] = {"type": "string"}
+    return {"title": definition.name, "type": "object", "properties": properties}
 
 
 def _type_of(field: Field) -> dict[str, Any]:
@@ -108,6 +167,24 @@ def _type_of(field: Field) -> dict[str, Any]:
         return {"type": "string"}
     one = {"type": "number" if field.type in ("float", "double") else "integer"}
     return {"type": "array", "items": one} if field.length else one
+
+
+NAMES: Mapping[str, Mapping[str, type[IntEnum]]] = {
+    "HEARTBEAT": {"type": MavType, "autopilot": MavAutopilot, "system_status": MavState},
+    "STATUSTEXT": {"severity": MavSeverity},
+    "COMMAND_ACK": {"command": MavCmd, "result": MavResult},
+    "COMMAND_LONG": {"command": MavCmd},
+    "COMMAND_INT": {"command": MavCmd},
+    "ROBOTREE_MODE": {"mode": ModeKind, "reason": Reason},
+    "ROBOTREE_SET_MODE": {"mode": ModeKind},
+    "ROBOTREE_GOAL": {"verb": Verb},
+    "ROBOTREE_GOAL_STATUS": {"state": GoalState, "reason": Reason},
+    "ROBOTREE_GRIPPER": {"state": GripperState},
+    "ROBOTREE_SETPOINT": {"kind": SetpointKind},
+    "ROBOTREE_CLAIM": {"wish": ClaimWish},
+    "ROBOTREE_CLAIM_STATUS": {"reason": Reason},
+}
+"""Fields whose values have names, by message."""
 
 
 class McapReader:
