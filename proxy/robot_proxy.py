@@ -43,6 +43,8 @@ _log = logging.getLogger(__name__)
 
 T = TypeVar("T", bound=Message)
 
+HELD_BY = "held_by"
+"""Attribute of a robot whose controller obeys somebody else: who that is."""
 GLANCE = 0.05
 """[s] between two looks of a waiting command at its caller's wishes. The end of its goal wakes it at once."""
 RECALL_WITHIN = 0.8
@@ -331,11 +333,14 @@ class RobotProxy(Robot):
                 self.on_change()
             case StopConfirmed() | ReleaseConfirmed() | ReleaseRefused() | ReleaseUnanswered():
                 self._orders.hear(event, "" if self.online else self._session.trouble)
-            case ClaimGranted(taken_from=other) if other:
-                _log.warning("%s: took its controller over from %r (--take-over)", self.name, other)
-            case ClaimGranted():
-                _log.info("%s: commands its controller", self.name)
-            case ClaimDenied():
+            case ClaimGranted(taken_from=other):
+                if other:
+                    _log.warning("%s: took its controller over from %r (--take-over)", self.name, other)
+                self.attributes.pop(HELD_BY, None)
+                self.on_change()
+            case ClaimDenied(name=holder):
                 _log.warning("%s: %s", self.name, self._session.denial)
+                self.attributes[HELD_BY] = holder or "nobody"
+                self.on_change()
             case _:
                 self._desk.hear(event)

@@ -358,7 +358,11 @@ class Session:
 
     def _keep_claim(self, now: float) -> list[Effect]:
         """Say the claim, if it is due."""
-        return [*self._claim.tick(now, self._patience())] if self._claim is not None and self._open else []
+        if self._claim is None or not self._open:
+            return []
+        mode = self.twin.latest(Mode)
+        silence = math.inf if mode is None else mode.silence_ms / 1000
+        return [*self._claim.tick(now, silence, moving=bool(self._goals.pursued))]
 
     def _is_over(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
         """Whether a mode was told before the one that was heard last."""

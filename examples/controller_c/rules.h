@@ -12,7 +12,7 @@
 
 enum { SYSTEM = 1, COMPONENT = MAV_COMP_ID_AUTOPILOT1 }; /* where a proxy looks for a controller */
 enum { GOALS = 256, SILENCE = 2000, PROGRESS_PERIOD = 100, MODE_PERIOD = 500, HEARTBEAT_PERIOD = 1000 };
-enum { CLAIM_PERIOD = 1000, SHORTEST_TERM = 100, LONGEST_TERM = 10000, GRACE = 500, RESERVED = 3000, AWAY = -1 };
+enum { CLAIM_PERIOD = 1000, SHORTEST_TERM = 100, LONGEST_TERM = 60000, GRACE = 500, RESERVED = 3000, AWAY = -1 };
 static const uint64_t LAST_EPOCH = 4293918720; /* 2^32 - 2^20: none is given above it */
 static const uint64_t LEASES = 1048576;        /* how far ahead counting leads in one step */
 static const uint64_t CLOCK_FROM = 1767225600, CLOCK_UNTIL = 4102444800, CLOCK_SKEW = 86400; /* 2026, 2100, a day */

@@ -27,8 +27,8 @@ RESEND = 0.25
 """[s] between two repetitions of what was not answered."""
 TERM = SILENCE
 """[s] of silence after which we want the claim to end: three heartbeats."""
-LONGEST_TERM = 10.0
-"""[s] A controller that bears more silence than this gets no longer term for it."""
+LONGEST_TERM = 60.0
+"""[s] The term is as long as the silence that the controller bears, but not longer; the wire has 65 s."""
 NAME_BYTES = 24
 _NO_LIMIT = 2**32
 
@@ -94,6 +94,7 @@ class ClaimClient:
         self.denied: ClaimDenied | None = None
         """Why it does not; None: it does, or has not answered."""
         self._asked = float("-inf")
+        self._given_up = False
 
     @property
     def settled(self) -> bool:
@@ -102,7 +103,7 @@ class ClaimClient:
 
     def opened(self) -> None:
         """There is a new link, over which nothing was answered."""
-        self.granted, self.denied, self._asked = False, None, float("-inf")
+        self.granted, self.denied, self._asked, self._given_up = False, None, float("-inf"), False
 
     def meet(self, life: int, epoch: int) -> None:
         """The controller has told its life, and the highest epoch that it has obeyed, in its MODE."""
@@ -149,25 +150,28 @@ class ClaimClient:
             self.granted, self.denied = False, None
         return []
 
-    def tick(self, now: float, patience: float) -> list[Send]:
+    def tick(self, now: float, silence: float, *, moving: bool) -> list[Send]:
         """Say the claim, if it is due.
 
         Args:
             now: [s]
-            patience: [s] of silence that the controller bears while something moves for us; else infinite.
+            silence: that the controller bears while something moves, [s].
+            moving: whether something moves for us.
         """
-        if not self.life:
+        if not self.life or self._given_up:
             return []
-        period = min(PERIOD, patience / BEATS) if self.granted else PERIOD if self.denied else RESEND
+        kept = min(PERIOD, silence / BEATS) if moving else PERIOD
+        period = kept if self.granted else PERIOD if self.denied else RESEND
         if now - self._asked < period:
             return []
         late = now - self._asked - period
         self._asked = now - (late if late < period / 2 else 0.0)
-        term = max(TERM, patience) if patience <= LONGEST_TERM else TERM
+        term = min(max(TERM, silence), LONGEST_TERM)
         return [self._say(ClaimWish.TAKE_OVER if self._take_over else ClaimWish.KEEP, term)]
 
     def release(self) -> list[Send]:
-        """Give the claim up, if we have it."""
+        """Give the claim up, if we have it; on this link it is not asked for any more."""
+        self._given_up = True
         if not self.granted:
             return []
         self.granted = False

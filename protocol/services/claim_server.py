@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PERIOD = 1.0
 """[s] between two CLAIM_STATUS that answer nobody."""
-SHORTEST_TERM, LONGEST_TERM = 0.1, 10.0
+SHORTEST_TERM, LONGEST_TERM = 0.1, 60.0
 """[s] A holder that is gone keeps nobody out for longer."""
 GRACE = 0.5
 """[s] after the end of its link in which the holder may come back on another one."""

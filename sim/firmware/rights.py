@@ -54,8 +54,8 @@ class Rights:
         return self.claims.fence.objection(epoch)
 
     def may_set(self, peer: Peer) -> bool:
-        """Whether a peer may set parameters."""
-        return self.guard(peer) is None
+        """Whether a peer may set parameters: they ask for operator control only, and each is bounded."""
+        return self.control.may(peer)
 
     def why_not(self, peer: Peer) -> str | None:
         """What to tell a peer that may not command; None: it may."""

@@ -5,7 +5,6 @@ It loses, repeats, delays and reorders what is said; holders vanish and come bac
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from hypothesis import settings
@@ -68,7 +67,7 @@ class ClaimMachine(RuleBasedStateMachine):
         self.now += step
         self.server.tick(self.now)
         for name, client in self.clients.items():
-            self._sent(name, client.tick(self.now, math.inf))
+            self._sent(name, client.tick(self.now, 2.0, moving=True))
 
     @rule(data=st.data(), keep=st.booleans())
     @precondition(lambda self: bool(self.to_server))
@@ -127,8 +126,11 @@ class ClaimMachine(RuleBasedStateMachine):
         self.clients[name] = self._born(name, take_over=take_over)
 
     @rule(name=names)
-    def a_program_ends_in_order(self, name: str) -> None:
-        self._sent(name, self.clients[name].release())
+    def a_program_ends_in_order_and_is_started_again(self, name: str) -> None:
+        client = self.clients[name]
+        self._sent(name, client.release())
+        assert client.tick(self.now + 60, 2.0, moving=True) == [], "who has given it up asks for it no more"
+        self.clients[name] = self._born(name)
 
     @rule()
     def the_controller_restarts(self) -> None:
@@ -163,7 +165,7 @@ class ClaimMachine(RuleBasedStateMachine):
             for name, client in self.clients.items():
                 client.meet(self.life, self.kept[0])
                 client.receive(self.server.status(), for_us=False)
-                self._sent(name, client.tick(self.now, math.inf))
+                self._sent(name, client.tick(self.now, 2.0, moving=True))
             sent, self.to_server = self.to_server, []
             for name, claim in sent:
                 self._hear(name, claim)

@@ -183,3 +183,9 @@ def test_the_component_of_a_proxy_is_that_of_its_next_incarnation_too() -> None:
     taken = {component_of(f"arm-{number}") for number in range(40)}
     assert len(taken) > 20
     assert taken <= set(range(25, 100)), "MAVLink leaves these to its users"
+
+
+def test_who_ends_in_order_gives_the_controller_up(claimed: Talk) -> None:
+    claimed.perform(claimed.session.farewell())
+    claimed._loopback.advance(claimed.now + 0.1)
+    assert claimed.controller.claims.holding is None

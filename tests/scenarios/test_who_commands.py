@@ -257,6 +257,7 @@ async def test_a_second_proxy_is_refused_by_the_controller_until_it_takes_over(
         assert code == exit_codes.REFUSED
         assert f"'rover-1, pid {first.pid}' holds its controller; end that program, or start this" in said
         assert not call.done()
+        assert f"rover-1, pid {first.pid}" in (await robotree("show", "rover-2"))[1]
         third = await proxy(crew, port, "rover-3", "--take-over")
         code, said = await call
         assert code != exit_codes.DONE

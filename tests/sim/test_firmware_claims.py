@@ -14,11 +14,13 @@ from robotree.protocol.messages import (
     Heartbeat,
     MavAutopilot,
     MavCmd,
+    MavParamType,
     MavResult,
     MavState,
     MavType,
     Mode,
     ModeKind,
+    ParamSet,
     Reason,
     SetMode,
     Setpoint,
@@ -152,6 +154,9 @@ def test_a_ground_station_in_control_goes_before_the_claim(rover: RoverBench) ->
     claim(rover.operator, 5, term=9.0)
     refused = station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0)
     assert refused.result == MavResult.NOT_IN_CONTROL
+    station.say(ParamSet(1, 1, "LINK_SILENCE", 3.0, MavParamType.REAL32))
+    station.wait(0.1)
+    assert station.latest(Mode).silence_ms == 3000, "parameters are not the holder's"
     assert station.command(MavCmd.REQUEST_OPERATOR_CONTROL, 1).result == MavResult.ACCEPTED
     assert station.command(MavCmd.ROBOTREE_MOVE, 0.1, 0.0).result == MavResult.ACCEPTED
     assert rover.operator.do(Verb.MOVE, 0.1, 0.0).reason == Reason.NOT_IN_CONTROL
