@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ import pytest
 
 from robotree.tui import exit_codes
 from robotree.tui.cli import main
+from robotree.tui.line import manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.processes.realm import joined
@@ -175,6 +177,19 @@ def test_a_reader_who_has_left_ends_a_verb_in_silence(line: str, tmp_path: Path)
             cwd=tmp_path,
         )
     assert (done.returncode, done.stderr) == (exit_codes.DONE, "")
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_first_walk_of_the_help_works_as_it_is_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    typed = [line.strip() for line in manual.WALK.splitlines() if line.startswith("  robotree ")]
+    assert typed[0].startswith("robotree demo")
+    for line in typed[1:]:
+        assert main(shlex.split(line)[1:]) == exit_codes.DONE, f"{line}: {capsys.readouterr().err}"
+    assert "arm: arm-1" in capsys.readouterr().out
+    assert main(["delete", "mover"]) == exit_codes.DONE
 
 
 def test_every_reading_of_the_cell_has_a_unit(say: Say) -> None:

@@ -28,14 +28,14 @@ page of Python, put it on top of other robots while everything runs, and command
 usage: robotree [VERB …] [--json] [--realm NAME] [--readonly]      without a verb: the full screen
 """
 
-_TAIL = """\
+WALK = """\
 A first walk, with everything in one terminal:
   robotree demo                                   simulated arm and rover, and the full screen
 The same by hand, in a second terminal while the demo runs:
   robotree ls
   robotree create examples/move_to.py as mover
   robotree enslave mover.arm arm-1
-  robotree call mover.move x=0.45 y=0 z='30 cm'
+  robotree call mover.move x=0.45 y=0 z='30 cm' twist=0
   robotree tree
 
 --json prints one JSON value, of an error too. --realm NAME (or $ROBOTREE_REALM) keeps groups of agents apart.
@@ -43,6 +43,7 @@ The same by hand, in a second terminal while the demo runs:
 --calm (or $ROBOTREE_CALM=1) is for slow lines: the full screen without pictures, drawn seldom.
 exit codes: 0 done · 1 refused or failed · 2 not understood · 3 nobody answers · 130 interrupted
 robotree help VERB explains one verb."""
+"""The end of the overview; its lines are typed as they are (a test does)."""
 
 
 def shell(*, readonly: bool = False) -> Surface:
@@ -56,7 +57,7 @@ def overview(surface: Surface) -> str:
     for group, actions in surface.groups.items():
         rows = [_row(action) for action in actions]
         blocks.append("\n".join([group, *rows, ""]))
-    return "\n".join([*blocks, _TAIL])
+    return "\n".join([*blocks, WALK])
 
 
 def _row(action: Action) -> str:

@@ -224,8 +224,19 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Make a virtual robot from a file."""
     path, wanted = values.source(line.text("FILE"))
-    robot = await fleet.create(path, line.text("NAME"), host=line.text("HOST"), wanted=wanted)
+    robot = await fleet.create(str(_source(path)), line.text("NAME"), host=line.text("HOST"), wanted=wanted)
     return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
+
+
+def _source(given: str) -> Path:
+    """Return a source file; `examples/…` is in the wheel, too, where the current folder has none."""
+    path = Path(given)
+    if path.exists() or path.parent != Path("examples"):
+        return path
+    from importlib.resources import files
+
+    shipped = Path(str(files("robotree.examples").joinpath(path.name)))
+    return shipped if shipped.exists() else path
 
 
 async def enslave(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
