@@ -14,6 +14,9 @@ from robotree.vr.errors import NoAnswer
 from robotree.vr.requests import Done, Reply, Resume, SafeStop
 from robotree.vr.robot import Robot
 
+MOST_ORDERS = 64
+"""Stops in force that are remembered by their order; a copy of an older one counts as a new stop."""
+
 
 class Stopping:
     """Stops one robot and releases it. Lives on the event loop."""
@@ -109,6 +112,8 @@ class Stopping:
         answer = asyncio.ensure_future(self._confirmed(confirming, reason, request.order, budget))
         if request.order:
             self._orders[request.order] = answer
+            while len(self._orders) > MOST_ORDERS:
+                del self._orders[next(iter(self._orders))]
         return answer
 
     async def _confirmed(

@@ -44,7 +44,7 @@ class Orders:
         Args:
             name: of the robot; None: all.
             reason: for those whose commands it ends.
-            on_late: told once, when a robot has not been heard for a while and is waited for.
+            on_late: told who has not been heard for a while and is waited for, each robot once.
 
         Returns:
             The names of those that have confirmed it.

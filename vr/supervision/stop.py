@@ -27,8 +27,11 @@ LOOK = 0.05
 LATE = 0.5
 """[s] without a word from a robot, after which it is named."""
 
-ASLEEP = 0.6
-"""[s] without a word from a robot whose process is stopped, after which nobody waits for it any more."""
+ASLEEP = 0.2
+"""[s] without a word from a robot whose process is stopped, after which it is named."""
+
+HOPELESS = 0.6
+"""[s] after which nobody waits any more for a robot whose process is stopped: somebody may wake it."""
 
 UNLISTED = 0.8
 """[s] for a process without a name to take one: each looks twice a second whether its own is there."""
@@ -75,7 +78,7 @@ class Stop:
             transport: the way to them.
             name: of the robot; None: all.
             reason: for those whose commands it ends.
-            on_late: told once, when a robot has not been heard for a while and is waited for.
+            on_late: told who has not been heard for a while and is waited for, each robot once.
 
         Raises:
             BadName: no robot can have this name.
@@ -88,7 +91,8 @@ class Stop:
         self._held: dict[Address, Held] = {}
         self._unlisted: dict[Unlisted, float] = {}
         """Those of whom nothing else is known, and since when [s]."""
-        self._named = False
+        self._named: set[str] = set()
+        """Those who were named, because nothing was heard of them."""
 
     async def give(self) -> Sequence[str]:
         """Tell all whom it concerns, also those who come to sight meanwhile, and wait for what they say.
@@ -155,20 +159,25 @@ class Stop:
 
     def _awaited(self, told: _Told, now: float) -> bool:
         held = self._held.get(told.address)
-        hopeless = not told.heard and held is not None and held.asleep and now > told.since + ASLEEP
+        hopeless = not told.heard and held is not None and held.asleep and now > told.since + HOPELESS
         return told.waiting and not hopeless
 
     def _name_the_late(self, now: float) -> None:
-        late = [told for told in self._told.values() if not told.heard and told.waiting]
-        names = [self._in_words(told.address) for told in late if now > told.since + LATE]
-        names += [one.where for one, since in self._unlisted.items() if now > since + LATE]
-        if names and not self._named:
-            self._named = True
+        late: dict[str, str] = {}
+        for address, told in self._told.items():
+            held = self._held.get(address)
+            if (
+                not told.heard
+                and told.waiting
+                and now > told.since + (ASLEEP if held and held.asleep else LATE)
+            ):
+                late[address.key] = address.name if held is None else f"{address.name} (in {held.in_words})"
+        for one, since in self._unlisted.items():
+            if now > since + LATE:
+                late[one.where] = one.where
+        if names := [words for key, words in late.items() if key not in self._named]:
+            self._named.update(late)
             self._on_late(f"the protective stop goes on, with no word yet from {', '.join(names)}")
-
-    def _in_words(self, address: Address) -> str:
-        held = self._held.get(address)
-        return address.name if held is None else f"{address.name} (in {held.in_words})"
 
     def _verdict(self) -> Sequence[str]:
         if self._name is not None and not self._told and not self._unlisted:
