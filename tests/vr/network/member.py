@@ -106,6 +106,13 @@ async def robot(transport: LocalTransport, name: str) -> None:
     await transport.close()
 
 
+async def deaf(transport: LocalTransport, name: str) -> None:
+    """Be a robot whose event loop does nothing any more."""
+    await RobotAgent(Rover(name), transport).start()
+    say("ready")
+    sys.stdin.read()
+
+
 async def while_tethered(work: Coroutine[None, None, None]) -> None:
     """Do something until the standard input closes."""
     task = asyncio.ensure_future(work)
@@ -121,6 +128,7 @@ MEMBERS: dict[str, Callable[[LocalTransport, str], Awaitable[None]]] = {
     "leave-open": leave_open,
     "wait-for-interrupt": wait_for_interrupt,
     "robot": robot,
+    "deaf": deaf,
 }
 BRIEF = 1.0
 """[s] Shorter than it takes to see that a stopped process has gone: here the term alone decides."""

@@ -7,7 +7,6 @@ import itertools
 import os
 import shutil
 import signal
-import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -52,6 +51,13 @@ os.kill(os.getpid(), signal.SIGSTOP)
 
 AT_ONCE = 1.0
 """[s] in which a person knows whom a stop may have missed."""
+
+
+def remove(folder: Path) -> None:
+    """Remove a folder in one step: its processes look for their names all the time, and make them again."""
+    aside = folder.with_name("removed")
+    folder.rename(aside)
+    shutil.rmtree(aside)
 
 
 class Newcomer:
@@ -237,21 +243,15 @@ async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
     start: Start, newcomer: Newcomer
 ) -> None:
     """It may answer others: only of a process that is stopped it is certain that it does not."""
-    (deaf,) = await robots(start, "deaf")
+    deaf = await start("deaf", "deaf")
+    await deaf.ready()
     pid = deaf.process.pid
-    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
-    (sock,) = folder.glob(f"{pid}-*.sock")
-    sock.unlink()
-    listening = socket.socket(socket.AF_UNIX)
-    listening.bind(str(sock))  # takes its place, and answers nobody
-    listening.listen()
     with pytest.raises(NotConfirmed) as caught:
         await newcomer.stop()
     assert f"NOT by deaf (in process {pid}, which lives and could not be reached" in str(caught.value)
     assert f"`kill {pid}` ends it" in str(caught.value)
     assert "kill -9" not in str(caught.value)
     assert len(newcomer.late) == 1
-    listening.close()
 
 
 async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newcomer: Newcomer) -> None:
@@ -276,10 +276,10 @@ async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newc
 async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start, newcomer: Newcomer) -> None:
     _, frozen = await robots(start, "awake", "frozen")
     folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
-    shutil.rmtree(folder)
+    remove(folder)
     assert await newcomer.stop() == ["awake", "frozen"]
     frozen.signal(signal.SIGSTOP)
-    shutil.rmtree(folder)
+    remove(folder)
     pid = frozen.process.pid  # under load it may have gone on for a moment, and have taken a name again
     who = rf"(process {pid} \(it has no name|frozen \(in process {pid}, which hangs)"
     with pytest.raises(NotConfirmed, match=rf"by awake but NOT by {who}"):
