@@ -35,12 +35,12 @@ BROKEN = Row("campaign", "the trial itself", "")
 
 def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one option that there is
     """Name all trials, in their order."""
-    victims = list(kills.VICTIMS)
-    for number in range(8 if quick else 64):
-        yield f"kill-{number}", partial(kills.kill, victim=victims[number % len(victims)])
-    for number in range(3 if quick else 54):
-        victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
-        yield f"freeze-{number}", partial(freezes.freeze, victim=victim)
+    for number in range(1 if quick else 4):
+        yield f"epoch-{number}", rules.great_epochs
+        yield f"second-{number}", rules.second_proxy
+        yield f"once-{number}", rules.lost_result
+        yield f"foreign-{number}", rules.foreign_heartbeat
+        yield f"replay-{number}", rules.replay
     for number in range(3 if quick else 15):
         yield f"split-{number}", partial(stops.split, how=("removed", "renamed", "paused")[number % 3])
     for number in range(1 if quick else 10):
@@ -50,12 +50,12 @@ def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one op
         yield f"deep-{number}", stops.stop_deep
     if not quick:
         yield "deep-end", stops.take_down
-    for number in range(1 if quick else 4):
-        yield f"epoch-{number}", rules.great_epochs
-        yield f"second-{number}", rules.second_proxy
-        yield f"once-{number}", rules.lost_result
-        yield f"foreign-{number}", rules.foreign_heartbeat
-        yield f"replay-{number}", rules.replay
+    victims = list(kills.VICTIMS)
+    for number in range(8 if quick else 64):
+        yield f"kill-{number}", partial(kills.kill, victim=victims[number % len(victims)])
+    for number in range(3 if quick else 54):
+        victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
+        yield f"freeze-{number}", partial(freezes.freeze, victim=victim)
 
 
 async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:
