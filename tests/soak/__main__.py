@@ -14,6 +14,7 @@ import argparse
 import asyncio
 import os
 import random
+import signal
 import sys
 import tempfile
 import time
@@ -114,6 +115,8 @@ def main() -> int:
     parser.add_argument("--only", default="", help="trials whose names begin so")
     parser.add_argument("--limit", type=float, default=1200.0, help="[s] after which no further trial begins")
     given = parser.parse_args()
+    for one in (signal.SIGINT, signal.SIGTERM):  # also where a shell has it ignored
+        signal.signal(one, signal.default_int_handler)
     began = time.monotonic()
     trials = asyncio.run(run(given.seed, quick=given.quick, only=given.only, limit=given.limit))
     words = " ".join(sys.argv[1:])

@@ -196,7 +196,8 @@ class Stage:
             await self.fleet.enslave(SQUARE, "rover", ROVER)
         away = self.rover.place
         if max(map(abs, away[:2])) > FAR:
-            await self.fleet.call(SQUARE, "move", {"x": -away[0], "y": -away[1]}, deadline=10)
+            home = {"x": -away[0], "y": away[1]}  # on the wire y is to the right, in a call to the left
+            await self.fleet.call(SQUARE, "move", home, deadline=10)
         for observer in (self.arm, self.rover):
             await observer.stands()
 
