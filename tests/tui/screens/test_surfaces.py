@@ -42,6 +42,7 @@ async def test_who_may_only_look_has_keys_that_look_and_the_stop(realm: Realm, o
     async with operate(realm.fleet, readonly=True) as operator:
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         page = operator.app.main
+        await operator.sees("realm test (read-only)")
         bound = {one.binding.id for one in page.active_bindings.values() if one.enabled}
         assert bound.isdisjoint({"create", "enslave", "release", "delete", "cancel", "resume", "panel"})
         assert {"show", "stop", "help", "quit"} <= bound

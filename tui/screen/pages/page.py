@@ -67,7 +67,9 @@ class Page(Fenced, Leaving[None]):
     def draw(self) -> None:
         """Draw everything that may have changed; pages add their own."""
         app = self.app
-        self.query_one(TopBar).draw(app.store, app.realm, self.title_of_page())
+        self.query_one(TopBar).draw(
+            app.store, f"{app.realm} (read-only)" if app.readonly else app.realm, self.title_of_page()
+        )
         self.query_one(Banner).draw(app.store)
         for line in self.query(FlashLine):
             line.draw(app.store, app.now())
