@@ -27,7 +27,7 @@ from robotree.proxy.connection import TICK
 from robotree.proxy.motion import Request
 from robotree.proxy.will import INSIST, RELEASE_WITHIN
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.confirmation import share
+from robotree.vr.confirmation import Budget, unmeasured
 from robotree.vr.errors import CommandFailed, NotConfirmed
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.rehearsal.memory import MemoryNetwork
@@ -146,7 +146,7 @@ async def test_a_resume_is_told_as_done_when_the_controller_is_not_held(place: P
     [
         (Reason.STOPPED, r"another stop came after .*; when it is safe, resume again"),
         (Reason.STALE_EPOCH, "a newer lease is already obeyed; resume again"),
-        (Reason.NOT_IN_CONTROL, "somebody on another link is in operator control; ask them to give it up"),
+        (Reason.NOT_IN_CONTROL, "somebody else commands the controller; ask them to give it up"),
     ],
 )
 async def test_a_resume_that_the_controller_refuses_says_why_and_what_to_do(
@@ -217,7 +217,7 @@ async def test_who_is_told_that_a_resume_is_not_confirmed_finds_the_robot_stoppe
     agent = RobotAgent(place.robot, network.join("proxy"))
     await agent.start()
     place.tell(ModeKind.SAFE_STOP, 2)
-    client = RobotClient(network.join("above"), agent.address, patience=share(share(CONFIRM)))
+    client = RobotClient(network.join("above"), agent.address, patience=RELEASE_WITHIN)
     with pytest.raises(NotConfirmed, match="its controller has not confirmed it"):
         await client.resume()
     place.tell(ModeKind.READY, 2)
@@ -248,7 +248,7 @@ async def test_a_resume_whose_confirmation_came_too_late_to_be_heard_is_taken_ba
 
 
 def test_a_resume_is_given_up_before_the_agent_that_waits_for_it_gives_up() -> None:
-    assert share(CONFIRM) > RELEASE_WITHIN + TICK
+    assert Budget(unmeasured(CONFIRM)).wait > RELEASE_WITHIN + TICK
 
 
 async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_release_can_be_said(
@@ -257,7 +257,7 @@ async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_rele
     sent: list[AnyMessage] = []
     place.connection._send = sent.append
     activity: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=1))
-    place.robot._desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=0.0)
+    place.robot._desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=0.0, repeatable=True)
     activity.cancelled = True  # the agent has ended it; its thread has yet to take note
     place.robot.safe_stop("a hand in the cell")
     place.tell(ModeKind.SAFE_STOP, 2)
