@@ -62,8 +62,9 @@ SUPERVISOR_SYSTEM = 255
 """System id of ground stations, by the same custom."""
 NOT_YET = "its controller was not heard yet"
 """Why a session is offline that never had a link."""
-SETTLED = 1.0
-"""[s] after which a new link has brought the first words, if its controller is well."""
+SETTLED = 2.5
+"""[s] after which a new link has brought the first words, if its controller is well: behind a router nobody
+is greeted, and the next HEARTBEAT comes within a second; then the claim is answered."""
 FORMER_LIVES = 16
 """Lives of a controller that are remembered as over; a word is not longer on its way than these last."""
 DEAD = 2 * SILENCE
