@@ -36,7 +36,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
-from robotree.tui.screen.themes import DARK, LIGHT
+from robotree.tui.screen.themes import OURS, REDUCED, chosen
 from robotree.tui.screen.unasked import Unasked
 from robotree.tui.screen.widgets.harmless import Harmless
 from robotree.tui.seen import wording
@@ -125,10 +125,11 @@ class Supervisor(Fenced, Unasked[int]):
         """What can be typed."""
         self.keyboard = Surface(Where.SCREEN, readonly)
         """What has keys."""
-        for theme in (DARK, LIGHT):
+        for theme in (*OURS, *REDUCED.values()):
             self.register_theme(theme)
         wanted = os.environ.get("TEXTUAL_THEME", "")
-        self.theme = wanted if wanted in self.available_themes else DARK.name
+        ours = chosen(wanted, self.console.color_system).name
+        self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
         self.fleet, self.realm, self.farewell = fleet, realm, farewell
         self.store = store or Store()
         self.feed = Feed(fleet, self.store, self.now)

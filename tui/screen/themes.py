@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from textual.theme import Theme
+
+from robotree.tui.screen.palette import reduced_theme
 
 DARK = Theme(
     name="robotree-dark",
@@ -22,6 +26,7 @@ DARK = Theme(
         "block-cursor-foreground": "#ffffff",
         "block-cursor-text-style": "none",
         "footer-key-foreground": "#7fb4ca",
+        "stop": "#c8102e",
         "border": "#3a4250",
         "border-blurred": "#2a303b",
     },
@@ -45,7 +50,36 @@ LIGHT = Theme(
         "block-cursor-foreground": "#10141a",
         "block-cursor-text-style": "none",
         "footer-key-foreground": "#2f6f8f",
+        "stop": "#c8102e",
         "border": "#c3beb0",
         "border-blurred": "#d8d4c8",
     },
 )
+
+COLOUR_BLIND = replace(
+    DARK,
+    name="robotree-colour-blind",
+    primary="#56b4e9",
+    secondary="#cc79a7",
+    accent="#f0e442",
+    success="#56b4e9",
+    warning="#e69f00",
+    error="#d55e00",
+    variables={**DARK.variables, "stop": "#d55e00"},
+)
+"""Blue is well, orange and vermilion are not; no green (Okabe and Ito, Color Universal Design, 2008)."""
+
+OURS = (DARK, LIGHT, COLOUR_BLIND)
+REDUCED = {theme.name: reduced_theme(theme) for theme in OURS}
+"""The same for terminals of 256 colours, by the name of the whole one."""
+
+
+def chosen(wanted: str, color_system: str | None) -> Theme:
+    """Return the theme for a terminal.
+
+    Args:
+        wanted: by name, with or without `robotree-`; unknown or empty: the dark one.
+        color_system: of the terminal, as Rich names it: `truecolor`, `256`, `standard`, or None.
+    """
+    found = next((one for one in OURS if wanted in {one.name, one.name.removeprefix("robotree-")}), DARK)
+    return found if color_system == "truecolor" else REDUCED[found.name]

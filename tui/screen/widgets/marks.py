@@ -56,7 +56,7 @@ def block(app: App[Any]) -> Style:
     if app.no_color:
         return Style(bold=True, reverse=True)
     variables = app.theme_variables
-    ground = Color.parse(variables["error"])
+    ground = Color.parse(variables.get("stop", variables["error"]))
     return Style(color=ground.get_contrast_text(1.0).rich_color, bgcolor=ground.rich_color, bold=True)
 
 

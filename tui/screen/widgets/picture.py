@@ -17,6 +17,7 @@ from textual.widget import Widget
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.halfblocks import BLOCK, Colour, Run, decode
+from robotree.tui.screen.palette import reduced
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.mood import span
@@ -47,6 +48,11 @@ def _style(upper: Colour, lower: Colour) -> Style:
 @lru_cache(maxsize=8192)
 def _rich(colour: Colour) -> Color:
     return Color.from_rgb(*colour)
+
+
+def _few(rows: list[list[Run]]) -> list[list[Run]]:
+    """Return a picture in the colours of a terminal that has 256."""
+    return [[(count, reduced(upper), reduced(lower)) for count, upper, lower in row] for row in rows]
 
 
 class PictureView(Fenced, Widget):
@@ -110,6 +116,8 @@ class PictureView(Fenced, Widget):
             return  # nothing moves: nothing is drawn
         drawn = await asyncio.to_thread(decode, picture.jpeg, columns, rows)
         if fetch is self._fetch:
+            if self.app.console.color_system != "truecolor":
+                drawn = _few(drawn)
             self._rows, self._jpeg, self._trouble = drawn, picture.jpeg, ""
             self._drawn_for = (columns, rows)
             self.frames += 1

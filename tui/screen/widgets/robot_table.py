@@ -161,7 +161,11 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         base = self.rich_style
         if y < HEADER:
             style = base + tint(self.app, "muted")
-            titles = [Segment(fit(one.title, one.room) + " " * GAP, style) for one in self._columns]
+            # a cell for marks stands before the names
+            titles = [Segment(" ", style)]
+            for one in self._columns:
+                room = one.room - (one.title == "ROBOT")
+                titles.append(Segment(fit(one.title, room) + " " * GAP, style))
             return Strip(titles).adjust_cell_length(width, base)
         wanted = self._wanted(self.scroll_offset.y + y - HEADER)
         if wanted is None:

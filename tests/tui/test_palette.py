@@ -1,0 +1,54 @@
+"""A terminal of 256 colours: greys stay grey, in the theme and in pictures."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.color import Color, ColorSystem
+
+from robotree.tui.screen.palette import LEVELS, TINT, reduced
+from robotree.tui.screen.themes import COLOUR_BLIND, DARK, LIGHT, OURS, REDUCED, chosen
+
+CHANNEL = st.integers(0, 255)
+
+
+def shown(colour: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Return what a terminal of 256 colours shows, by Rich's own way to choose among them."""
+    return tuple(Color.from_rgb(*colour).downgrade(ColorSystem.EIGHT_BIT).get_truecolor())  # type: ignore[return-value]
+
+
+@given(grey=st.integers(14, 241), red=st.integers(0, TINT // 2), blue=st.integers(0, TINT // 2))
+def test_what_is_almost_grey_is_shown_grey(grey: int, red: int, blue: int) -> None:
+    seen = shown(reduced((grey + red, grey, grey - blue)))
+    assert len(set(seen)) == 1, "no tint"
+    assert abs(seen[0] - grey) <= 20
+
+
+@given(red=CHANNEL, green=CHANNEL, blue=CHANNEL)
+def test_every_colour_is_one_that_the_terminal_has(red: int, green: int, blue: int) -> None:
+    found = reduced((red, green, blue))
+    grey = len(set(found)) == 1
+    assert grey or (set(found) <= set(LEVELS) and shown(found) == found)
+
+
+@pytest.mark.parametrize("theme", OURS, ids=lambda theme: theme.name)
+def test_the_grounds_of_a_theme_stay_grey(theme: object) -> None:
+    small = REDUCED[theme.name]  # type: ignore[attr-defined]
+    for colour in (small.background, small.surface, small.panel):
+        red, green, blue = Color.parse(colour).get_truecolor()
+        assert red == green == blue
+
+
+@pytest.mark.parametrize(
+    ("wanted", "system", "found"),
+    [
+        ("", "truecolor", DARK.name),
+        ("light", "truecolor", LIGHT.name),
+        ("robotree-colour-blind", "256", f"{COLOUR_BLIND.name}-256"),
+        ("", None, f"{DARK.name}-256"),
+        ("no such theme", "256", f"{DARK.name}-256"),
+    ],
+)
+def test_a_terminal_gets_the_theme_that_it_can_show(wanted: str, system: str | None, found: str) -> None:
+    assert chosen(wanted, system).name == found

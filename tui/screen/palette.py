@@ -1,0 +1,48 @@
+"""Colours for terminals with 256 of them: greys stay grey. Pure.
+
+Such a terminal has a cube of 6 x 6 x 6 colours and a ramp of 24 greys (xterm's palette). Rich takes the
+nearest corner of the cube for whatever is a little tinted, so that dark greys become navy blue and pictures
+of grey tables become green. So what is almost grey is made grey before, and all else a corner of the cube.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+from textual.color import Color
+from textual.theme import Theme
+
+Triplet = tuple[int, int, int]
+"""Red, green, blue, 0 to 255."""
+
+LEVELS = (0, 95, 135, 175, 215, 255)
+"""Of each channel of the cube."""
+TINT = 32
+"""Difference between the channels up to which a colour counts as grey."""
+
+
+@lru_cache(maxsize=8192)
+def reduced(colour: Triplet) -> Triplet:
+    """Return a colour that a terminal of 256 colours can show: a grey, or a corner of the cube."""
+    if max(colour) - min(colour) <= TINT:
+        grey = round(sum(colour) / 3)
+        return grey, grey, grey
+    red, green, blue = (min(LEVELS, key=lambda level: abs(level - part)) for part in colour)
+    return red, green, blue
+
+
+def reduced_theme(theme: Theme) -> Theme:
+    """Return a theme whose colours a terminal of 256 colours can show; its name ends with `-256`."""
+    names = ("primary", "secondary", "accent", "foreground", "background", "surface", "panel")
+    moods = ("success", "warning", "error")
+    colours = {name: _reduced(str(getattr(theme, name))) for name in (*names, *moods)}
+    variables = {
+        name: _reduced(value) if value.startswith("#") else value for name, value in theme.variables.items()
+    }
+    return replace(theme, name=f"{theme.name}-256", variables=variables, **colours)
+
+
+def _reduced(colour: str) -> str:
+    parsed = Color.parse(colour)
+    return Color(*reduced((parsed.r, parsed.g, parsed.b))).hex
