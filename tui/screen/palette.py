@@ -34,15 +34,26 @@ def reduced(colour: Triplet) -> Triplet:
 
 def reduced_theme(theme: Theme) -> Theme:
     """Return a theme whose colours a terminal of 256 colours can show; its name ends with `-256`."""
-    names = ("primary", "secondary", "accent", "foreground", "background", "surface", "panel")
-    moods = ("success", "warning", "error")
-    colours = {name: _reduced(str(getattr(theme, name))) for name in (*names, *moods)}
     variables = {
         name: _reduced(value) if value.startswith("#") else value for name, value in theme.variables.items()
     }
-    return replace(theme, name=f"{theme.name}-256", variables=variables, **colours)
+    return replace(
+        theme,
+        name=f"{theme.name}-256",
+        primary=_reduced(theme.primary),
+        secondary=_reduced(theme.secondary),
+        accent=_reduced(theme.accent),
+        foreground=_reduced(theme.foreground),
+        background=_reduced(theme.background),
+        surface=_reduced(theme.surface),
+        panel=_reduced(theme.panel),
+        success=_reduced(theme.success),
+        warning=_reduced(theme.warning),
+        error=_reduced(theme.error),
+        variables=variables,
+    )
 
 
-def _reduced(colour: str) -> str:
-    parsed = Color.parse(colour)
+def _reduced(colour: str | None) -> str:
+    parsed = Color.parse(colour or "#000000")
     return Color(*reduced((parsed.r, parsed.g, parsed.b))).hex
