@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import resource
 import subprocess
@@ -144,5 +145,5 @@ def test_results_that_cannot_be_written_are_not_blamed_on_the_link(arm: str, wor
             check=False,
             timeout=60,
         )
-    assert done.stderr.splitlines() == ["robotree: standard output: no space left on device"]
+    assert json.loads(done.stderr)["message"] == "standard output: no space left on device"
     assert done.returncode == exit_codes.REFUSED
