@@ -90,7 +90,8 @@ class Transport(Protocol):
             key: as served.
             body: the request.
             timeout: [s] for the whole exchange, from now to the last reply.
-            urgent: ahead of everything else (lease renewals, stops, cancels).
+            urgent: ahead of everything else (lease renewals, stops, cancels), and carried out however late: a
+                process that hung obeys a stop when it wakes. Anything else is not begun after `timeout`.
 
         Raises:
             Unreachable: it ended without a single reply: not served, or its process died.

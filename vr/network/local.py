@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import atexit
 import logging
+import math
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from functools import partial
@@ -104,7 +105,8 @@ class LocalTransport:
     def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
         """See `Transport.request`."""
         self._check(key)
-        latest = time.monotonic() + timeout  # first: nothing may begin after the asker has given up
+        # taken first: nothing may begin after the asker has given up; but a stop is obeyed however late
+        latest = math.inf if urgent else time.monotonic() + timeout
         replies = Replies(key, timeout)
         self._asking.add(replies)
         if key in self._served:

@@ -145,18 +145,23 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
         assert await replies_of(transport.request("robot/arm/1", b"hi", timeout=5)) == ([b"ack", b"hi"], None)
 
 
-async def test_what_was_asked_of_a_sleeper_is_not_begun_after_its_time(
-    start: Start, join_realm: Enter
+@pytest.mark.parametrize(("urgent", "count"), [(False, b"1"), (True, b"2")])
+async def test_of_what_was_asked_of_a_sleeper_only_what_is_urgent_is_begun_after_its_time(
+    start: Start, join_realm: Enter, *, urgent: bool, count: bytes
 ) -> None:
+    """A stop counts whenever it is heard."""
     process = await start("count", "arm")
     await process.ready()
     transport = await join_realm()
     await arrived(transport, "arm")
     process.signal(signal.SIGSTOP)
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.2))
+    got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.2, urgent=urgent))
     assert isinstance(got[1], NoAnswer)
     process.signal(signal.SIGCONT)
-    assert await replies_of(transport.request("robot/arm/1", b"", timeout=5)) == ([b"1"], None)
+    assert await replies_of(transport.request("robot/arm/1", b"", timeout=5, urgent=urgent)) == (
+        [count],
+        None,
+    )
 
 
 @pytest.mark.parametrize("times", range(3))
