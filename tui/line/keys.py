@@ -4,7 +4,8 @@ from __future__ import annotations
 
 _SPELLED = {
     "question_mark": "?", "slash": "/", "colon": ":", "comma": ",", "full_stop": ".",
-    "escape": "esc", "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "pgup", "pagedown": "pgdn",
+    "escape": "esc", "enter": "⏎", "up": "↑", "down": "↓", "left": "←", "right": "→",
+    "pageup": "pgup", "pagedown": "pgdn",
 }  # fmt: skip
 
 

@@ -270,7 +270,8 @@ def _consequence(app: Supervisor, line: Line) -> str:
         case "delete":
             robot = store.descriptions.get(line.text("NAME"))
             children = [slot.child.name for slot in robot.slots if slot.child] if robot else []
-            busy = f" It is carrying out {robot.busy}, which ends." if robot and robot.busy else ""
+            told = store.state(line.text("NAME")) or robot  # a state is newer than a description
+            busy = f" It is carrying out {told.busy}, which ends." if told and told.busy else ""
             freed = f" {', '.join(children)} will be free again." if children else ""
             return f"{line.text('NAME')} ends for good.{busy}{freed}"
         case "release":

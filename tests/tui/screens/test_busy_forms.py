@@ -103,7 +103,7 @@ async def test_quick_keys_after_create_make_no_other_robots(
     async with operate(realm.fleet) as operator:
         page = await create_finisher(operator)
         operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
-        await operator.sees("8 keys (z enter w enter tab n e enter)", "finisher is being made")
+        await operator.sees("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
         await operator.click("#create")
         assert page.query_one("#name", Input).value == "finisher"
         slow_host.set()
@@ -164,7 +164,7 @@ async def test_hasty_enters_do_not_cancel_what_has_just_begun(
         await operator.press("ctrl+r")
         await operator.until(lambda: form.query_one("#cancel", Button).has_focus, "it runs")
         await operator.press("enter")
-        await operator.sees("the key enter was dropped: go_to is running")
+        await operator.sees("the key ⏎ was dropped: go_to is running")
         assert form.running
         monkeypatch.setattr(unasked, "LOOK", 0.0)
         await operator.press("enter")

@@ -74,7 +74,7 @@ class Confirm(Modal[bool]):
             yield Static(self._consequence, classes="dialog-text", markup=False)
             with Horizontal(classes="buttons"):
                 yield Button("Cancel", id="no", compact=True)
-                yield Button(self._yes, id="yes", variant="error", compact=True)
+                yield Button(Text(self._yes), id="yes", variant="error", compact=True)
 
     def on_mount(self) -> None:
         """Focus the harmless answer."""

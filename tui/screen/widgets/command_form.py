@@ -77,7 +77,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
             yield Button("■ cancel", id="cancel", disabled=True, compact=True)
         yield Still(id="progress")
         yield Static("", id="outcome", markup=False)
-        yield Still(id="line")
+        yield Still(id="as-line")
 
     def on_mount(self) -> None:
         """Say at once when the command cannot be used."""
@@ -137,7 +137,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
 
     @on(FieldRow.Changed)
     def _draw_line(self) -> None:
-        self.query_one("#line", Still).show(Text(f"$ {self.line}", tint(self.app, "muted")))
+        self.query_one("#as-line", Still).show(Text(f"$ {self.line}", tint(self.app, "muted")))
 
     def follow(self) -> None:
         """Let the field with the cursor, or all of them, follow the robot again."""
