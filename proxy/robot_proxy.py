@@ -220,6 +220,7 @@ class RobotProxy(Robot):
         Raises:
             CommandFailed: the controller is offline, or does not tell it.
         """
+        self._settle()
         twin, deadline = self._session.twin, self._connection.now() + NEWS_WITHIN
         while True:
             message = twin.after(kind, since)
