@@ -194,7 +194,7 @@ def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, 
         delays = []
         for press in range(PRESSES):
             terminal.drain(0.06 + 0.013 * (press % 7))
-            os.write(terminal.fd, b"\x1b[B" if press % 40 < 20 else b"\x1b[A")
+            os.write(terminal.fd, b"\x1b[A" if press % 2 else b"\x1b[B")
             delays.append(terminal.drain(1.0, first=True)[1])
     finally:
         terminal.end()

@@ -200,7 +200,7 @@ class Supervisor(Fenced, Unasked[int]):
     def choose(self, name: str) -> None:
         """A person selects a robot."""
         self.selection = self.selection.choose(name)
-        self.main.draw()
+        self.main.follow()
 
     @property
     def asked(self) -> float:

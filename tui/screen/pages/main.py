@@ -297,6 +297,11 @@ class MainPage(Page):
         last.draw(app.store, now, self.wall())
         self._draw_empty()
 
+    def follow(self) -> None:
+        """Show at once which robot a person has selected, and all of it as soon as that is drawn."""
+        self.query_one(RobotTable).draw(self._shown, self.selected, self.app.marks)
+        self.call_after_refresh(self.fenced(self.draw))
+
     def _draw_selected(self, now: float) -> None:
         self.query_one("#below").set_class(not self.selected, "-nothing")
         self.app.store.attend(self.selected)
