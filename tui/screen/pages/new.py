@@ -45,6 +45,12 @@ class SourceTree(Fenced, DirectoryTree):
             if not path.name.startswith((".", "__")) and (path.suffix == ".py" or _is_folder(path))
         ]
 
+    def to_first_file(self) -> None:
+        """Put the cursor upon the first file: what one has come for."""
+        found = [node for node in self.root.children if not node.allow_expand]
+        if found:
+            self.call_after_refresh(self.move_cursor, found[0])  # a line has its place only then
+
 
 def _is_folder(path: Path) -> bool:
     try:
@@ -102,10 +108,16 @@ class NewPage(Form, Page):
         return [("any", ANY_HOST), *((name, name) for name in self.app.store.hosts)]
 
     def on_mount(self) -> None:
-        """Begin in the tree."""
+        """Begin in the tree, at its first file."""
         tree = self.query_one(SourceTree)
         tree.show_root = False
         tree.focus()
+        self._begin(tree)
+
+    @work(exit_on_error=False, group="begin")
+    async def _begin(self, tree: SourceTree) -> None:
+        await tree.reload()
+        tree.to_first_file()
 
     @on(Choice.Changed, "#place")
     def _elsewhere(self, event: Choice.Changed) -> None:
