@@ -12,6 +12,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import parse
 from robotree.tui.line.shell import Console, obey
+from robotree.tui.terminal import answering
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 
@@ -43,7 +44,8 @@ async def test_without_a_lookup_service_what_is_known_is_listed_as_stale(
     assert listed == (["NAME", "cell"] if "--views" in words else ["NAME", "mover", "rover-1"])
     assert all("stale" in row for row in people.out.splitlines()[1:])
 
-    assert await obey(fleet, line, Console(as_json=True)) == exit_codes.NOBODY
+    with answering(as_json=True):
+        assert await obey(fleet, line, Console(as_json=True)) == exit_codes.NOBODY
     programs = capsys.readouterr()
     data = json.loads(programs.out)
     assert data

@@ -12,6 +12,7 @@ from textual.widgets import RichLog
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import tint, weigh
 from robotree.tui.seen import matching
+from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store, Weight
 
 CLOCK = "%Y-%m-%d %H:%M:%S"
@@ -84,8 +85,9 @@ class HappeningLog(Fenced, RichLog):
                 continue
             clock = time.strftime(CLOCK, time.localtime(wall - (now - one.at)))
             line = Text.assemble(
-                (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, one.text)
+                (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, seen(one.text))
             )
-            self.write(line, scroll_end=not self._scrolled_up)
+            room = self.scrollable_content_region.width or None  # RichLog would ask the terminal instead
+            self.write(line, width=room, scroll_end=not self._scrolled_up)
         if happenings:
             self._last = happenings[-1]
