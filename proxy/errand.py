@@ -18,12 +18,19 @@ from robotree.vr.context import Activity
 
 @dataclass(frozen=True, slots=True)
 class NotSent:
-    """The errand never left: no controller, or an ended command. Or nobody is left to tell of its end."""
+    """The errand never left: no controller, or an ended command."""
 
     trouble: str
 
 
-End = GoalEnded | GoalSilent | NotSent
+@dataclass(frozen=True, slots=True)
+class Unheard:
+    """The errand has left, and nobody is here any more to hear of its end."""
+
+    trouble: str
+
+
+End = GoalEnded | GoalSilent | NotSent | Unheard
 
 
 class Errand:
@@ -116,7 +123,7 @@ class Desk:
     def close(self, trouble: str) -> None:
         """End all errands: nobody will hear of them any more."""
         while self._out:
-            self._out.popitem()[1].finish(NotSent(trouble))
+            self._out.popitem()[1].finish(Unheard(trouble))
 
     def _start(self, errand: Errand, request: Request, ttl: float, *, repeatable: bool) -> None:
         session, now = self._connection.session, self._connection.now()

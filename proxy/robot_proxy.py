@@ -25,7 +25,7 @@ from robotree.protocol.messages import Message
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
-from robotree.proxy.errand import Desk, Errand, NotSent
+from robotree.proxy.errand import Desk, Errand, NotSent, Unheard
 from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.orders import Order, Orders
@@ -36,7 +36,7 @@ from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswe
 from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
-from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
+from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded
 from robotree.vr.robot import Robot
 
 _log = logging.getLogger(__name__)
@@ -307,7 +307,10 @@ class RobotProxy(Robot):
             case GoalSilent() | None as end:
                 acknowledged = end is not None and end.acknowledged
                 heard, kind = self._connection.now() - self._session.heard_at, self.kinds()[0]
-                raise self._failed(silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind))
+                detail = silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind)
+                raise self._failed_or_in_doubt(detail, effect)
+            case Unheard(trouble=trouble):
+                raise self._failed_or_in_doubt(f"{trouble}; look whether the robot still moves", effect)
             case end:
                 name, epoch = self.context.command, errand.epoch
                 obeyed = self._session.obeyed
@@ -321,6 +324,12 @@ class RobotProxy(Robot):
 
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
+
+    def _failed_or_in_doubt(self, detail: str, effect: Effect) -> CommandFailed | CommandInDoubt:
+        """What it means that the end of a motion which was sent is not known."""
+        if effect == "once":
+            return CommandInDoubt(robot=self.name, command=self.context.command, detail=detail)
+        return self._failed(detail)
 
     def _hear(self, event: Event) -> None:
         match event:

@@ -49,7 +49,7 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
-from robotree.proxy.life import Word, overtaken, restarted
+from robotree.proxy.life import LONGEST_WAY, Word, overtaken, restarted
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.translate import COMPONENTS, READERS, Readers, Target
@@ -66,7 +66,7 @@ SETTLED = 2.5
 """[s] after which a new link has brought the first words, if its controller is well: behind a router nobody
 is greeted, and the next HEARTBEAT comes within a second; then the claim is answered."""
 FORMER_LIVES = 16
-"""Lives of a controller that are remembered as over; a word is not longer on its way than these last."""
+"""Lives of a controller that are remembered as over, for `LONGEST_WAY` each."""
 DEAD = 2 * SILENCE
 """[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
 
@@ -143,8 +143,8 @@ class Session:
         self._will = Will(controller)
         self._held_told = ""
         self._claim = claim
-        self._lives: list[int] = []
-        """Former lives of the controller; a word of one of them was long on its way."""
+        self._lives: dict[int, float] = {}
+        """Former lives of the controller, and until when [s] a word of one of them was long on its way."""
         self._namesakes: set[int] = set()
         """Components of our system that somebody else speaks as."""
 
@@ -368,7 +368,7 @@ class Session:
     def _is_over(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
         """Whether a mode was told before the one that was heard last."""
         last, this = Word(before.time_boot_ms, told_at, before.life), Word(mode.time_boot_ms, now, mode.life)
-        return mode.life in self._lives or overtaken(last, this)
+        return now < self._lives.get(mode.life, -math.inf) or overtaken(last, this)
 
     def _note_namesake(self, frame: Frame) -> None:
         """Somebody else speaks as a component of our system. If it is ours, who holds no claim gives way."""
@@ -414,7 +414,7 @@ class Session:
         effects: list[Effect] = []
         if anew and before is not None:
             effects += self._goals.restarted(mode.life)
-            self._lives = [*self._lives, before.life][-FORMER_LIVES:] if before.life else self._lives
+            self._note_former_life(before.life, mode.life, now)
         self._goals.life = mode.life
         if self._claim is not None:
             self._claim.meet(mode.life, mode.epoch)
@@ -423,6 +423,11 @@ class Session:
         if anew and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
             effects += self._ask_for_rates(now)
         return effects
+
+    def _note_former_life(self, before: int, life: int, now: float) -> None:
+        """Take words of a life that is over for late ones, not for ever: its number may come again."""
+        former = {**self._lives, before: now + LONGEST_WAY} if before else self._lives
+        self._lives = {each: former[each] for each in list(former)[-FORMER_LIVES:] if each != life}
 
     def _held_news(self) -> list[Effect]:
         if self.held == self._held_told:

@@ -2,9 +2,10 @@
 
 A stop that was asked for here is wanted until the controller has confirmed its release: it is said again
 until it is confirmed, and whenever the controller tells that it is not stopped. A release is one attempt to
-end it, bounded in time. Where it fails, the stop is wanted as before. Where it has been said and nobody waits
-for its answer any more, the stop is wanted whoever asked for it: what was said may still lie in a socket and
-be obeyed, and who was told that the robot stays stopped must find it so.
+end it, bounded in time. Where it fails, the stop is wanted as before; but where the controller refuses it
+because somebody else commands, it stays stopped, and the release is theirs from then on. Where it has been
+said and nobody waits for its answer any more, the stop is wanted whoever asked for it: what was said may
+still lie in a socket and be obeyed, and who was told that the robot stays stopped must find it so.
 
 A release names the stop that it ends, by the count that the controller tells. While our own stop is
 unconfirmed its count is not known yet. Then the stop is said until it is confirmed, and the release after it:
@@ -156,6 +157,8 @@ class Will:
                 news.append(ReleaseConfirmed())
         elif release.said and mode.reason in REFUSALS:
             self._release = None
+            if mode.reason == Reason.NOT_IN_CONTROL:
+                self.stopped = False  # else nobody could: the holder's release would be followed by our stop
             news.append(ReleaseRefused(Reason(mode.reason)))
         return news
 

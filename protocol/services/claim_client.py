@@ -30,7 +30,8 @@ TERM = SILENCE
 LONGEST_TERM = 60.0
 """[s] The term is as long as the silence that the controller bears, but not longer; the wire has 65 s."""
 NAME_BYTES = 24
-_NO_LIMIT = 2**32
+_LARGEST = 2**32 - 1
+"""The largest epoch that the wire has room for."""
 
 
 class ClaimGranted(msgspec.Struct, frozen=True):
@@ -87,7 +88,7 @@ class ClaimClient:
         """The one that we claim."""
         self._lease = 0
         """The highest epoch of a lease under which the controller was commanded from here."""
-        self._too_high = _NO_LIMIT
+        self._too_high = _LARGEST + 1
         """An epoch that the controller has found dishonest."""
         self.granted = False
         """Whether the controller has told that it obeys us."""
@@ -110,7 +111,7 @@ class ClaimClient:
         if life != self.life:
             self.life, self.granted, self.denied, self._asked = life, False, None, float("-inf")
         if not self.epoch:
-            self.epoch = epoch + 1
+            self.epoch = _above(epoch)
 
     def raise_to(self, lease: int) -> None:
         """Command under a lease from now on. Each new one has a larger epoch on the wire than the one before.
@@ -122,7 +123,7 @@ class ClaimClient:
         """
         if lease > self._lease:
             self._lease = lease
-            self.epoch = lease if self.epoch < lease < self._too_high else self.epoch + 1
+            self.epoch = lease if self.epoch < lease < self._too_high else _above(self.epoch)
 
     def receive(self, status: ClaimStatus, *, for_us: bool) -> list[Effect]:
         """Take what the controller tells of its claim.
@@ -138,11 +139,11 @@ class ClaimClient:
         if status.holder and self._take_over:
             self._other = status.name or "another program"
             if for_us and status.reason in {Reason.STALE_EPOCH, Reason.BAD_EPOCH}:
-                self.epoch = status.epoch + 1
+                self.epoch = _above(status.epoch)
             return []
         if status.holder and status.holder_system:
             return self._deny(status, Reason.NOT_IN_CONTROL)
-        if for_us and status.reason == Reason.BAD_EPOCH and self.epoch == status.epoch + 1:
+        if for_us and status.reason == Reason.BAD_EPOCH and self.epoch == _above(status.epoch):
             return self._deny(status, Reason.BAD_EPOCH)
         if not status.holder:
             self._find_it_free(status, for_us=for_us)
@@ -179,7 +180,7 @@ class ClaimClient:
 
     def _have(self, status: ClaimStatus) -> list[Effect]:
         if status.reason == Reason.BAD_EPOCH:  # of the lease that began last
-            self.epoch, self._too_high = status.epoch + 1, self.epoch
+            self.epoch, self._too_high = _above(status.epoch), self.epoch
         self.epoch, news = max(self.epoch, status.epoch), not self.granted
         self.granted, self.denied, self._take_over = True, None, False
         taken_from, self._other = self._other, ""
@@ -188,9 +189,9 @@ class ClaimClient:
     def _find_it_free(self, status: ClaimStatus, *, for_us: bool) -> None:
         """Nobody holds the claim: ask at once where that is news."""
         if for_us and status.reason == Reason.STALE_EPOCH:
-            self.epoch = max(self.epoch, status.epoch + 1)
+            self.epoch = max(self.epoch, _above(status.epoch))
         elif for_us and status.reason == Reason.BAD_EPOCH:
-            self.epoch, self._too_high = status.epoch + 1, self.epoch
+            self.epoch, self._too_high = _above(status.epoch), self.epoch
         elif not self.granted and (self.denied is None or self.denied.reason == Reason.BAD_EPOCH):
             return
         self.granted, self.denied, self._asked = False, None, float("-inf")
@@ -205,3 +206,7 @@ class ClaimClient:
         ms = round(1000 * term)
         whom = (self._system, self._component)
         return Send(Claim(self.holder, self.epoch, ms, self.life, *whom, wish, self._name), self._via)
+
+
+def _above(epoch: int) -> int:
+    return min(epoch + 1, _LARGEST)

@@ -18,7 +18,7 @@ from robotree.protocol.links.url import listen
 from robotree.protocol.messages import GoalState, Verb
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.connection import Connection
-from robotree.proxy.errand import Desk, Errand, NotSent
+from robotree.proxy.errand import Desk, Errand, NotSent, Unheard
 from robotree.proxy.motion import Request
 from robotree.proxy.session import Event, OnlineChanged, Session
 from robotree.vr.testing import until
@@ -142,7 +142,7 @@ async def test_no_errand_waits_for_a_proxy_that_has_ended(controller: Controller
         errand = bench.send_out()
         await until(lambda: bool(controller.begun), "the goal arrives")
     bench.desk.close("its proxy has ended")
-    assert errand.end == NotSent("its proxy has ended")
+    assert errand.end == Unheard("its proxy has ended")
     assert not bench.session.online
 
 

@@ -25,6 +25,7 @@ from robotree.vr.errors import (
     BadArgument,
     CommandCancelled,
     CommandFailed,
+    CommandInDoubt,
     DeadlineExceeded,
     StaleEpoch,
     Stopped,
@@ -226,6 +227,20 @@ async def test_a_goal_whose_controller_dies_does_not_hang(make_controller: type[
         await scene.moving()
         await scene.listener.close()
         with pytest.raises(CommandFailed, match="fallen silent; look whether the robot still moves"):
+            await call
+
+
+async def test_what_adds_up_and_is_not_heard_of_any_more_is_in_doubt(
+    make_controller: type[Controller],
+) -> None:
+    controller = make_controller()
+    controller.place = (0.0, 0.0)
+    async with acting(controller, lambda url: Rover("rover-1", url, chance=random.Random(1))) as scene:
+        await scene.online()
+        call = scene.begin("move", {"x": 0.3, "y": 0.0})
+        await scene.moving()
+        await scene.listener.close()
+        with pytest.raises(CommandInDoubt, match="fallen silent; look whether the robot still moves"):
             await call
 
 

@@ -12,6 +12,7 @@ from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, Cl
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.protocol.services.peer import Peer
+from robotree.proxy.life import LONGEST_WAY
 from robotree.proxy.session import Session
 from robotree.proxy.translate import COMPONENTS, component_of
 from robotree.proxy.will import ReleaseRefused
@@ -88,6 +89,53 @@ def test_a_mode_of_a_former_life_that_comes_late_changes_nothing(claimed: Talk) 
     claimed.wait(0.3)
     assert claimed.ends == []
     assert not claimed.session.held
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        Mode(400, 5, 1000, ModeKind.READY, 0, 1, 77),
+        Mode(2**31, 5, 1000, ModeKind.READY, 0, 1, 9),
+        Mode(2**31, 2**32 - 1, 1000, ModeKind.READY, 0, 9, 78),
+    ],
+    ids=["another life", "a late clock", "all of it"],
+)
+def test_one_wrong_word_does_not_keep_the_right_ones_out_for_long(claimed: Talk, wrong: Mode) -> None:
+    claimed.controller.say(wrong)
+    claimed.wait(LONGEST_WAY + 1.5)
+    assert claimed.session.claims
+    assert claimed.session.denial == claimed.session.held == ""
+    claimed.start()
+    claimed.wait(0.3)
+    assert len(claimed.controller.begun) == 1
+
+
+@pytest.mark.parametrize("lives", [(9,), (10, 9), (10, 11, 10)])
+def test_a_life_whose_number_comes_again_is_heard(claimed: Talk, lives: tuple[int, ...]) -> None:
+    """A controller without memory may draw it again, and one whose memory was set back counts to it."""
+    claimed.wait(20.0)
+    for life in lives:
+        claimed.controller.restart()
+        claimed.controller.life = claimed.controller.claims.life = life
+        claimed.controller.goals = claimed.controller._goals_of_this_life()
+        claimed.wait(LONGEST_WAY + 1.5)
+    claimed.start()
+    claimed.wait(0.3)
+    assert claimed.controller.begun[-1].verb
+    assert claimed.ends == []
+    claimed.controller.restart()
+    claimed.controller.life = claimed.controller.claims.life = lives[-1]
+    claimed.controller.goals = claimed.controller._goals_of_this_life()
+    claimed.wait(LONGEST_WAY + 1.5)
+    assert claimed.ends == [GoalState.UNKNOWN], "it may have begun before, although the life has one number"
+
+
+def test_the_largest_epoch_that_a_controller_can_tell_ends_nothing(make_talk: type[Talk]) -> None:
+    talk = make_talk(session=claiming(), life=9)
+    talk.controller.say(Mode(1, 2**32 - 1, 1000, ModeKind.READY, 0, 1, 9))
+    talk.wait(1.0)
+    assert talk.session.claims
+    assert (talk.turns, talk.session.denial) == ([True], "")
 
 
 def test_a_release_that_was_made_for_another_life_releases_nothing(claimed: Talk) -> None:

@@ -85,7 +85,17 @@ def test_a_restart_ends_the_stop_that_was_to_be_released(stopped: Will) -> None:
     assert said(stopped, 2.0) == []
 
 
-@pytest.mark.parametrize("reason", [Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL])
+def test_a_release_that_is_somebody_elses_leaves_the_stop_to_them(stopped: Will) -> None:
+    stopped.release(EPOCH, told=2, now=1.0)
+    said(stopped, 1.0)
+    assert hear(stopped, ModeKind.SAFE_STOP, 2, Reason.NOT_IN_CONTROL) == [
+        ReleaseRefused(Reason.NOT_IN_CONTROL)
+    ]
+    hear(stopped, ModeKind.READY, 2)
+    assert said(stopped, 2.0) == [], "the holder has released it, and is not stopped again from here"
+
+
+@pytest.mark.parametrize("reason", [Reason.STOPPED, Reason.STALE_EPOCH, Reason.BAD_EPOCH])
 def test_a_release_that_was_refused_leaves_the_stop_wanted(stopped: Will, reason: Reason) -> None:
     stopped.release(EPOCH, told=2, now=1.0)
     said(stopped, 1.0)
