@@ -264,7 +264,13 @@ static void on_cancel(const mavlink_message_t *from, const mavlink_robotree_goal
     if (!asked->key && !guard(from)) admit(asked->epoch);
     if (running && (!asked->key || goal == running))
         return finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_OPERATOR, "");
-    if (asked->key) say_status(goal ? goal : keep(fresh)); /* kept: the goal itself may still be on its way */
+    if (!asked->key) return;
+    if (!goal) goal = keep(fresh); /* kept: the goal itself may still be on its way */
+    if (goal->status.state == ROBOTREE_GOAL_STATE_UNKNOWN && of_other_life(asked->life)) {
+        fresh.status.reason = ROBOTREE_REASON_OTHER_LIFE; /* it may have begun before the restart */
+        goal = &fresh;
+    }
+    say_status(goal);
 }
 
 static void on_set_mode(const mavlink_message_t *from, const mavlink_robotree_set_mode_t *asked) {

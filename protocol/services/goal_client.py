@@ -8,6 +8,10 @@ A goal names the life of the controller that it was made for, so that another li
 controller has restarted, a goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only one that was
 never answered, and that ends the same when it is carried out twice, is asked for again in the new life.
 
+A goal that is refused because somebody else commands may begin all the same: the controller keeps no such
+refusal, and a repetition may come when nobody else commands any more. So it is called off, and it ends as
+refused when the controller has confirmed that it does not know it.
+
 A repetition carries what is left of the time to live. A goal whose time is over before it was
 answered is called off; when the controller then says that it never had it, it ends as EXPIRED. A cancelled
 one of which nothing is heard is asked about until LINGER after its time to live: then it moves no more, and a
@@ -86,6 +90,8 @@ class _Pursuit(msgspec.Struct):
     silent: bool = False
     cancelled: bool = False
     sequence: int = -1
+    refusal: GoalStatus | None = None
+    """Because somebody else commands; a repetition of the goal that is on its way must not begin after it."""
 
 
 class GoalClient:
@@ -193,16 +199,26 @@ class GoalClient:
             return []
         if state == GoalState.UNKNOWN and _says_nothing(status, pursuit):
             return []
-        if state == GoalState.UNKNOWN and _overdue(pursuit, now):
+        if state == GoalState.REFUSED and status.reason == Reason.NOT_IN_CONTROL:
+            return self._make_sure(status, pursuit, now)
+        if state == GoalState.UNKNOWN and pursuit.refusal is not None:
+            state, status = GoalState.REFUSED, pursuit.refusal
+        elif state == GoalState.UNKNOWN and _overdue(pursuit, now):
             state = GoalState.EXPIRED
         pursuit.heard, pursuit.acknowledged, pursuit.silent = now, True, False
         if state.final or state == GoalState.UNKNOWN:
             del self._pursuits[status.key]
             return [GoalEnded(status.key, state, status.reason, status.text)]
-        if pursuit.sequence >= 0 and not 0 < (status.sequence - pursuit.sequence) & 0xFFFF < _HALF:
+        news = pursuit.sequence < 0 or 0 < (status.sequence - pursuit.sequence) & 0xFFFF < _HALF
+        pursuit.sequence = status.sequence if news else pursuit.sequence
+        return [GoalProgress(status.key, state, status.progress)] if news else []
+
+    def _make_sure(self, refusal: GoalStatus, pursuit: _Pursuit, now: float) -> list[Effect]:
+        """The controller keeps no such refusal: call the goal off, so that none of its repetitions begins."""
+        pursuit.heard, pursuit.silent, pursuit.refusal = now, False, refusal
+        if pursuit.cancelled:
             return []
-        pursuit.sequence = status.sequence
-        return [GoalProgress(status.key, state, status.progress)]
+        return self.cancel(refusal.key, epoch=pursuit.goal.epoch, now=now)
 
     def tick(self, now: float) -> list[Effect]:
         """Repeat and ask what is due."""

@@ -17,7 +17,6 @@ The server decides; it does not move. It tells the firmware `Begin` and `Abandon
 
 from __future__ import annotations
 
-from functools import partial
 from math import isinf
 from typing import TYPE_CHECKING
 
@@ -138,8 +137,8 @@ class GoalServer:
         denial = self._guard(peer)
         may = denial is None
         if isinstance(message, GoalCancel):
-            one = partial(self._cancel, id_) if message.key else partial(self._cancel_whichever, message, id_)
-            return one(peer, now, may=may)
+            cancel = self._cancel if message.key else self._cancel_whichever
+            return cancel(message, id_, peer, now, may=may)
         known = id_ in self._records or self._is_forgotten(id_)
         if not known and self._is_of_another_life(message):
             return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE, GoalState.UNKNOWN)]
@@ -243,9 +242,11 @@ class GoalServer:
     def _is_of_another_life(self, message: Goal | GoalCancel) -> bool:
         return bool(self._life) and message.life not in {0, self._life}
 
-    def _cancel(self, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
+    def _cancel(self, cancel: GoalCancel, id_: GoalId, peer: Peer, now: float, *, may: bool) -> list[Effect]:
         if id_ not in self._records and not self._is_forgotten(id_):
             self._forget(id_)  # the goal itself may still be under way: it must not begin
+        if id_ not in self._records and self._is_of_another_life(cancel):
+            return [self._refusal(id_, peer, Reason.OTHER_LIFE, OTHER_LIFE, GoalState.UNKNOWN)]
         record = self._open(id_)
         if record is None:
             return self._answer(id_, peer, may=may)

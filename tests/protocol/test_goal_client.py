@@ -133,3 +133,24 @@ def test_what_is_not_ours_or_makes_no_sense_is_passed_over(client: GoalClient) -
     assert client.pursued == [7]
     client.forget(7)
     assert client.tick(100.0) == []
+
+
+def test_a_goal_that_was_refused_for_another_holder_is_called_off_before_its_end_is_told(
+    client: GoalClient,
+) -> None:
+    refused = _status(GoalState.REFUSED, sequence=0, reason=Reason.NOT_IN_CONTROL)
+    (cancel,) = sent([*client.receive(refused, 0.1)])
+    assert isinstance(cancel, GoalCancel)
+    assert client.receive(refused, 0.15) == [], "the answer to a repetition that was on its way"
+    (again,) = sent([*client.tick(0.2 + RESEND)])
+    assert isinstance(again, GoalCancel)
+    assert client.receive(_status(GoalState.UNKNOWN, sequence=0), 0.4) == [
+        GoalEnded(7, GoalState.REFUSED, Reason.NOT_IN_CONTROL, "")
+    ]
+    assert client.pursued == []
+
+
+def test_a_repetition_that_began_after_the_refusal_ends_as_what_it_was(client: GoalClient) -> None:
+    client.receive(_status(GoalState.REFUSED, sequence=0, reason=Reason.NOT_IN_CONTROL), 0.1)
+    cancelled = _status(GoalState.CANCELLED, sequence=3, reason=Reason.OPERATOR)
+    assert client.receive(cancelled, 0.2) == [GoalEnded(7, GoalState.CANCELLED, Reason.OPERATOR, "")]

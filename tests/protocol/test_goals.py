@@ -363,3 +363,11 @@ def test_who_is_in_control_hears_that_another_one_has_cancelled_its_goal(owned: 
     (again,) = owned.receive(GoalCancel(7, 0, 1, 1), BACK, 2.0)
     assert isinstance(again, Send)
     assert again.via == BACK.via
+
+
+def test_who_calls_a_goal_of_a_former_life_off_hears_that_it_may_have_begun() -> None:
+    server = GoalServer([Verb.GO_TO], lambda _: None, life=2)
+    for _ in range(2):
+        effects = server.receive(GoalCancel(7, 1, 1, 1, 1), PROXY, 0.0)
+        (status,) = _statuses([*effects])
+        assert (status.state, status.reason) == (GoalState.UNKNOWN, Reason.OTHER_LIFE)
