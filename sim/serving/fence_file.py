@@ -14,7 +14,7 @@ import logging
 import os
 import secrets
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Annotated, Final
 
 import msgspec
@@ -60,6 +60,8 @@ class FenceFile:
     def __init__(self, path: Path | None, *, reset: bool = False) -> None:
         self._path = path
         self._syncing = ThreadPoolExecutor(1, thread_name_prefix="fence") if path else None
+        self._sync: Future[None] | None = None
+        """Asked for last; a flood of epochs must not make a queue."""
         self.trouble = ""
         """Why the file could not be understood, or be written, as one sentence; empty: all is well."""
         kept = self._read()
@@ -102,8 +104,9 @@ class FenceFile:
         except OSError as error:
             self._complain(f"{self._path} cannot be written ({error}); a restart forgets epoch {fence.epoch}")
             return
-        if self._syncing is not None:
-            self._syncing.submit(_sync, self._path)
+        waits = self._sync is not None and not (self._sync.running() or self._sync.done())
+        if self._syncing is not None and not waits:  # one that waits will find this file
+            self._sync = self._syncing.submit(_sync, self._path)
 
     def _complain(self, trouble: str) -> None:
         if trouble != self.trouble:

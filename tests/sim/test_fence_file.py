@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+import threading
 import time
 from pathlib import Path
 
@@ -90,3 +91,22 @@ def test_without_a_file_lives_are_told_apart_by_chance() -> None:
     lives = {FenceFile(None).life for _ in range(20)}
     assert len(lives) > 15
     assert 0 not in lives
+
+
+def test_a_flood_of_epochs_makes_no_queue_at_the_disk_and_the_last_one_reaches_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, disk_is_free, synced = tmp_path / "fence.json", threading.Event(), list[int]()
+
+    def fsync(handle: int) -> None:
+        disk_is_free.wait(10.0)
+        synced.append(os.fstat(handle).st_ino)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    file = FenceFile(path)
+    for epoch in range(1, 200):
+        assert file.fence.admit(epoch) is None
+    disk_is_free.set()
+    file.close()
+    assert len(synced) <= 4, "the file and its folder, once for what was under way and once for the rest"
+    assert path.stat().st_ino in synced
