@@ -75,6 +75,14 @@ class Process:
     def signal(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
+    async def freeze(self) -> None:
+        """Stop it; returns when all its threads have stopped, which a busy machine takes its time for."""
+        self.signal(signal.SIGSTOP)
+        tasks = Path(f"/proc/{self.process.pid}/task")
+        async with asyncio.timeout(10):
+            while any(_state(task) != "T" for task in tasks.iterdir()):  # noqa: ASYNC110 # the kernel tells nobody
+                await asyncio.sleep(0.001)
+
     async def end(self, within: float = 60) -> tuple[int, str]:
         """Let it end, and return its exit code and what it complained of."""
         assert self.process.stdin is not None
@@ -83,6 +91,11 @@ class Process:
             _, complaints = await self.process.communicate()
         assert self.process.returncode is not None
         return self.process.returncode, complaints.decode()
+
+
+def _state(task: Path) -> str:
+    """State of a thread: proc_pid_stat(5)."""
+    return (task / "stat").read_text().rpartition(")")[2].split()[0]
 
 
 Start = Callable[..., Awaitable[Process]]

@@ -154,7 +154,7 @@ async def test_of_what_was_asked_of_a_sleeper_only_what_is_urgent_is_begun_after
     await process.ready()
     transport = await join_realm()
     await arrived(transport, "arm")
-    process.signal(signal.SIGSTOP)
+    await process.freeze()
     got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.2, urgent=urgent))
     assert isinstance(got[1], NoAnswer)
     process.signal(signal.SIGCONT)
