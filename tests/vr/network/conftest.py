@@ -78,9 +78,8 @@ class Process:
     async def freeze(self) -> None:
         """Stop it; returns when all its threads have stopped, which a busy machine takes its time for."""
         self.signal(signal.SIGSTOP)
-        tasks = Path(f"/proc/{self.process.pid}/task")
         async with asyncio.timeout(10):
-            while any(_state(task) != "T" for task in tasks.iterdir()):  # noqa: ASYNC110 # the kernel tells nobody
+            while not _has_stopped(self.process.pid):  # noqa: ASYNC110 # the kernel tells nobody
                 await asyncio.sleep(0.001)
 
     async def end(self, within: float = 60) -> tuple[int, str]:
@@ -93,9 +92,10 @@ class Process:
         return self.process.returncode, complaints.decode()
 
 
-def _state(task: Path) -> str:
-    """State of a thread: proc_pid_stat(5)."""
-    return (task / "stat").read_text().rpartition(")")[2].split()[0]
+def _has_stopped(pid: int) -> bool:
+    """Whether all threads of a process are in the state T: proc_pid_stat(5)."""
+    stats = [task / "stat" for task in Path(f"/proc/{pid}/task").iterdir()]
+    return all(stat.read_text().rpartition(")")[2].split()[0] == "T" for stat in stats)
 
 
 Start = Callable[..., Awaitable[Process]]
