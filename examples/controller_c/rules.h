@@ -296,6 +296,11 @@ static void on_set_mode(const mavlink_message_t *from, const mavlink_robotree_se
 
 /* -- the claim: one holder commands, and keeps alive what moves at its word */
 
+static bool is_asked_by(const struct goal *goal, const mavlink_message_t *from) {
+    return goal->link == link_heard && goal->status.target_system == from->sysid
+           && goal->status.target_component == from->compid;
+}
+
 static void lose_claim(int reason, const char *text) {
     if (running && running->holder && running->holder == claim.holder) {
         finish(ROBOTREE_GOAL_STATE_CANCELLED, reason, text);
@@ -307,7 +312,7 @@ static void lose_claim(int reason, const char *text) {
 static void take_claim(const mavlink_message_t *from, const mavlink_robotree_claim_t *asked) {
     bool fresh = claim.holder != asked->holder;
     if (fresh && claim.holder) lose_claim(ROBOTREE_REASON_NOT_IN_CONTROL, "Another program took over.");
-    if (fresh && running)
+    if (fresh && running && !is_asked_by(running, from)) /* what the holder itself had begun before goes on */
         finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_NOT_IN_CONTROL, "Another program took over.");
     claim.holder = asked->holder;
     claim.link = link_heard;
@@ -321,7 +326,7 @@ static void take_claim(const mavlink_message_t *from, const mavlink_robotree_cla
     memcpy(name, asked->name, sizeof asked->name);
     uint32_t epoch = asked->epoch > fence.epoch ? asked->epoch : fence.epoch;
     if (fresh || epoch != fence.epoch) set_fence(epoch, asked->holder, name);
-    if (running && (running->holder == asked->holder || running->link == link_heard)) {
+    if (running && (running->holder == asked->holder || is_asked_by(running, from))) {
         running->holder = asked->holder;
         running->link = link_heard;
         heard = now;

@@ -81,7 +81,8 @@ class Claims:
         """Somebody new holds the claim: what others move ends, but for who is in operator control."""
         out: list[Outgoing] = []
         job = self._movement.job
-        if job is not None and job.speaker not in {after.peer, self._rights.control.owner}:
+        others = before is not None and self._moves_under(before)  # the same ids do not make it ours
+        if job is not None and (others or job.speaker not in {after.peer, self._rights.control.owner}):
             text = f"{_name(after)} commands this robot from now on."
             out += self._movement.interrupt(Reason.NOT_IN_CONTROL, text, now)
         if before is not None:
