@@ -12,6 +12,7 @@ import pytest
 from robotree.tui.cli import main
 from robotree.tui.diagnosis import agents, doctor, finding, machine, meeting
 from robotree.tui.diagnosis.finding import Finding
+from robotree.tui.wire.security import realm_key
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.network.rendezvous import Rendezvous, runtime_directory
@@ -116,15 +117,18 @@ def test_how_a_robot_is_comes_with_what_to_do() -> None:
 
 def test_a_key_file_that_others_can_read_is_bad(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("ROBOTREE_KEY", raising=False)
-    assert doctor.keys().grade == "doubt"
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert doctor.keys("nobodys").grade == "doubt"
+    realm_key("nobodys")
+    assert doctor.keys("nobodys").grade == "good"
     monkeypatch.setenv("ROBOTREE_KEY", str(tmp_path / "none.key"))
-    assert doctor.keys().grade == "bad"
+    assert doctor.keys("nobodys").grade == "bad"
     key = tmp_path / "a.key"
     assert main(["wire", "key", str(key)]) == 0
     monkeypatch.setenv("ROBOTREE_KEY", str(key))
-    assert doctor.keys().grade == "good"
+    assert doctor.keys("nobodys").grade == "good"
     key.chmod(0o644)
-    assert doctor.keys().grade == "bad"
+    assert doctor.keys("nobodys").grade == "bad"
 
 
 def test_the_verdict_is_the_exit_code_and_plain_data(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,9 @@ from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.state_files import state_home
 from robotree.tui.terminal import answer
-from robotree.tui.wire.security import NOTHING, REALM, VARIABLE, examined
+from robotree.tui.wire.security import NOTHING, REALM, REALM_KEY, VARIABLE, examined
 from robotree.vr.errors import VrError
+from robotree.vr.network.rendezvous import runtime_directory
 
 
 def run(line: Line, realm: str) -> int:
@@ -36,7 +37,7 @@ async def diagnose(realm: str, name: str = "") -> list[Finding]:
         name: of a robot that somebody misses; empty: none.
     """
     found = [machine.python(), *machine.installed(), machine.clock(), *machine.terminal()]
-    found += [machine.room(state_home() / realm), keys()]
+    found += [machine.room(state_home() / realm), keys(realm)]
     folder = list(meeting.folder(realm))
     found += folder
     if not finding.sound(folder):
@@ -50,9 +51,12 @@ async def diagnose(realm: str, name: str = "") -> list[Finding]:
         return [*found, Finding("robots", "bad", f"the realm cannot be joined: {error}")]
 
 
-def keys() -> Finding:
+def keys(realm: str) -> Finding:
     """See that the signing keys of the environment can be used, and by nobody else."""
     given = os.environ.get(VARIABLE, "")
+    if not given and (runtime_directory() / realm / REALM_KEY).exists():
+        told = "the realm has a key of its own: what `robotree demo` starts is signed; other links need --key"
+        return Finding("keys", "good", told)
     if given in {"", NOTHING}:
         told = "no key is set ($ROBOTREE_KEY): links are open unless --key is given"
         return Finding("keys", "doubt", told, "robotree wire key cell.key, then --key cell.key on both ends")
