@@ -90,6 +90,11 @@ async def test_a_proxy_is_listed_can_be_called_and_is_gone_when_it_ends(
         assert {"go_to", "get_info", "grip", "hold", "stop"} <= set(listing.commands)
         client = RobotClient(realm, address)
         await eventually(client.describe, lambda robot: robot.online)  # it is listed before it is heard
+        assert (await client.describe()).attributes["simulated"] == "yes"
+        await until(
+            lambda: any(one.attributes.get("simulated") == "yes" for one in directory.listings),
+            "its listing says so, too",
+        )
         info = await client.call("get_info", {})
         await client.call("go_to", {"x": info["x"] + 0.05, "y": 0, "z": info["z"], "twist": 0})
         assert (await client.call("get_info", {}))["x"] == pytest.approx(info["x"] + 0.05, abs=0.005)

@@ -119,6 +119,10 @@ async def test_a_command_becomes_a_goal_with_its_key_its_epoch_and_its_time(scen
     assert 18_000 < goal.ttl_ms <= 20_000
 
 
+async def test_a_robot_is_real_whose_controller_does_not_say_that_it_is_a_simulation(scene: Scene) -> None:
+    assert scene.agent.description().attributes["simulated"] == "no"
+
+
 async def test_progress_is_passed_up(scene: Scene) -> None:
     seen: list[float] = []
     call = scene.begin("go_to", POINT, on_progress=lambda fraction, _: seen.append(fraction))

@@ -15,6 +15,7 @@ from robotree.protocol.messages import (
     Heartbeat,
     Joints,
     MavAutopilot,
+    MavModeFlag,
     MavState,
     MavType,
     Mode,
@@ -27,7 +28,7 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
-from robotree.sim.testing import ArmBench
+from robotree.sim.testing import ArmBench, RoverBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
 STRANGER = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
@@ -254,6 +255,14 @@ def test_people_are_told_of_stops_and_silence(arm: ArmBench) -> None:
     arm.operator.set_mode(ModeKind.SAFE_STOP)
     arm.operator.wait(0.1)
     assert any(isinstance(m, Statustext) and "Safe stop" in m.text for _, m in arm.operator.heard)
+
+
+def test_it_says_in_each_heartbeat_that_it_is_a_simulation(arm: ArmBench, rover: RoverBench) -> None:
+    for bench in (arm, rover):
+        bench.operator.wait(3.0)
+        beats = bench.operator.all(Heartbeat)
+        assert len(beats) >= 3
+        assert all(beat.base_mode & MavModeFlag.HIL_ENABLED for beat in beats)
 
 
 def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:

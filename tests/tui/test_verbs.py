@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,19 @@ async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
     assert [one["address"]["name"] for one in (await do(realm, "ls --views")).data] == ["cell"]
     assert (await do(realm, "ls --hosts")).data == [{"name": "host-1", "robots": []}]
     assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
+
+
+@pytest.mark.parametrize(("told", "kind"), [("yes", "Arm (sim)"), ("no", "Arm (real)"), ("", "Arm")])
+async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
+    realm: Realm, told: str, kind: str
+) -> None:
+    arm = type(realm.arm)("arm-2")
+    if told:
+        arm.attributes["simulated"] = told
+    await realm.robot(arm)
+    await until(lambda: len(realm.fleet.robots()) == 3, "it is listed")
+    row = next(line for line in (await do(realm, "ls")).text.splitlines() if line.startswith("arm-2"))
+    assert re.split(r" {2,}", row)[1] == kind
 
 
 async def test_ls_says_how_each_robot_is(realm: Realm) -> None:

@@ -144,7 +144,9 @@ def _listed(
         state = {"state": states[one.name], "link": one.link} if states else {}
         data.append({**plain(one), **state, **extra})
         cells = (value or "-" for value in (*state.values(), one.host))
-        rows.append((one.name, one.kind, *cells, *mark, wording.summary(one.doc)))
+        rows.append(
+            (one.name, wording.kind(one.kind, one.attributes), *cells, *mark, wording.summary(one.doc))
+        )
     text = wording.columns(rows) if data else f"no {what} is {'known' if old else 'listed'}"
     return Outcome(data, text, doubt)
 

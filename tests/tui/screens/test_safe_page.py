@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
+
+import pytest
 
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.details import Details
+from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import store as stores
 from robotree.tui.seen.mood import MOODS
 from robotree.vr import Robot
+from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
-    import pytest
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
@@ -141,6 +145,37 @@ async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
             if "0.400" in operator.one(Details)._shown.plain[span.start : span.end]
         ]
         assert all(span.style for span in bright), "dimmed"
+
+
+@pytest.mark.parametrize("silent", [False, True])
+async def test_the_last_picture_of_a_view_is_kept_with_its_age(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch, *, silent: bool
+) -> None:
+    works = realm.cell.look
+    async with operate(realm.fleet, size=(120, 40)) as operator:
+        await known(operator, "arm-1")
+        operator.app.choose("arm-1")
+        picture = operator.one(PictureView, "#picture-box PictureView")
+        await operator.until(lambda: picture.frames > 0, "a picture")
+        assert " old" not in operator.text, "a live one has no age"
+        if silent:
+            realm.network.freeze(realm.members["cell"])
+        else:
+            monkeypatch.setattr(realm.cell, "look", _broken)
+        before = operator.app.now
+        monkeypatch.setattr(operator.app, "now", lambda: before() + 20.0)
+        why = "its view does not answer" if silent else "VrError: the lens broke"
+        await operator.until(lambda: bool(re.search(rf"[23]\d s old: {why}", operator.text)), "its age")
+        await operator.sees("▀▀▀")
+        if silent:
+            realm.network.thaw(realm.members["cell"])
+        else:
+            monkeypatch.setattr(realm.cell, "look", works)
+        await operator.until(lambda: "s old: " not in operator.text, "it is live again")
+
+
+async def _broken(*_: object) -> bytes:
+    raise VrError(detail="the lens broke")
 
 
 async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Realm, operate: Operate) -> None:

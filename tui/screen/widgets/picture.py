@@ -33,6 +33,9 @@ FINER = 2
 SMALLEST, LARGEST = 96, 480
 """[px] Width that is asked for."""
 
+OLD = 2.0
+"""[s] of age from which on it stands over a picture: younger is live."""
+
 AGAIN = 1.0
 """[s] before a view that did not answer is asked again."""
 
@@ -69,6 +72,8 @@ class PictureView(Fenced, Widget):
         """[s] on the app's clock, when the last picture came."""
         self._trouble = ""
         """Why no picture comes any more; empty: they come."""
+        self._dated = False
+        """Its age stands over it: it is not live."""
         self._fetch: Fetch | None = None
         self._rows: list[list[Run]] = []
         self._message = "no view is selected"
@@ -77,10 +82,14 @@ class PictureView(Fenced, Widget):
         self.frames = 0
         """Pictures shown so far."""
 
+    def on_mount(self) -> None:
+        """Look at the age of the picture once a second."""
+        self.set_interval(1.0, self.fenced(self._grow_old))
+
     def show(self, fetch: Fetch | None, message: str = "no view is selected") -> None:
         """Look through another view from now on; `message` stands there until its first picture comes."""
         self._fetch, self._rows, self._message = fetch, [], message
-        self._jpeg, self._trouble = b"", ""
+        self._jpeg, self._trouble, self._dated = b"", "", False
         if self.app.calm:
             self._message = "no pictures: this line is slow (--calm)"
         self.refresh()
@@ -93,6 +102,18 @@ class PictureView(Fenced, Widget):
         shown = self.is_attached and self.screen.is_active and self.size.area > 0 and self.is_on_screen
         return shown and not self.app.calm
 
+    @property
+    def _age(self) -> float:
+        """[s] since the last picture came."""
+        return self.app.now() - self._came
+
+    def _grow_old(self) -> None:
+        """Draw the age of a picture that is not live; the view may only be silent, without an error."""
+        dated = bool(self._rows) and (bool(self._trouble) or self._age >= OLD)
+        if self.seen and (dated or self._dated):
+            self.refresh()
+        self._dated = dated
+
     @work(exclusive=True, exit_on_error=False)
     async def _keep_looking(self) -> None:
         while self._fetch is not None:
@@ -103,6 +124,7 @@ class PictureView(Fenced, Widget):
                     await self._look(self._fetch)
                 except (VrError, OSError) as error:
                     self._message = self._trouble = str(error)
+                    self._grow_old()
                     self.refresh()
                     pause = AGAIN
             await asyncio.sleep(max(pause - (time.monotonic() - began), 0.02))
@@ -112,13 +134,13 @@ class PictureView(Fenced, Widget):
         width = min(max(FINER * columns, SMALLEST), LARGEST)
         picture = await fetch(width, max(width * 9 // 16, 1))
         self._came = self.app.now()
-        if picture.jpeg == self._jpeg and not self._trouble and self._drawn_for == (columns, rows):
+        if picture.jpeg == self._jpeg and not self._dated and self._drawn_for == (columns, rows):
             return  # nothing moves: nothing is drawn
         drawn = await asyncio.to_thread(decode, picture.jpeg, columns, rows)
         if fetch is self._fetch:
             if self.app.console.color_system != "truecolor":
                 drawn = _few(drawn)
-            self._rows, self._jpeg, self._trouble = drawn, picture.jpeg, ""
+            self._rows, self._jpeg, self._trouble, self._dated = drawn, picture.jpeg, "", False
             self._drawn_for = (columns, rows)
             self.frames += 1
             self.refresh()
@@ -141,8 +163,9 @@ class PictureView(Fenced, Widget):
                     )
                 ]
             )
-        if self._trouble and y == 0:
-            told = clip(f" {span(self.app.now() - self._came)} old: {self._trouble}", width)
+        if self._dated and y == 0:
+            why = self._trouble or "its view does not answer"
+            told = clip(f" {span(self._age)} old: {why}", width)
             return Strip([Segment(fit(told, width), background + tint(self.app, "warning"))])
         row = y - max((self.size.height - len(self._rows)) // 2, 0)
         if not 0 <= row < len(self._rows):
