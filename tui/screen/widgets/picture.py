@@ -67,12 +67,12 @@ class PictureView(Fenced, Widget):
         """Show nothing yet; later so many pictures a second [Hz]."""
         super().__init__(id=id)
         self._rate = rate
-        self._jpeg = b""
+        self._jpeg: bytes = b""
         self._came = 0.0
         """[s] on the app's clock, when the last picture came."""
         self._trouble = ""
         """Why no picture comes any more; empty: they come."""
-        self._dated = False
+        self._dated: bool = False
         """Its age stands over it: it is not live."""
         self._fetch: Fetch | None = None
         self._rows: list[list[Run]] = []
