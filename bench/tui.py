@@ -137,6 +137,26 @@ async def play(count: int, hz: float, *, calm: bool) -> None:
     await Supervisor(fleet, realm="bench", calm=calm).run_async()
 
 
+def play_bare() -> None:
+    """Be a Textual app with one widget whose line differs after each key: no page can be quicker."""
+    from textual.app import App, ComposeResult
+    from textual.events import Key
+    from textual.widgets import Static
+
+    class Bare(App[None]):
+        keys = 0
+
+        def compose(self) -> ComposeResult:
+            yield Static("0")
+
+        def on_key(self, event: Key) -> None:
+            del event
+            self.keys += 1
+            self.query_one(Static).update(f"{self.keys}", layout=False)
+
+    Bare().run()
+
+
 # -- the parent: a terminal and a clock ------------------------------------------------------------
 
 
@@ -149,6 +169,7 @@ class Terminal:
         self.pid, self.fd = pty.fork()
         if self.pid == 0:
             os.dup2(self._counter.fileno(), COUNTER)
+            os.set_inheritable(COUNTER, True)  # dup2 does nothing where it has this number already
             os.environ.update(TERM="xterm-256color", COLORTERM="truecolor")
             os.execv(sys.executable, [sys.executable, *words])  # noqa: S606 # this program again
         fcntl.ioctl(self.fd, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
@@ -181,8 +202,10 @@ class Terminal:
 
 
 def measure(name: str, count: int, hz: float, arguments: argparse.Namespace, *, calm: bool = False) -> None:
-    """Run one case and print its line."""
+    """Run one case and print its line; no robots: Textual alone."""
     words = [__file__, "--play", str(count), str(hz), *(["calm"] if calm else [])]
+    if not count:
+        words = [__file__, "--bare"]
     size = tuple(int(part) for part in arguments.size.split("x"))
     terminal = Terminal(words, (size[0], size[1]))
     try:
@@ -229,7 +252,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--size", default="160x48")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
+    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.bare:
+        play_bare()
+        return
     if arguments.play:
         count, hz = int(arguments.play[0]), float(arguments.play[1])
         asyncio.run(play(count, hz, calm="calm" in arguments.play))
@@ -237,6 +264,7 @@ def main() -> None:
     print(
         f"load {os.getloadavg()[0]:.1f}, terminal {arguments.size}, {arguments.seconds:g} s each", flush=True
     )
+    measure("bare Textual, one widget", 0, 0.0, arguments)
     measure("5 robots, idle", 5, 0.0, arguments)
     measure("300 robots, idle", 300, 0.0, arguments)
     measure(f"{arguments.robots} robots, idle", arguments.robots, 0.0, arguments)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.containers import VerticalScroll
 from textual.widgets import Button, Input, OptionList
 
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
@@ -62,6 +63,21 @@ async def test_the_cursor_stays_on_its_robot_while_others_come(realm: Realm, ope
         await realm.robot(Robot("a-new-one"))
         await operator.sees("a-new-one")
         assert operator.one(RobotTable).selected == "rover-1"
+
+
+async def test_a_cursor_key_draws_two_lines_before_anything_else(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(9):
+        await realm.robot(Robot(f"z{number}"))
+    async with operate(realm.fleet) as operator:
+        table = await at(operator, "z3")
+        drawn, draw = set[int](), table.render_line
+        monkeypatch.setattr(table, "render_line", lambda y: (drawn.add(y), draw(y))[1])
+        line = table.names.index("z3") + 1
+        table.action_move(1)  # nothing else has a turn before the lines are drawn
+        assert {line, line + 1} == drawn
+        await operator.until(lambda: "z4" in str(operator.one(VerticalScroll, "#details-box").border_title))
 
 
 async def test_a_filter_shows_only_what_contains_its_letters(realm: Realm, operate: Operate) -> None:

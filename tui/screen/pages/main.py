@@ -9,6 +9,7 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.timer import Timer
 from textual.widgets import ContentSwitcher
 
 from robotree.tui.line.action import About, Scope, Where
@@ -33,6 +34,9 @@ FIRST = next(iter(PANES))
 
 CALM_DETAILS = 4.0
 """[s] between two drawings of the selected robot on a slow line."""
+
+SOON = 0.04
+"""[s] from a key that selects a robot until the details follow: the cursor comes first, also at repeat."""
 
 PICTURES = 2.0
 """[Hz] of the picture beside the selected robot."""
@@ -95,6 +99,8 @@ class MainPage(Page):
         """Letters that a pane is filtered by."""
         self._family: tuple[int, tuple[Seat, ...]] = (-1, ())
         self._shown: tuple[Seat, ...] = ()
+        self._following: Timer | None = None
+        """Will draw the details of the robot that was selected."""
 
     def parts(self) -> ComposeResult:
         """Panes, prompt."""
@@ -298,9 +304,16 @@ class MainPage(Page):
         self._draw_empty()
 
     def follow(self) -> None:
-        """Show at once which robot a person has selected, and all of it as soon as that is drawn."""
-        self.query_one(RobotTable).draw(self._shown, self.selected, self.app.marks)
-        self.call_after_refresh(self.fenced(self.draw))
+        """Show at once which robot a person has selected, and the rest of it soon after."""
+        table = self.query_one(RobotTable)
+        table.point(self.selected)
+        self.paint(table)
+        if self._following is None:
+            self._following = self.set_timer(SOON, self.fenced(self._followed))
+
+    def _followed(self) -> None:
+        self._following = None
+        self.draw()
 
     def _draw_selected(self, now: float) -> None:
         self.query_one("#below").set_class(not self.selected, "-nothing")

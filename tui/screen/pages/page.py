@@ -6,6 +6,7 @@ import time
 from typing import ClassVar
 
 from textual.app import ComposeResult
+from textual.widget import Widget
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
@@ -73,6 +74,20 @@ class Page(Fenced, Leaving[None]):
         self.query_one(Banner).draw(app.store)
         for line in self.query(FlashLine):
             line.draw(app.store, app.now())
+
+    def paint(self, widget: Widget) -> None:
+        """Send what differs in a widget to the terminal now.
+
+        Textual gathers what is to be drawn and draws it together, at most 60 times a second, from a task of
+        its own (8.2.8, `Screen._on_timer_update`). A part that stays where it is need not wait for that. If
+        the page is to be laid out anew, or is covered, it is drawn in Textual's way.
+        """
+        if self.app.screen is not self or self._layout_required or self.app._batch_count:  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] # Textual says it nowhere else
+            return
+        others = self._dirty_widgets - {widget}
+        self._compositor.update_widgets({widget})
+        self._compositor_refresh()
+        self._dirty_widgets |= others  # the refresh takes all of them for drawn
 
     @staticmethod
     def wall() -> float:

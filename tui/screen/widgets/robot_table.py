@@ -98,6 +98,18 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
             self.refresh()
         self._redraw()
 
+    def point(self, selected: str) -> None:
+        """Put the cursor on another robot, and draw no more than that: two lines, or all when it scrolls."""
+        before, top = self._at, self.scroll_offset.y
+        self._at = next((i for i, seat in enumerate(self._seats) if seat.name == selected), -1)
+        self.scroll_to_cursor()
+        if self.scroll_offset.y != top:
+            self._redraw()
+            return
+        lines = [at - top + HEADER for at in {before, self._at} if at >= top]
+        if seen := [Region(0, line, self.size.width, 1) for line in lines if line < self.size.height]:
+            self.refresh(*seen)
+
     def _lay_out(self) -> None:
         """Share the width anew; everything is drawn again."""
         store = self.app.store
