@@ -11,10 +11,10 @@
 #include <string.h>
 
 enum { SYSTEM = 1, COMPONENT = MAV_COMP_ID_AUTOPILOT1 }; /* where a proxy looks for a controller */
-enum { GOALS = 256, SILENCE = 2000, PROGRESS_PERIOD = 100, MODE_PERIOD = 500, HEARTBEAT_PERIOD = 1000 };
+enum { GOALS = 256, CANCELS = 64, SILENCE = 2000, PROGRESS_PERIOD = 100, MODE_PERIOD = 500, HEARTBEAT_PERIOD = 1000 };
 enum { CLAIM_PERIOD = 1000, SHORTEST_TERM = 100, LONGEST_TERM = 60000, GRACE = 500, RESERVED = 3000, AWAY = -1 };
 static const uint64_t LAST_EPOCH = 4293918720; /* 2^32 - 2^20: none is given above it */
-static const uint64_t LEASES = 1048576;        /* how far ahead counting leads in one step */
+static const uint64_t LEASES = 1024;           /* how far ahead counting leads in one step */
 static const uint64_t CLOCK_FROM = 1767225600, CLOCK_UNTIL = 4102444800, CLOCK_SKEW = 86400; /* 2026, 2100, a day */
 
 /* -- the robot: written by you, and ROBOT_TYPE, one of MAV_TYPE, defined before this file is included */
@@ -35,6 +35,7 @@ struct goal {
     uint64_t holder;                       /* whose CLAIM keeps it alive; 0: whatever its sender says does */
 };
 static struct goal goals[GOALS];    /* a ring of the newest ones */
+static struct goal never[CANCELS];  /* a ring of those cancelled before they came; anybody may fill it */
 static struct goal *running;        /* at most one */
 static bool stopped, silent;        /* safe stop in force; silence ended the last goal */
 static uint32_t stops = 1;          /* one more with each safe stop that begins */
@@ -200,10 +201,12 @@ static struct goal unheard_of(const mavlink_message_t *from, uint64_t key) { /* 
 }
 
 static struct goal *find(const mavlink_message_t *from, uint64_t key) {
-    for (struct goal *g = goals; g < goals + GOALS; g++)
-        if (key && g->asked.key == key && g->status.target_system == from->sysid
+    for (size_t i = 0; key && i < GOALS + CANCELS; i++) {
+        struct goal *g = i < GOALS ? &goals[i] : &never[i - GOALS];
+        if (g->asked.key == key && g->status.target_system == from->sysid
             && g->status.target_component == from->compid)
             return g;
+    }
     return NULL;
 }
 
@@ -212,6 +215,14 @@ static struct goal *keep(struct goal goal) { /* in the place of the oldest one t
     if (&goals[next] == running) next = (next + 1) % GOALS;
     struct goal *place = &goals[next];
     next = (next + 1) % GOALS;
+    *place = goal;
+    return place;
+}
+
+static struct goal *keep_cancelled(struct goal goal) { /* apart, so that no finished goal is forgotten for it */
+    static size_t next;
+    struct goal *place = &never[next];
+    next = (next + 1) % CANCELS;
     *place = goal;
     return place;
 }
@@ -265,7 +276,7 @@ static void on_cancel(const mavlink_message_t *from, const mavlink_robotree_goal
     if (running && (!asked->key || goal == running))
         return finish(ROBOTREE_GOAL_STATE_CANCELLED, ROBOTREE_REASON_OPERATOR, "");
     if (!asked->key) return;
-    if (!goal) goal = keep(fresh); /* kept: the goal itself may still be on its way */
+    if (!goal) goal = keep_cancelled(fresh); /* kept: the goal itself may still be on its way */
     if (goal->status.state == ROBOTREE_GOAL_STATE_UNKNOWN && of_other_life(asked->life)) {
         fresh.status.reason = ROBOTREE_REASON_OTHER_LIFE; /* it may have begun before the restart */
         goal = &fresh;

@@ -20,8 +20,11 @@ Refusal = tuple[Reason, str]
 
 LAST_EPOCH = 2**32 - 2**20
 """The last epoch that may be given; no clock tells it before 2106."""
-LEASES = 2**20
-"""How far ahead counting may lead in one step: more leases than a robot grants between two movements."""
+LEASES = 2**10
+"""How far ahead counting may lead in one step: more leases than a robot grants between two claims.
+
+A forger who climbs in such steps needs more than two million frames to reach the last epoch.
+"""
 CLOCK_FROM = 1_767_225_600
 """[s since 1970] 2026-01-01: a controller's clock that tells less was never set."""
 CLOCK_SKEW = 86_400

@@ -398,6 +398,18 @@ def test_more_goals_than_it_can_keep_leave_the_running_one_alone(operator: Opera
     assert operator.ask(7, verb=Verb.STATUS).state == GoalState.ACTIVE
 
 
+def test_a_flood_of_cancels_makes_no_finished_goal_begin_again(
+    port: int, operator: Operator, make_operator: type[Operator]
+) -> None:
+    operator.ask(7, 0.1, 0.0, 1.0)
+    operator.status(7, GoalState.SUCCEEDED)
+    with make_operator(port, system=254) as stranger:
+        for key in range(1000, 1400):
+            stranger.say(GoalCancel(key, 0, 1, 1))
+        assert stranger.status(1399).state == GoalState.UNKNOWN
+    assert operator.ask(7, 0.1, 0.0, 1.0).state == GoalState.SUCCEEDED, "it is remembered, not begun again"
+
+
 def test_a_crowd_does_not_keep_the_newest_out(port: int, make_operator: type[Operator]) -> None:
     with (
         make_operator(port),
