@@ -62,7 +62,7 @@ async def test_figure_4_7_the_proxy_is_hidden_and_the_panel_is_asked_for(stage: 
 async def test_figure_4_8_the_panel_moves_twists_grips_and_shows_forces_on_every_axis(stage: Stage) -> None:
     await stage.press("x")
     await stage.until(lambda: isinstance(stage.app.screen, TeleopPage))
-    await stage.sees("+x", "-x", "+y", "-y", "+z", "-z", "step", "fx", "fy", "fz", "tx", "ty", "tz", "width")
+    await stage.sees("+x", "-x", "+y", "-y", "+z", "-z", "step", "fx", "fy", "fz", "tx", "ty", "tz", "grip")
 
 
 async def test_figure_4_9_the_workspace_view_is_asked_for(stage: Stage) -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.seen import instruments
-from robotree.tui.seen.instruments import BARS, figure, groups, spark
+from robotree.tui.seen.instruments import BARS, HALF, bar, figure, groups, spark
 
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "width"), "m"),
@@ -69,3 +69,34 @@ def test_a_line_of_bars_has_its_width_and_the_newest_on_the_right(values: list[f
     assert len(drawn) == cells
     if values:
         assert drawn[-1] == BARS[min(round(7 * values[-1] / 35.0), 7)]
+
+
+@given(value=st.floats(-1e9, 1e9))
+def test_a_bar_grows_from_the_middle_and_never_out_of_its_place(value: float) -> None:
+    left, right = bar(value, 35.0)
+    assert len(left) == len(right) == HALF
+    assert not (left.strip() and right.strip())
+    if abs(value) >= 35:
+        assert (right if value > 0 else left) == "█" * HALF
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_draws_no_bar(value: float) -> None:
+    assert "".join(bar(value, 35.0)).strip() == spark([value], 35.0, 4).strip("▁ ") == ""
+
+
+def test_a_well_known_reading_without_a_unit_is_in_si_units() -> None:
+    shown = groups({"x": 0.1, "twist": math.pi, "fx": 3.0, "tx": -0.001, "j1": 0.25}, {})
+    texts = [[(one.text, one.unit) for one in group.figures] for group in shown]
+    assert texts == [
+        [("0.100", "m"), ("180.0", "°")],
+        [("3.0", "N"), ("3.0", "N")],
+        [("0.00", "N m")],
+        [("14.3", "°")],
+    ]
+
+
+def test_joints_share_a_line_until_they_are_unfolded() -> None:
+    joints = {"j1": 0.25, "j2": -0.5, "j10": 0.0}
+    assert [one.label for one in groups(joints, UNITS)] == ["joints"]
+    assert [one.label for one in groups(joints, UNITS, folded=False)] == ["j1", "j2", "j10"]

@@ -145,6 +145,20 @@ def test_what_is_short_of_room_goes_in_its_order_and_the_state_never(
         assert all(one.room >= 8 for one in shown if one.title in {"ROBOT", "STATE"})
 
 
+def test_a_wide_list_has_epoch_lease_and_life_and_a_narrow_one_never() -> None:
+    titles = [one.title for one in columns(160, {}, wide=True)]
+    assert titles == ["ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "LIFE", "ABOUT"]
+    assert [one.title for one in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
+    assert not {"EPOCH", "LEASE", "LIFE"} & {one.title for one in columns(300, {})}
+    store = store_of(*LEVER)
+    child = next(seat for seat in family(store) if seat.name == "arm-1")
+    store.take_state("arm-1", State(epoch=7), 1.0)
+    made = row(store, child, 2.0, wide=True)
+    assert (made.epoch, made.lease, made.life) == ("7", "5 s", "1")
+    made = row(store, child, 2.0)
+    assert (made.epoch, made.lease, made.life) == ("", "", ""), "a lease that runs draws no line again"
+
+
 def test_a_slot_that_is_empty_is_what_the_robot_needs() -> None:
     store = store_of(robot("pick", {"arm": ""}))
     made = row(store, family(store)[0], 2.0)

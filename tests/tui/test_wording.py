@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from robotree.tui.line.manual import overview, page, shell
 from robotree.tui.screen.teleoperable import bounds
-from robotree.tui.screen.widgets.gauges import HALF, bar
 from robotree.tui.seen import wording
 from robotree.vr.address import Address
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
@@ -56,15 +55,6 @@ def test_any_number_can_be_written(value: float) -> None:
     assert wording.number(0.0) == wording.number(-0.0) == wording.number(1e-12) == "0"
 
 
-@given(value=st.floats(-1e9, 1e9))
-def test_a_bar_grows_from_the_middle_and_never_out_of_its_place(value: float) -> None:
-    left, right = bar(value, 35.0)
-    assert len(left) == len(right) == HALF
-    assert not (left.strip() and right.strip())
-    if abs(value) >= 35:
-        assert (right if value > 0 else left) == "█" * HALF
-
-
 def test_columns_align_and_end_ragged() -> None:
     assert wording.columns([("a", "bb", "c"), ("aaa", "b", "")]) == "a    bb  c\naaa  b"
     assert wording.columns([]) == ""
@@ -94,21 +84,6 @@ def test_the_manual_fits_into_a_terminal_and_explains_every_verb() -> None:
     for verb in ("ls", "enslave", "call", "demo", "run", "sim", "supervise"):
         assert verb in text
         assert f"usage: robotree {verb}" in page(verb)
-
-
-@pytest.mark.parametrize(
-    ("value", "shown", "written"),
-    [
-        (-1e-9, "+8.4f", " +0.0000"),
-        (-0.0, "+8.2f", "   +0.00"),
-        (-0.0001, "+8.4f", " -0.0001"),
-        (3.0, "8.1f", "     3.0"),
-    ],
-)
-def test_a_figure_that_rounds_to_zero_has_no_sign_of_its_own(value: float, shown: str, written: str) -> None:
-    from robotree.tui.screen.widgets.gauges import figure
-
-    assert figure(value, shown) == written
 
 
 def test_a_stop_is_resumed_and_only_a_child_is_released() -> None:

@@ -332,7 +332,20 @@ ACTIONS: tuple[Action, ...] = (
         where=SHOWN,
         key="S",
     ),
-    Action("wide", "Give the whole page to the list, and back.", SCREEN, where=SHOWN, key="w"),
+    Action(
+        "wide",
+        "Give the whole page to the list, with more columns (epoch, lease, life), and back.",
+        SCREEN,
+        where=SHOWN,
+        key="w",
+    ),
+    Action(
+        "joints",
+        "Show each joint of the selected robot in its own line, and back.",
+        SCREEN,
+        where=SHOWN,
+        key="J",
+    ),
     Action(
         "mark",
         "Mark the selected robot, or take its mark away: cancel and delete take all that are marked.",

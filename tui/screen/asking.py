@@ -320,6 +320,7 @@ ASK: Mapping[str, Ask] = {
     "prompt": _line("verb"),
     "tree": lambda app, _place: app.main.sort("tree"),
     "sort": lambda app, _place: app.main.sort(),
+    "joints": lambda app, _place: app.main.unfold(),
     "wide": lambda app, _place: app.main.widen(),
     "mark": lambda app, place: app.main.mark(place.name),
     "unmark": lambda app, _place: app.main.unmark(),

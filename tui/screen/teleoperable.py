@@ -8,10 +8,6 @@ from robotree.tui.screen.jog import AXES, Bounds
 from robotree.vr.description import CommandSpec, RobotDescription
 
 GO_TO, GET_INFO, GRIP = "go_to", "get_info", "grip"
-FORCES = ("fx", "fy", "fz")
-"""Readings that are drawn as force bars [N]."""
-TORQUES = ("tx", "ty", "tz")
-"""Readings that are drawn as torque bars [N m]."""
 
 
 def bounds(robot: RobotDescription) -> Bounds | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from math import degrees, hypot
+from math import degrees, hypot, isfinite
 
 DECIMALS: Mapping[str, int] = {
     "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
@@ -23,8 +23,13 @@ SPEED = ("vx", "vy", "vz")
 FORCE = ("fx", "fy", "fz")
 TORQUE = ("tx", "ty", "tz")
 GRIP = ("width", "grip_force")
-HEALTH = ("age",)
 PEAK = "peak_force"
+
+SI: Mapping[str, str] = {
+    **dict.fromkeys(("x", "y", "z", "width"), "m"), "twist": "rad", **dict.fromkeys(SPEED, "m/s"),
+    **dict.fromkeys((*FORCE, "grip_force", PEAK), "N"), **dict.fromkeys(TORQUE, "N m"), "age": "s",
+}  # fmt: skip
+"""Units of the well known readings, where a robot declares none: they are SI (`vr.requests.State`)."""
 
 HOLDS = 0.5
 """[N] between the fingers from which on they hold something."""
@@ -77,18 +82,27 @@ def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float |
     return hypot(*parts) if parts else None
 
 
-def groups(readings: Mapping[str, float], units: Mapping[str, str], *, old: bool = False) -> list[Group]:
+def unit_of(name: str, units: Mapping[str, str]) -> str:
+    """Return the unit of a reading: as the robot declares it, else the SI unit of a well known one."""
+    return units.get(name, "") or SI.get(name, "rad" if _JOINT.fullmatch(name) else "")
+
+
+def groups(
+    readings: Mapping[str, float], units: Mapping[str, str], *, old: bool = False, folded: bool = True
+) -> list[Group]:
     """Group the readings of a robot.
 
     Args:
         readings: by name.
         units: of those that have one.
         old: they are not live: their age is shown however small it is.
+        folded: the joints share a group; else each has its own.
 
     Returns:
         The groups that have something: pose, speed, force, torque, grip, joints, others, health.
     """
     rest = dict(readings)
+    units = {name: unit_of(name, units) for name in rest}
     found: list[Group] = []
 
     def take(label: str, names: Iterable[str], *, named: bool = True) -> None:
@@ -101,7 +115,13 @@ def groups(readings: Mapping[str, float], units: Mapping[str, str], *, old: bool
     force = size(rest)
     take("force", (*FORCE, PEAK))
     if force is not None:
-        found[-1] = Group("force", (Figure("", *figure(force, units.get("fx", "N"))), *found[-1].figures))
+        found[-1] = Group(
+            "force",
+            (
+                Figure("", *figure(force, next(units[one] for one in FORCE if one in units))),
+                *found[-1].figures,
+            ),
+        )
     take("torque", TORQUE)
     if "width" in rest:
         width, hold = rest.pop("width"), rest.pop("grip_force", None)
@@ -113,7 +133,10 @@ def groups(readings: Mapping[str, float], units: Mapping[str, str], *, old: bool
         held = () if hold is None else _hold(hold)
         found.append(Group("grip", (Figure("", *shown), *held)))
     joints = sorted((name for name in rest if _JOINT.fullmatch(name)), key=lambda name: int(name[1:]))
-    take("joints", joints, named=False)
+    if folded:
+        take("joints", joints, named=False)
+    for name in joints if not folded else ():
+        take(name, [name], named=False)
     age = rest.pop("age", None)
     for name in sorted(rest):
         take(name, [name], named=False)
@@ -140,6 +163,33 @@ def _figures(readings: Mapping[str, float], units: Mapping[str, str], *, named: 
     )
 
 
+HALF = 12
+"""Cells on each side of the middle of a bar, at most."""
+_EIGHTHS = " ▏▎▍▌▋▊▉█"
+
+
+def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
+    """Return the two halves of a bar around its middle.
+
+    Args:
+        value: what is drawn; nothing is when it is not finite.
+        full: value at the end of the bar; more is drawn as this.
+        half: cells on each side.
+
+    Returns:
+        The left half, filled from the right for negative values, and the right half; each `half` cells.
+    """
+    share = min(abs(value) / full, 1.0) * half if isfinite(value) else 0.0
+    whole = int(share)
+    part = round((share - whole) * 8)
+    if not value < 0:
+        filled = ("█" * whole + (_EIGHTHS[part] if whole < half else "")).rstrip()
+        return " " * half, filled.ljust(half)
+    # There are no blocks that are filled from the right in eighths: half a cell is as fine as it gets.
+    filled = ("▐" if part >= 4 and whole < half else "") + "█" * whole
+    return filled.rjust(half), " " * half
+
+
 BARS = "▁▂▃▄▅▆▇█"
 
 
@@ -151,6 +201,6 @@ def spark(values: Iterable[float], full: float, cells: int) -> str:
         full: value of a full bar.
         cells: of the line.
     """
-    newest = list(values)[-cells:]
+    newest = [value if isfinite(value) else 0.0 for value in values][-cells:]
     top = len(BARS) - 1
     return "".join(BARS[min(max(round(top * value / full), 0), top)] for value in newest).rjust(cells)

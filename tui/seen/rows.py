@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
-from robotree.tui.seen.mood import MOODS, UNGUARDED, Mood
+from robotree.tui.seen.mood import MOODS, UNGUARDED, Mood, span
 from robotree.tui.seen.store import Store
 
 Order = Literal["tree", "name", "kind", "state", "by", "host"]
@@ -54,6 +54,12 @@ class RobotRow:
     marked: bool = False
     unlisted: bool = False
     """No lookup service says that it is still there."""
+    epoch: str = ""
+    """Of its newest lease; it, `lease` and `life` only where the list is wide."""
+    lease: str = ""
+    """How long its parent's lease still holds, as was told last."""
+    life: str = ""
+    """The beginning of its incarnation; of a robot that hangs, its process."""
     unguarded: bool = False
     """Its controller obeys every program that reaches it: the link has no key."""
 
@@ -104,11 +110,12 @@ def family(store: Store) -> tuple[Seat, ...]:
     return tuple(seats.values())
 
 
-def row(store: Store, seat: Seat, now: float, marks: Container[str] = ()) -> RobotRow:
-    """Return one robot as the list shows it at this moment [s]."""
+def row(store: Store, seat: Seat, now: float, marks: Container[str] = (), *, wide: bool = False) -> RobotRow:
+    """Return one robot as the list shows it at this moment [s]; `wide`: with epoch, lease and life."""
     name = seat.name
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
+    epoch, lease, life = _more(store, name) if wide else ("", "", "")
     return RobotRow(
         seat,
         kind=wording.kind(known.kind, known.attributes) if known else absent.kind if absent else "",
@@ -121,8 +128,21 @@ def row(store: Store, seat: Seat, now: float, marks: Container[str] = ()) -> Rob
         old=store.old(name, now),
         marked=name in marks,
         unlisted=store.stale and name in store.robots,
+        epoch=epoch,
+        lease=lease,
+        life=life,
         unguarded=known is not None and known.unguarded,
     )
+
+
+def _more(store: Store, name: str) -> tuple[str, str, str]:
+    """Return epoch, lease and life of a robot."""
+    robot, state, absent = store.described(name), store.state(name), store.absent.get(name)
+    epoch = state.epoch if state else robot.epoch if robot else 0
+    lease = span(robot.bond.remaining) if robot and robot.bond else ""
+    known = robot or store.robots.get(name)
+    life = known.address.incarnation[:LIFE] if known else ""
+    return str(epoch or ""), lease, f"pid {absent.pid}" if absent and absent.pid else life
 
 
 _KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
@@ -196,28 +216,35 @@ LEAST = {"ROBOT": 16, "KIND": 10, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
 """Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
 MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
 """Cells that it takes however long its words are."""
+MORE = {"EPOCH": 11, "LEASE": 5, "LIFE": 9}
+"""Columns that a wide list has before ABOUT, and their cells. They go after ABOUT, the last one first."""
+LIFE = 8
+"""Characters of an incarnation that are shown: enough to tell two lives of a robot apart."""
 GOES = ("ABOUT", "HOST", "BY")
 GAP = 2
 _SHRINKS = (("STATE", 14), ("ROBOT", 12), ("KIND", 0), ("ROBOT", 4), ("STATE", 0))
 """To how many cells columns shrink, one after the other, where not even those have room that stay."""
 
 
-def columns(width: int, longest: Mapping[str, int]) -> tuple[Column, ...]:
+def columns(width: int, longest: Mapping[str, int], *, wide: bool = False) -> tuple[Column, ...]:
     """Share the width of the list among its columns.
 
     Args:
         width: [cells], with a gap of `GAP` after each column but the last.
         longest: cells of the longest words in a column, by title.
+        wide: with the columns of `MORE`.
 
     Returns:
         The columns that have room, in their order; ROBOT, KIND and STATE always.
     """
-    titles = list(LEAST)
-    for one in ("", *GOES):
+    extra = MORE if wide else {}
+    needs = {**LEAST, **extra}
+    titles = [title for title in LEAST if title != "ABOUT"] + [*extra, "ABOUT"]
+    for one in ("", "ABOUT", *reversed(extra), *GOES[1:]):
         titles = [title for title in titles if title != one]
-        if sum(LEAST[title] + GAP for title in titles) - GAP <= width:
+        if sum(needs[title] + GAP for title in titles) - GAP <= width:
             break
-    rooms = {title: LEAST[title] for title in titles}
+    rooms = {title: needs[title] for title in titles}
     left = width - sum(rooms.values()) - GAP * (len(titles) - 1)
     for title, least in _SHRINKS:
         cut = min(max(-left, 0), rooms[title] - least)

@@ -96,6 +96,10 @@ class Heard:
     at: float
     since: float
     """[s] since when it has been carrying out the same command."""
+    stopped: float = 0.0
+    """[s] since when it has been in protective stop, if it is; not before it was first heard."""
+    whole: bool = False
+    """It was seen to begin that stop."""
 
 
 @dataclass(slots=True)
@@ -316,7 +320,7 @@ class Store:
         self.revision += 1
         before = self._heard.get(name)
         if before is None:
-            self._heard[name] = Heard(state, now, now)
+            self._heard[name] = Heard(state, now, now, now)
             self.shape += 1
             if state.stopped and self.stop:
                 self.stop.confirm(name, now)
@@ -330,6 +334,8 @@ class Store:
             self.forces.append((now, force))
         if old.bond != state.bond or old.epoch != state.epoch or old.online != state.online:
             self.shape += 1
+        if state.stopped and not old.stopped:
+            before.stopped, before.whole = now, True
         if old.busy != state.busy:
             self._tell_commands(name, old, state, now, now - before.since)
             before.since = now
@@ -466,6 +472,11 @@ class Store:
         """Return [s] since a robot told its state; None: never."""
         heard = self._heard.get(name)
         return now - heard.at if heard else None
+
+    def stopped_since(self, name: str) -> tuple[float, bool] | None:
+        """Return since when [s] a robot has been in protective stop, and whether its beginning was seen."""
+        heard = self._heard.get(name)
+        return (heard.stopped, heard.whole) if heard and heard.state.stopped else None
 
     def described(self, name: str) -> RobotDescription | None:
         """Return how a robot describes itself, or did before it ceased to answer."""

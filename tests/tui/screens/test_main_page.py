@@ -369,6 +369,22 @@ async def test_every_page_fits_into_small_and_large_terminals(
         await operator.sees("name", "space STOP")
 
 
+async def test_wide_shows_more_columns_and_a_key_unfolds_the_joints(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, size=(150, 44)) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "arm-1")
+        operator.app.choose("arm-1")
+        await operator.sees("joints  14.3 °", "ABOUT")
+        await operator.press("J")
+        await operator.sees("j1      14.3 °")
+        assert "joints" not in operator.text
+        await operator.press("J", "w")
+        await operator.sees("EPOCH", "LEASE", "LIFE", "ABOUT")
+        assert "joints" not in operator.text, "the list has the whole page"
+        await operator.press("w")
+        await operator.sees("joints  14.3 °")
+        assert "EPOCH" not in operator.text
+
+
 async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views(
     realm: Realm, operate: Operate
 ) -> None:
@@ -381,6 +397,6 @@ async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views
         await operator.sees("z 0.400 m", "twist 0.0 °", "joints  14.3 °", "grip    80 mm")
         await operator.press("enter")
         await operator.at(PanelPage)
-        await operator.sees("0.25 rad", "0.125 s")
+        await operator.sees("joints  14.3 °", "grip    80 mm")
         await operator.press("escape", "v")
-        await operator.sees("peak_force       6.5 N", "rad")
+        await operator.sees("peak_force 6.5 N", "lever", "°")

@@ -17,7 +17,7 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
-from robotree.tui.screen.widgets.gauges import Gauges
+from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
 
@@ -72,7 +72,8 @@ async def fill(operator: Operator, form: CommandForm, name: str, text: str) -> N
 
 
 def readings(page: Page) -> str:
-    return str(page.query_one(Gauges).render())
+    """What is drawn, without how it is broken into lines."""
+    return " ".join(str(page.query_one(Readings).render()).split())
 
 
 def complaint(form: CommandForm, name: str) -> str:
@@ -86,24 +87,25 @@ async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm,
         assert row(form, "speed").text == "0.1"
 
 
-async def test_a_reading_has_the_unit_in_which_it_is_commanded(realm: Realm, operate: Operate) -> None:
+async def test_readings_have_the_same_units_on_every_page(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, page, _form):
         realm.arm.pose["twist"] = 1.25
-        await operator.until(lambda: "+1.2500 rad" in readings(page), "radians, as in the form")
+        await operator.until(lambda: "twist 71.6 °" in readings(page), "degrees, as on every page")
         await operator.sees("now 1.25")
         await choose(operator, page, "grip")
         await operator.sees("now 0.08")
-        assert "0.0800 m\n" in readings(page), "metres, as in the form"
+        assert "grip 80 mm" in readings(page)
         page.query_one("#commands").focus()
         await operator.press("x")
         teleop = await operator.at(TeleopPage)
-        await operator.until(lambda: "+71.62 °" in readings(teleop), "degrees, as in the steps")
+        await operator.until(lambda: "twist 71.6 °" in readings(teleop), "degrees, as in the steps")
 
 
 async def test_a_force_that_rounds_to_zero_has_no_sign_of_its_own(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "hold") as (operator, page, _form):
-        await operator.until(lambda: "+0.0 Nm" in readings(page), "a torque of -0.01 Nm")
-        assert "-0.0 Nm" not in readings(page)
+        await operator.until(lambda: " 20.2 N" in readings(page), "a torque of -0.01 N m")
+        assert "-0.01 N m" in readings(page)
+        assert " -0.0 " not in readings(page)
 
 
 async def test_a_command_is_sent_shows_progress_and_result(realm: Realm, operate: Operate) -> None:

@@ -13,9 +13,9 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.flash import FlashLine
-from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.key_line import fitting
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.readings import Readings
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -65,7 +65,7 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
         await operator.press("enter")
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
         await operator.sees("arm-1", "space STOP", "x           0.35", "-0.8 …")
-        assert not page.query_one(Gauges).display
+        assert not page.query_one(Readings).display
         await operator.resize(80, 24)
         await operator.sees("space STOP", "-0.8 … 0.8 m", "readings")
 

@@ -173,7 +173,7 @@ async def test_buttons_do_what_their_keys_do(realm: Realm, operate: Operate) -> 
 async def test_forces_place_and_picture_stand_beside_the_keys(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await sit_at(operator)
-        await operator.sees("+0.3500 m", "fz", "-20.0 N", "█", "width", "0.0800 m", "cell / cell", "▀▀▀")
+        await operator.sees("x 0.350", "fz", "-20.0 N", "█", "grip    80 mm", "cell / cell", "▀▀▀")
         await operator.press("v")
         await operator.sees("cell / wrist")
         assert operator.one(Cameras).at == 1

@@ -200,8 +200,16 @@ class MainPage(Page):
         self.show_pane(FIRST)
 
     def widen(self) -> None:
-        """Give the whole page to the list, and back."""
+        """Give the whole page to the list, with more columns, and back."""
         self.toggle_class("-all")
+        self.query_one(RobotTable).widen(wide=self.has_class("-all"))
+
+    def unfold(self) -> None:
+        """Give each joint of the selected robot a line of its own, and back."""
+        details = self.query_one(Details)
+        details.folded = not details.folded
+        self._detailed = ("", 0.0)
+        self.draw()
 
     def raise_level(self) -> None:
         """Leave more out of the log: all, warnings and errors, errors."""

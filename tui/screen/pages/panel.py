@@ -17,8 +17,8 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.beside import Beside
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.readings import Readings, Told
 from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen import wording
 
@@ -55,7 +55,7 @@ class PanelPage(Page):
                     *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
                 )
                 yield Beside(classes="beside -within")
-                yield Gauges(id="readings")
+                yield Readings(id="readings")
             yield ContentSwitcher(id="forms")
             yield Beside(classes="beside -own")
 
@@ -188,9 +188,7 @@ class PanelPage(Page):
         )
         line.stylize(muted, len(line) - len(about))
         self.query_one("#who", Still).show(line)
-        state_now = store.state(name)
-        stale = self._gone or (state_now is not None and not state_now.online)
-        self.query_one(Gauges).draw(self._readings, store.units(name), stale=stale)
+        self.query_one(Readings).draw(Told.of(store, name, now))
         if form := self._in_front:
             form.draw(self._readings)
         running = any(one.running for one in self.query(CommandForm))

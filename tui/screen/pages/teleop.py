@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from math import degrees, hypot
+from math import degrees
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from rich.text import Text
@@ -18,12 +18,13 @@ from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import SOON
 from robotree.tui.screen.jog import AXES, Bounds, Jog
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.teleoperable import FORCES, GET_INFO, GO_TO, GRIP
+from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
 from robotree.tui.screen.widgets.cameras import Cameras
-from robotree.tui.screen.widgets.gauges import Gauges
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.readings import Readings, Told
 from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen import instruments
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class TeleopPage(Page):
                     for label in ("↶ ,", "↷ ."):
                         yield _jog_button(label)
                     yield Still(id="step")
-                yield Gauges(id="gauges", in_degrees=True)
+                yield Readings(id="gauges")
             with Vertical(classes="picture-side"):
                 yield Cameras()
                 yield PictureView(id="picture")
@@ -227,10 +228,8 @@ class TeleopPage(Page):
     def _draw_gauges(self) -> None:
         if self.is_active:
             self.query_one("#state", Still).show(self._state_line())
-            state = self.app.store.state(self.robot.name)
-            store, stale = self.app.store, state is not None and not state.online
-            readings, units = store.readings(self.robot.name), store.units(self.robot.name)
-            self.query_one(Gauges).draw(readings, units, stale=stale)
+            told = Told.of(self.app.store, self.robot.name, self.app.now())
+            self.query_one(Readings).draw(told)
 
     def draw(self) -> None:
         """Draw the step and the wish."""
@@ -256,7 +255,7 @@ class TeleopPage(Page):
         store, name = self.app.store, self.robot.name
         state, readings, short = store.state(name), store.readings(name), self._short()
         error, accent = tint(self.app, "error", bold=True), tint(self.app, "accent", bold=True)
-        force = hypot(*(readings.get(axis, 0.0) for axis in FORCES))
+        force = instruments.size(readings) or 0.0
         line = Text(" ", "bold", overflow="ellipsis")
         if state is not None and not state.online:
             line.append("✗ LOST its controller  ", error)

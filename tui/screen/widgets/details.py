@@ -4,30 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.style import Style
 from rich.text import Text
 from textual.widget import Widget
 
-from robotree.tui.screen.widgets.gauges import ALARM, FULL_FORCE, WARN
 from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.screen.widgets.still import Still, entitle
-from robotree.tui.seen import instruments, wording
-from robotree.tui.seen.cells import fit, seen
-from robotree.tui.seen.instruments import Figure, Group
-from robotree.tui.seen.mood import span
+from robotree.tui.screen.widgets.readings import Lines, Told
+from robotree.tui.screen.widgets.still import entitle
+from robotree.tui.seen import readiness, wording
+from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
-LABEL = 8
-"""Cells for the name of a line, and a gap."""
-SPARK = 8
-"""Cells of the line of past forces."""
 
-
-class Details(Still):
+class Details(Lines):
     """Draws one robot from the store."""
+
+    folded = True
+    """The joints share a line."""
 
     def draw(self, store: Store, name: str, now: float) -> None:
         """Draw the robot of this name."""
@@ -37,85 +32,29 @@ class Details(Still):
         text = Text()
         self._state(text, store, name, now)
         if robot is None:
-            self._line(text, "about", Text(wording.summary(listing.doc) if listing else ""))
+            self.line(text, "about", Text(wording.summary(listing.doc) if listing else ""))
             self.show(text)
             return
         if lost := store.rebond(name):
             words = Text("re-bond {}.{} to {}? ⏎".format(*lost), tint(self.app, "warning"))
-            self._line(text, "next", words)
-        self._readings(text, store, name, now)
+            self.line(text, "next", words)
+        self.append_readings(text, Told.of(store, name, now), folded=self.folded)
         self._lease(text, store, robot, now)
         self._slots(text, robot)
         self._commands(text, robot)
-        self._line(text, "about", Text(wording.summary(robot.doc)))
-        self._line(text, "kinds", Text(" < ".join(robot.kinds)))
+        self.line(text, "about", Text(wording.summary(robot.doc)))
+        self.line(text, "kinds", Text(" < ".join(robot.kinds)))
         for key, value in sorted(robot.attributes.items()):
-            self._line(text, key, Text(value))
+            self.line(text, key, Text(value))
         self.show(text)
-
-    def _line(self, text: Text, label: str, words: Text) -> None:
-        """Append a line, unless it says nothing."""
-        if not words:
-            return
-        if text:
-            text.append("\n")
-        text.append(fit(label, LABEL - 1) + " ", tint(self.app, "muted"))
-        text.append_text(words)
 
     def _state(self, text: Text, store: Store, name: str, now: float) -> None:
         shown = mood_mark(self.app, store.mood(name, now), store.doing(name, now))
-        absent, state = store.absent.get(name), store.state(name)
-        if absent:
-            shown.append(f"  {absent.remedy or 'start it again, or D takes it off the list'}")
-        elif state and state.stop_reason:
-            shown.append(f"  {state.stop_reason}", tint(self.app, "error"))
-        self._line(text, "state", shown)
-
-    def _readings(self, text: Text, store: Store, name: str, now: float) -> None:
-        old = store.old(name, now)
-        readings = store.readings(name)
-        age = store.age(name, now)
-        if old and readings and age is not None:
-            self._line(
-                text, "", Text(f"{span(max(age, readings.get('age', 0.0)))} old", tint(self.app, "warning"))
-            )
-        for group in instruments.groups(readings, store.units(name), old=False):
-            words = Text()
-            if group.label == "force":
-                self._force(words, store, group, old=old)
-            else:
-                self._figures(words, group.figures, "" if not old else tint(self.app, "muted"))
-            self._line(text, group.label, words)
-
-    def _figures(self, words: Text, figures: tuple[Figure, ...], style: str | Style) -> None:
-        muted = tint(self.app, "muted")
-        for one in figures:
-            if words:
-                words.append(" ")
-            if one.name:
-                words.append(f"{seen(one.name)} ", muted)
-            words.append(one.text, style)
-            if one.unit:
-                words.append(f" {seen(one.unit)} ", muted)
-        words.rstrip()
-
-    def _force(self, words: Text, store: Store, group: Group, *, old: bool) -> None:
-        """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
-        total, past = group.figures[0], [force for _, force in store.forces]
-        parts = [one for one in group.figures[1:] if one.name != instruments.PEAK]
-        told = [one.text for one in group.figures if one.name == instruments.PEAK]
-        peak = told or ([instruments.figure(max(past), "N")[0]] if past else [])
-        muted = tint(self.app, "muted")
-        now = past[-1] if past else 0.0
-        colour = (
-            "error" if now >= ALARM * FULL_FORCE else "warning" if now >= WARN * FULL_FORCE else "primary"
-        )
-        style = muted if old else tint(self.app, colour)
-        words.append(instruments.spark(past, FULL_FORCE, SPARK), style)
-        words.append(f" {total.text}", style)
-        words.append(f" {total.unit}  ", muted)
-        words.append("".join(f"peak {one}   " for one in peak))
-        self._figures(words, tuple(parts), muted)
+        self.line(text, "state", shown)
+        label = "but"
+        for reason in readiness.reasons(store, name, now):
+            self.line(text, label, Text(reason, tint(self.app, "warning")))
+            label = ""
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
         state = store.state(robot.name)
@@ -129,7 +68,7 @@ class Details(Still):
                 (f"  {max(left, 0.0):.0f} s left" if left > 0 else "  renewed", tint(self.app, "muted")),
             )
         holder.append(f"  epoch {epoch}", tint(self.app, "muted"))
-        self._line(text, "lease", holder)
+        self.line(text, "lease", holder)
 
     def _slots(self, text: Text, robot: RobotDescription) -> None:
         for slot in robot.slots:
@@ -138,7 +77,7 @@ class Details(Still):
                 words.append(slot.child.name, tint(self.app, "primary"))
             else:
                 words.append(slot.lost or "empty", tint(self.app, "warning"))
-            self._line(text, "slot", words)
+            self.line(text, "slot", words)
 
     def _commands(self, text: Text, robot: RobotDescription) -> None:
         muted = tint(self.app, "muted")
@@ -150,4 +89,4 @@ class Details(Still):
             words.append(f"({names})", muted)
             if count := robot.calls.get(command.name):
                 words.append(f" {count}x", muted)
-        self._line(text, "can", words)
+        self.line(text, "can", words)

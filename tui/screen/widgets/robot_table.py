@@ -61,6 +61,8 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         """The last line that was drawn in its turn on a slow line."""
         self._columns: tuple[Column, ...] = ()
         self._theme = ""
+        self.wide = False
+        """It has more columns."""
 
     # -- what is asked -----------------------------------------------------------------------------
 
@@ -110,6 +112,11 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         if seen := [Region(0, line, self.size.width, 1) for line in lines if line < self.size.height]:
             self.refresh(*seen)
 
+    def widen(self, *, wide: bool) -> None:
+        """Have more columns, or not."""
+        self.wide = wide
+        self._lay_out()
+
     def _lay_out(self) -> None:
         """Share the width anew; everything is drawn again."""
         store = self.app.store
@@ -124,7 +131,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
             }
             for title, cells in words.items():
                 longest[title] = max(longest.get(title, 0), cells)
-        self._columns = columns(self.scrollable_content_region.width, longest)
+        self._columns = columns(self.scrollable_content_region.width, longest, wide=self.wide)
         self._drawn.clear()
         self.refresh()
 
@@ -164,7 +171,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
     def _wanted(self, position: int) -> tuple[RobotRow, bool] | None:
         if not 0 <= position < len(self._seats):
             return None
-        made = row(self.app.store, self._seats[position], self.app.now(), self._marks)
+        made = row(self.app.store, self._seats[position], self.app.now(), self._marks, wide=self.wide)
         return made, position == self._at
 
     def render_line(self, y: int) -> Strip:
@@ -217,7 +224,13 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                 case "KIND":
                     cells.append(Segment(fit(shown.kind, room), plain))
                 case title:
-                    told = {"BY": shown.by, "HOST": shown.host or "-"}.get(title, shown.about)
+                    told = {
+                        "BY": shown.by,
+                        "HOST": shown.host or "-",
+                        "EPOCH": shown.epoch or "-",
+                        "LEASE": shown.lease or "-",
+                        "LIFE": shown.life or "-",
+                    }.get(title, shown.about)
                     cells.append(Segment(fit(told, room), muted))
             cells.append(Segment(" " * GAP, base))
         return cells

@@ -11,11 +11,9 @@ from textual.widgets.option_list import Option
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.cameras import Cameras
-from robotree.tui.screen.widgets.gauges import is_of_robot, rank
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.still import Still
-from robotree.tui.seen import wording
+from robotree.tui.screen.widgets.readings import Readings, Told
 from robotree.vr.errors import VrError
 
 INSTRUMENTS = 0.5
@@ -34,7 +32,7 @@ class ViewsPane(Fenced, Horizontal):
         """List, instruments, picture."""
         with Vertical(classes="side"):
             yield OptionList(id="cameras", markup=False)
-            yield Still(id="instruments")
+            yield Readings(id="instruments")
         with Vertical(classes="picture-side"):
             yield Cameras()
             yield PictureView()
@@ -82,19 +80,6 @@ class ViewsPane(Fenced, Horizontal):
         try:
             told = await self.app.fleet.describe_view(view)
         except VrError as error:
-            self.query_one("#instruments", Still).show(Text(str(error), tint(self.app, "error")))
+            self.query_one(Readings).show(Text(str(error), tint(self.app, "error")))
             return
-        text = Text()
-        muted, width = tint(self.app, "muted"), max((len(name) for name in told.readings), default=0)
-        for name, value in sorted(told.readings.items(), key=_of_the_workspace_first):
-            text.append(f"{name.ljust(width)} ", muted)
-            text.append(f"{wording.number(value, 4):>9}", "bold")
-            text.append(f" {told.units.get(name, '')}".rstrip() + "\n", muted)
-        text.rstrip()
-        self.query_one("#instruments", Still).show(text)
-
-
-def _of_the_workspace_first(reading: tuple[str, float]) -> tuple[bool, tuple[int, str]]:
-    """Order instruments: what only the workspace has (a lever's angle) before what its robot tells too."""
-    name = reading[0]
-    return is_of_robot(name), rank(name)
+        self.query_one(Readings).draw(Told(told.readings, told.units))

@@ -1,0 +1,89 @@
+"""Why a robot is not ready: every reason is told, and how a stop was confirmed."""
+
+from __future__ import annotations
+
+from robotree.tui.seen.readiness import reasons
+from robotree.tui.seen.store import Store
+from robotree.vr.address import Address
+from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.requests import State
+from robotree.vr.transport import Silent
+
+PICK = Address("robot", "pick", "1")
+PARENT = Address("robot", "lever", "1")
+TROUBLE = State(
+    bond=PARENT,
+    online=False,
+    stopped=True,
+    stop_reason="somebody asked for it",
+    abandoned=("defy",),
+    busy="go_to",
+    caller="operator",
+)
+
+
+def store_of(*states: State, bond: BondSpec | None = None) -> Store:
+    store = Store()
+    slots = (SlotSpec(name="arm", kind="Arm"), SlotSpec(name="spare", kind="Rover"))
+    robot = RobotDescription(
+        address=PICK,
+        kinds=("Pick",),
+        host="host-1",
+        slots=slots if bond else (),
+        bond=bond,
+        attributes={"controller": "tcp:127.0.0.1:5760"},
+    )
+    store.take_descriptions([robot], 0.0)
+    for at, state in enumerate(states):
+        store.take_state("pick", state, float(at))
+    return store
+
+
+def test_a_free_robot_at_rest_is_ready() -> None:
+    assert reasons(store_of(State()), "pick", 1.0) == ()
+
+
+def test_all_reasons_are_told_and_not_only_the_worst() -> None:
+    store = store_of(State(), TROUBLE, bond=BondSpec(parent=PARENT, slot="pick", epoch=1, remaining=5))
+    assert reasons(store, "pick", 4.0) == (
+        "offline: its controller at tcp:127.0.0.1:5760 does not answer",
+        "stopped: somebody asked for it, since 3 s",
+        "defy ignores cancel and still runs: restart host host-1",
+        "slot arm is empty, it takes Arm",
+        "slot spare is empty, it takes Rover",
+        "commanded by lever: command that one, or release this one",
+    )
+
+
+def test_a_command_of_somebody_else_is_told_with_its_caller() -> None:
+    assert reasons(store_of(State(busy="go_to", caller="night-shift")), "pick", 1.0) == (
+        "go_to runs, asked for by night-shift",
+    )
+
+
+def test_a_stop_is_told_with_its_age_and_the_time_of_its_confirmation() -> None:
+    store = store_of(State())
+    store.begin_stop("pick", 1.0)
+    assert reasons(store, "pick", 1.1) == ()
+    store.take_state("pick", State(stopped=True), 1.25)
+    store.take_state("pick", State(stopped=True), 20.0)
+    assert reasons(store, "pick", 21.25) == ("stopped, since 20 s, confirmed after 0.25 s",)
+    store.take_state("pick", State(), 22.0)
+    assert reasons(store, "pick", 23.0) == ()
+
+
+def test_a_stop_that_is_not_confirmed_says_so() -> None:
+    store = store_of(State(), State(stopped=True))
+    store.begin_stop("pick", 2.0)
+    assert reasons(store, "pick", 3.0) == ("stopped, since 2 s, NOT CONFIRMED: asked, no answer yet",)
+
+
+def test_a_stop_that_was_in_force_before_has_lasted_at_least_as_long_as_it_was_seen() -> None:
+    assert reasons(store_of(State(stopped=True)), "pick", 3.0) == ("stopped, since at least 3 s",)
+
+
+def test_a_robot_that_hangs_is_told_with_its_remedy() -> None:
+    store = store_of(State())
+    store.take_descriptions([], 1.0)
+    store.take_silent([Silent(PICK.key, "process 4711", "`kill -9 4711` ends it")], 2.0)
+    assert reasons(store, "pick", 3.0) == ("`kill -9 4711` ends it",)

@@ -1,0 +1,166 @@
+"""Readings in lines, one group each: drawn the same way in the details, panels, tele-operation and views."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rich.cells import cell_len
+from rich.style import Style
+from rich.text import Text
+
+from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.still import Still
+from robotree.tui.seen import instruments
+from robotree.tui.seen.cells import clip, fit, seen
+from robotree.tui.seen.instruments import Figure, Group
+from robotree.tui.seen.mood import span
+from robotree.tui.seen.store import Store
+
+FULL = {
+    **dict.fromkeys(instruments.FORCE, 35.0),
+    **dict.fromkeys(instruments.TORQUE, 3.5),
+}
+"""Value at the end of a bar, by reading: [N] the bound that the arm's controller keeps, [N m]."""
+FULL_FORCE = FULL["fx"]
+
+WARN, ALARM = 0.5, 0.8
+"""Shares of a full bar from which on it is drawn as a warning, as an alarm."""
+
+LABEL = 8
+"""Cells for the name of a line, and a gap."""
+LONGEST = 24
+"""Cells of a label, at most."""
+SPARK = 8
+"""Cells of the line of past forces."""
+BESIDE = 14
+"""Cells for the middle of a bar, the figure and its unit."""
+LEAST = 8
+"""Cells of words in a line, at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is drawn of the readings of a robot or a view."""
+
+    readings: Mapping[str, float]
+    units: Mapping[str, str]
+    old: str = ""
+    """How old they are; empty: they are live."""
+    past: tuple[float, ...] = ()
+    """[N] The sizes of past forces, the oldest first."""
+
+    @classmethod
+    def of(cls, store: Store, name: str, now: float) -> Told:
+        """Return what the store knows of a robot at this moment [s]."""
+        readings, age = store.readings(name), store.age(name, now)
+        old = ""
+        if store.old(name, now) and age is not None:
+            old = f"{span(max(age, readings.get('age', 0.0)))} old"
+        past = tuple(force for _, force in store.forces) if store.attended == name else ()
+        return cls(readings, store.units(name), old, past)
+
+
+class Lines(Still):
+    """Draws lines with a label each; what is longer than a line goes on below its beginning."""
+
+    def line(self, text: Text, label: str, words: Text) -> None:
+        """Append a line, unless it says nothing."""
+        if not words:
+            return
+        lead = clip(label, LONGEST) if cell_len(seen(label)) >= LABEL else fit(label, LABEL - 1)
+        rest = [words]
+        room = self.size.width
+        if room and cell_len(lead) + 1 + words.cell_len > room:
+            first = max(room - cell_len(lead) - 1, LEAST)
+            rest = list(words.wrap(self.app.console, min(first, max(room - LABEL, LEAST))))
+        for number, part in enumerate(rest):
+            part.rstrip()
+            text.append("\n" if text else "")
+            text.append(" " * LABEL if number else f"{lead} ", tint(self.app, "muted"))
+            text.append_text(part)
+
+    def append_readings(self, text: Text, told: Told, *, folded: bool = True, bars: bool = False) -> None:
+        """Append the groups of the readings.
+
+        Args:
+            text: to which they are appended.
+            told: the readings.
+            folded: the joints share a line.
+            bars: forces and torques also have a bar for each axis.
+        """
+        if told.old and told.readings:
+            self.line(text, "", Text(told.old, tint(self.app, "warning")))
+        for group in instruments.groups(told.readings, told.units, folded=folded):
+            words = Text()
+            axes = [name for name in (one.name for one in group.figures) if name in FULL] if bars else []
+            figures = tuple(one for one in group.figures if one.name not in axes)
+            if group.label == "force":
+                self._force(words, told, Group(group.label, figures))
+            else:
+                self._figures(words, figures, "" if not told.old else tint(self.app, "muted"))
+            self.line(text, group.label, words)
+            for name in axes:
+                self.line(text, name, self._bar(name, told))
+
+    def _figures(self, words: Text, figures: tuple[Figure, ...], style: str | Style) -> None:
+        muted = tint(self.app, "muted")
+        for one in figures:
+            if words:
+                words.append(" ")
+            if one.name:
+                words.append(f"{seen(one.name)} ", muted)
+            words.append(one.text, style)
+            if one.unit:
+                words.append(f" {seen(one.unit)} ", muted)
+        words.rstrip()
+
+    def _force(self, words: Text, told: Told, group: Group) -> None:
+        """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
+        muted = tint(self.app, "muted")
+        size = instruments.size(told.readings)
+        figures = group.figures
+        if size is not None:
+            total, *rest = figures
+            parts = [one for one in rest if one.name != instruments.PEAK]
+            peaks = [one.text for one in rest if one.name == instruments.PEAK]
+            peaks = peaks or ([instruments.figure(max(told.past), "N")[0]] if told.past else [])
+            style = muted if told.old else self._alarm(size, FULL_FORCE)
+            if told.past:
+                words.append(instruments.spark(told.past, FULL_FORCE, SPARK), style)
+                words.append(" ")
+            words.append(total.text, style)
+            words.append(f" {total.unit}  ", muted)
+            words.append("".join(f"peak {one}   " for one in peaks))
+            figures = tuple(parts)
+        self._figures(words, figures, muted if told.old or size is not None else "")
+        words.rstrip()
+
+    def _alarm(self, value: float, full: float) -> Style:
+        share = abs(value) / full
+        return tint(self.app, "error" if share >= ALARM else "warning" if share >= WARN else "primary")
+
+    def _bar(self, name: str, told: Told) -> Text:
+        """Return the bar of one axis, with its figure."""
+        value, full = told.readings[name], FULL[name]
+        style = tint(self.app, "muted") if told.old else self._alarm(value, full)
+        half = min(max((self.size.width - LABEL - BESIDE) // 2, 2), instruments.HALF)
+        left, right = instruments.bar(value, full, half)
+        figure, unit = instruments.figure(value, instruments.unit_of(name, told.units))
+        strong = "bold" if abs(value) < WARN * full and not told.old else style
+        return Text.assemble(
+            (left, style), ("│", tint(self.app, "muted")), (right, style), (f" {figure:>6} {unit}", strong)
+        )
+
+
+class Readings(Lines):
+    """The readings of a robot or a view, with a bar for each axis of its force."""
+
+    def draw(self, told: Told) -> None:
+        """Draw these readings."""
+        text = Text()
+        if told.readings:
+            self.append_readings(text, told, bars=True)
+        else:
+            text.append("no readings yet", tint(self.app, "muted"))
+        self.show(text)

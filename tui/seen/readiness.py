@@ -1,0 +1,56 @@
+"""Why a robot is not ready for a command: all reasons, not only the one that its mood names. Pure."""
+
+from __future__ import annotations
+
+from robotree.tui.seen import mood
+from robotree.tui.seen.store import Store
+
+
+def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
+    """Return all that keeps a robot from carrying out a command of ours; empty: it is ready.
+
+    Args:
+        store: what is known.
+        name: of the robot.
+        now: [s] on the store's clock.
+    """
+    robot, state = store.described(name), store.state(name)
+    told = state or robot
+    found: list[str] = []
+    if absent := store.absent.get(name):
+        found.append(absent.remedy or "its process has gone: start it again, or D takes it off the list")
+    elif store.mood(name, now) == "silent":
+        found.append(f"it has told nothing for {mood.span(store.age(name, now) or 0.0)}")
+    if told and not told.online:
+        where = robot.attributes.get("controller", "") if robot else ""
+        held = robot.attributes.get("held_by", "") if robot else ""
+        why = f"is held by {held}" if held else "does not answer"
+        found.append(f"offline: its controller {f'at {where} ' if where else ''}{why}")
+    if told and told.stopped:
+        found.append(stopped(store, name, now))
+    if told and told.abandoned:
+        home = f"host {robot.host}" if robot and robot.host else "its process"
+        found.append(f"{', '.join(told.abandoned)} ignores cancel and still runs: restart {home}")
+    slots = robot.slots if robot else ()
+    found += [f"slot {one.name} is empty, it takes {one.kind}" for one in slots if one.child is None]
+    parent = store.by(name) if told and told.bond is not None else ""
+    if parent:
+        found.append(f"commanded by {parent}: command that one, or release this one")
+    elif told and told.busy:
+        caller = state.caller if state else ""
+        found.append(f"{told.busy} runs{f', asked for by {caller}' if caller else ''}")
+    return tuple(found)
+
+
+def stopped(store: Store, name: str, now: float) -> str:
+    """Return why a robot is in protective stop, since when, and how long the confirmation took."""
+    told = store.state(name) or store.described(name)
+    parts = [f"stopped: {told.stop_reason}" if told and told.stop_reason else "stopped"]
+    if since := store.stopped_since(name):
+        at, whole = since
+        parts.append(f"since {'' if whole else 'at least '}{mood.span(now - at)}")
+    if store.stop and name in store.stop.confirmed:
+        parts.append(f"confirmed after {store.stop.confirmed[name]:.2f} s")
+    elif store.stop and name in store.stop.open:
+        parts.append(f"NOT CONFIRMED: {store.stop.open[name]}")
+    return ", ".join(parts)
