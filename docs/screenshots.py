@@ -20,6 +20,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.segment import Segment
 from svg import svg
 from textual._compositor import LayoutUpdate
 from textual.pilot import Pilot
@@ -205,7 +206,14 @@ def strips(app: Supervisor) -> list[Strip]:
     shown = compositor.render_update(full=True, screen_stack=behind)
     if not isinstance(shown, LayoutUpdate):
         raise TypeError("a full update of the screen is no layout any more")
-    return [Strip.join(parts) for parts in shown.strips]
+    return [_without_folder(Strip.join(parts)) for parts in shown.strips]
+
+
+def _without_folder(line: Strip) -> Strip:
+    """Name the folder of the project as everyone may have it: where it was taken says nothing."""
+    root = str(HERE.parent)
+    short = "~/robotree".ljust(len(root))
+    return Strip([Segment(text.replace(root, short), style, control) for text, style, control in line])
 
 
 async def shoot(names: list[str], folder: Path) -> list[Path]:

@@ -53,9 +53,17 @@ def test_a_form_opens_with_defaults_and_present_values_so_that_sending_it_moves_
 
 def test_beside_a_field_stand_unit_range_default_and_present_value() -> None:
     x, speed, count, *_ = GO_TO.parameters
-    assert entry.hint(x, {"x": 0.432}) == "0.2 … 0.7 m · now 0.432"
-    assert entry.hint(speed, {}) == "0.01 … 0.5 m/s · default 0.1"
-    assert entry.hint(count, {}) == "may stay empty"
+    assert entry.hints(x, {"x": 0.432}) == ["0.2 … 0.7 m", "now 0.432"]
+    assert entry.hints(speed, {}) == ["0.01 … 0.5 m/s", "default 0.1"]
+    assert entry.hints(count, {}) == ["may stay empty"]
+
+
+def test_a_hint_shows_as_many_parts_as_fit_each_whole() -> None:
+    parts = ["0.2 … 0.7 m", "default 0.3", "now 0.432"]
+    assert entry.fitting(parts, 37) == "0.2 … 0.7 m · default 0.3 · now 0.432"
+    assert entry.fitting(parts, 36) == "0.2 … 0.7 m · default 0.3"
+    assert entry.fitting(parts, 24) == entry.fitting(parts, 5) == "0.2 … 0.7 m"
+    assert not entry.fitting([], 5)
 
 
 @given(

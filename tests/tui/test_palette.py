@@ -40,6 +40,16 @@ def test_the_grounds_of_a_theme_stay_grey(theme: object) -> None:
         assert red == green == blue
 
 
+@pytest.mark.parametrize("theme", OURS, ids=lambda theme: theme.name)
+def test_the_ground_of_a_stop_and_of_a_banner_stay_red(theme: object) -> None:
+    small = REDUCED[theme.name]  # type: ignore[attr-defined]
+    for name in ("stop", "banner"):
+        colour = tuple(Color.parse(small.variables[name]).get_truecolor())
+        red, green, blue = shown(colour)
+        assert (red, green, blue) == colour, "the terminal has it"
+        assert red > green >= blue, "red, neither grey nor purple"
+
+
 @pytest.mark.parametrize(
     ("wanted", "system", "found"),
     [

@@ -7,9 +7,11 @@ A form is made from a command's types; the same reader judges it that the robot 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from rich.cells import cell_len
 
 from robotree.tui.seen import wording
 from robotree.tui.terminal import one_line
@@ -17,6 +19,8 @@ from robotree.vr.arguments import check_argument
 from robotree.vr.description import CommandSpec, FieldSpec
 from robotree.vr.errors import BadArgument
 
+SEPARATOR = " · "
+"""Between the parts of a hint."""
 DIGITS = 4
 """Significant digits of a present value that is put into a field: tenths of millimetres for an arm."""
 
@@ -95,11 +99,19 @@ def read(spec: CommandSpec, texts: Mapping[str, str]) -> Entry:
     return Entry(arguments, complaints)
 
 
-def hint(field: FieldSpec, readings: Mapping[str, float]) -> str:
-    """Return what stands beside a field: unit and range, whether it may stay empty, the value now."""
+def fitting(parts: Sequence[str], width: int) -> str:
+    """Return the first parts of a hint, as many as fit into `width` cells whole; the first in any case."""
+    whole = max(len(parts), 1)
+    while whole > 1 and cell_len(SEPARATOR.join(parts[:whole])) > width:
+        whole -= 1
+    return SEPARATOR.join(parts[:whole])
+
+
+def hints(field: FieldSpec, readings: Mapping[str, float]) -> list[str]:
+    """Return the parts of a hint: unit and range, whether it may stay empty, the value now."""
     parts = [wording.span(field)]
     if not field.required:
         parts.append("may stay empty" if field.default is None else f"default {wording.value(field.default)}")
     if field.name in readings:
         parts.append(f"now {wording.number(readings[field.name])}")
-    return " · ".join(part for part in parts if part)
+    return [part for part in parts if part]

@@ -27,6 +27,7 @@ DARK = Theme(
         "block-cursor-text-style": "none",
         "footer-key-foreground": "#7fb4ca",
         "stop": "#c8102e",
+        "banner": "#5f1a24",
         "border": "#3a4250",
         "border-blurred": "#2a303b",
     },
@@ -51,6 +52,7 @@ LIGHT = Theme(
         "block-cursor-text-style": "none",
         "footer-key-foreground": "#2f6f8f",
         "stop": "#c8102e",
+        "banner": "#f4c8cc",
         "border": "#c3beb0",
         "border-blurred": "#d8d4c8",
     },
@@ -65,7 +67,7 @@ COLOUR_BLIND = replace(
     success="#56b4e9",
     warning="#e69f00",
     error="#d55e00",
-    variables={**DARK.variables, "stop": "#d55e00"},
+    variables={**DARK.variables, "stop": "#d55e00", "banner": "#5f2a00"},
 )
 """Blue is well, orange and vermilion are not; no green (Okabe and Ito, Color Universal Design, 2008)."""
 

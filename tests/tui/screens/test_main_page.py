@@ -344,7 +344,7 @@ async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
     fleet = Fleet(MemoryNetwork().join("operator"))
     await fleet.start()
     async with operate(fleet) as operator:
-        await operator.sees("Nobody is here yet.", "robotree demo")
+        await operator.sees("No robot is here yet.", "robotree demo")
         assert "STALE" not in operator.text
         for key in ("enter", "e", "r", "d", "c", "i", "t", "enter", "e", "r", "d", "v", "g", "R"):
             await operator.press(key)

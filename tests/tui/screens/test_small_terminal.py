@@ -8,6 +8,7 @@ from textual.widgets import Input
 
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.main import EMPTY
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
@@ -68,6 +69,24 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
         assert not page.query_one(Readings).display
         await operator.resize(80, 24)
         await operator.sees("space STOP", "-0.8 … 0.8 m", "readings")
+
+
+async def test_no_hint_of_a_form_is_cut_in_a_narrow_terminal(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, size=(50, 15)) as operator:
+        store = operator.app.store
+        await operator.until(lambda: "arm-1" in store.descriptions, "its description")
+        await operator.until(lambda: store.state("arm-1") is not None, "its state")
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.at(PanelPage)
+        await operator.sees("-0.8 … 0.8 m")
+        lines = [line.rstrip(" │┃") for line in operator.text.splitlines()]
+        assert not [line for line in lines if line.endswith("·")], operator.text
+        await operator.resize(160, 48)
+        await operator.sees("-0.8 … 0.8 m · now")
+
+
+def test_the_first_words_of_an_empty_realm_fit_into_a_narrow_terminal() -> None:
+    assert max(map(len, EMPTY.splitlines())) <= 50 - 2 * 2
 
 
 async def test_the_keys_of_tele_operation_have_a_small_terminal_to_themselves(

@@ -46,13 +46,16 @@ BACK = "Show everything again, or go back to the robots."
 EMPTY = """\
 
 
-Nobody is here yet.
+No robot is here yet.
 
-  robotree demo                  starts a simulated cell with an arm and a rover
-  robotree lookup lookup-1       starts a lookup service
-  robotree proxy arm arm-1 …     brings an arm among the agents
+robotree demo
+  starts a simulated arm and rover
+robotree lookup lookup-1
+  starts a lookup service
+robotree proxy arm arm-1 …
+  brings your own arm in
 
-Whoever comes appears here by itself."""
+A new robot appears here by itself."""
 
 HIDDEN = """\
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
+from textual.widget import Widget
 from textual.widgets import Input, Label
 
 from robotree.tui.screen import entry
@@ -17,6 +19,25 @@ from robotree.tui.seen import wording
 from robotree.vr.description import FieldSpec
 
 YES_NO = ("yes", "no")
+
+
+class Hint(Fenced, Widget):
+    """Shows the parts of a hint for which there is room, each whole."""
+
+    def __init__(self, parts: Sequence[str]) -> None:
+        """Show these parts."""
+        super().__init__(classes="field-hint")
+        self._parts = tuple(parts)
+
+    def show(self, *parts: str) -> None:
+        """Show other parts, unless they are the same."""
+        if parts != self._parts:
+            self._parts = parts
+            self.refresh()
+
+    def render(self) -> Text:
+        """Return what fits into the width."""
+        return Text(entry.fitting(self._parts, self.content_size.width), no_wrap=True, overflow="ellipsis")
 
 
 class FieldRow(Fenced, Vertical):
@@ -38,7 +59,6 @@ class FieldRow(Fenced, Vertical):
         super().__init__(classes="field")
         self.spec = spec
         self._first = self._shown = entry.first_text(spec, readings)
-        self._hint = entry.hint(spec, readings)
         self._readings = readings
         self.touched = False
         """A person typed something into it."""
@@ -56,7 +76,7 @@ class FieldRow(Fenced, Vertical):
                 yield Choice([(option, option) for option in self._options], chosen=chosen, classes="entry")
             else:
                 yield Input(self._first, compact=True, classes="entry", select_on_focus=True)
-            yield Label(self._hint, classes="field-hint", markup=False)
+            yield Hint(entry.hints(self.spec, self._readings))
         if self.spec.doc:
             yield Label(wording.summary(self.spec.doc), classes="field-doc", markup=False)
         complaint = Label("", classes="field-complaint", markup=False)
@@ -77,11 +97,8 @@ class FieldRow(Fenced, Vertical):
     def tell_readings(self, readings: Mapping[str, float]) -> None:
         """Show the value now; a field that nobody touched takes it over."""
         self._readings = readings
-        touched = "typed · " if self.touched else ""
-        hint = touched + entry.hint(self.spec, readings)
-        if hint != self._hint:
-            self._hint = hint
-            self.query_one(".field-hint", Label).update(hint)
+        touched = ["typed"] if self.touched else []
+        self.query_one(Hint).show(*touched, *entry.hints(self.spec, readings))
         if not self._options and not self.touched and entry.follows(self.spec, readings):
             self._take(entry.first_text(self.spec, readings))
 
