@@ -51,3 +51,12 @@ def test_it_goes_to_what_was_just_made_and_the_next_key_must_have_been_pressed_a
 
 def test_the_first_robot_of_all_is_no_change() -> None:
     assert Selection().among([], ["a", "b"], 1.0).refusal(1.0) == ""
+
+
+def test_two_changes_in_one_moment_are_told_as_one() -> None:
+    """A robot that was just made is selected before its row is there."""
+    made = Selection().choose("rover-1").go_to("mover", 10.0)
+    hidden = made.among(["arm-1", "rover-1"], ["arm-1", "rover-1"], 10.1)
+    shown = hidden.among(["arm-1", "rover-1"], ["arm-1", "mover", "rover-1"], 10.2)
+    assert shown.name == "mover"
+    assert shown.refusal(10.3) == "the selection has just gone from rover-1 to mover: press again"

@@ -36,7 +36,9 @@ class Selection:
         """Go to a robot by itself: it was just made, or the one before has gone."""
         if name == self.name:
             return replace(self, wanted=name)
-        return Selection(name, name, self.name, now if self.name else -inf)
+        # what a person saw last: a robot that was just made may be selected before it is shown
+        seen = self.before if now - self.changed < LOOK else self.name
+        return Selection(name, name, seen, now if seen else -inf)
 
     def among(self, before: Sequence[str], names: Sequence[str], now: float) -> Selection:
         """Stay on the robot, or go to a neighbour if it is shown no more.

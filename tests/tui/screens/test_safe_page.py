@@ -52,6 +52,7 @@ async def test_the_selection_goes_to_what_was_just_made_and_a_hasty_key_is_refus
         times = [operator.app.now()]
         operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
         await operator.obey("create examples/move_to.py as mover")
+        await known(operator, "mover")
         await operator.until(lambda: operator.app.selection.name == "mover", "it is selected")
         for key in ("d", "enter", "c", "r"):
             operator.burst({"enter": "\r"}.get(key, key), at=times[0] + 0.3)
