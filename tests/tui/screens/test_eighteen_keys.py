@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
+def at_a_file(tree: DirectoryTree) -> bool:
+    node = tree.cursor_node
+    return node is not None and node.data is not None and node.data.path.suffix == ".py"
+
+
 class Counting:
     """Presses keys and counts them."""
 
@@ -33,7 +38,7 @@ class Counting:
         page = await operator.at(NewPage)
         await operator.sees(file)
         tree = operator.one(DirectoryTree)
-        await operator.until(lambda: tree.has_focus and tree.cursor_node is not None, "the files")
+        await operator.until(lambda: tree.has_focus and at_a_file(tree), "the first file")
         for _ in range(9):
             node = tree.cursor_node
             if node and node.data and node.data.path.name == file:

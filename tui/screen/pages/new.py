@@ -12,6 +12,8 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input, Label, Static
+from textual.widgets.directory_tree import DirEntry
+from textual.widgets.tree import TreeNode
 
 from robotree.files import text as text_of
 from robotree.tui.line.grammar import Line
@@ -45,11 +47,17 @@ class SourceTree(Fenced, DirectoryTree):
             if not path.name.startswith((".", "__")) and (path.suffix == ".py" or _is_folder(path))
         ]
 
-    def to_first_file(self) -> None:
+    def _populate_node(self, node: TreeNode[DirEntry], content: Iterable[Path]) -> None:
+        """Begin at the first file whenever the folder has been read (`DirectoryTree._populate_node`)."""
+        super()._populate_node(node, content)
+        if node is self.root:
+            self.call_after_refresh(self._to_first_file)  # a line has its place only then
+
+    def _to_first_file(self) -> None:
         """Put the cursor upon the first file: what one has come for."""
         found = [node for node in self.root.children if not node.allow_expand]
-        if found:
-            self.call_after_refresh(self.move_cursor, found[0])  # a line has its place only then
+        if found and self.last_line >= 0:  # gives each node its line
+            self.move_cursor(found[0])
 
 
 def _is_folder(path: Path) -> bool:
@@ -112,12 +120,6 @@ class NewPage(Form, Page):
         tree = self.query_one(SourceTree)
         tree.show_root = False
         tree.focus()
-        self._begin(tree)
-
-    @work(exit_on_error=False, group="begin")
-    async def _begin(self, tree: SourceTree) -> None:
-        await tree.reload()
-        tree.to_first_file()
 
     @on(Choice.Changed, "#place")
     def _elsewhere(self, event: Choice.Changed) -> None:
