@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -211,9 +212,12 @@ def strips(app: Supervisor) -> list[Strip]:
 
 def _without_folder(line: Strip) -> Strip:
     """Name the folder of the project as everyone may have it: where it was taken says nothing."""
-    root = str(HERE.parent)
-    short = "~/robotree".ljust(len(root))
-    return Strip([Segment(text.replace(root, short), style, control) for text, style, control in line])
+    path = re.compile(re.escape(str(HERE.parent)) + r"(\S*)")
+
+    def short(found: re.Match[str]) -> str:
+        return f"~/robotree{found[1]}".ljust(len(found[0]))
+
+    return Strip([Segment(path.sub(short, text), style, control) for text, style, control in line])
 
 
 async def shoot(names: list[str], folder: Path) -> list[Path]:
