@@ -1,0 +1,114 @@
+"""What running code needs of its surroundings: threads, waiting, the clock, chance and locks.
+
+`Threads` is the production form: operating system threads and the real clock. `world/virtual_runner.py` is
+the other one: greenlets in virtual time, one of which runs at any moment, in an order drawn from a seed. Code
+that takes these things from a `Runner` runs unchanged in both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import random
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import ClassVar, Protocol
+
+LONGEST_WAIT = 1e6
+"""[s] Longest wait that an operating system lock takes."""
+
+
+class Waiter(Protocol):
+    """A binary semaphore: a wake before the wait is kept, and two wakes are one.
+
+    The one who waits looks again at the condition that it waits for.
+    """
+
+    def wait(self, timeout: float | None) -> bool:
+        """Wait for a wake, `timeout` seconds [s] at most; None: for ever. Returns whether it came."""
+        ...
+
+    def wake(self) -> None:
+        """End the present wait, or else the next one. From any thread."""
+        ...
+
+
+class Runner(Protocol):
+    """The seam between the code of robots and what it runs on."""
+
+    simulated: bool
+    """Whether its time is virtual: nothing may block except in a waiter."""
+
+    def spawn(self, work: Callable[[], None], name: str) -> None:
+        """Run something beside everything else; it must not raise."""
+        ...
+
+    def waiter(self) -> Waiter:
+        """Make a waiter."""
+        ...
+
+    def lock(self) -> AbstractContextManager[object]:
+        """Make a lock that is held for moments only: no wait and no other lock inside."""
+        ...
+
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock."""
+        ...
+
+    def unix(self) -> float:
+        """Return the time [s] since 1970."""
+        ...
+
+    def random(self) -> float:
+        """Return a number from 0 up to but not including 1."""
+        ...
+
+    def here(self) -> int:
+        """Return which thread this is."""
+        ...
+
+    def interrupt(self, thread: int, error: type[BaseException]) -> None:
+        """Raise an error in a thread, between two of its bytecodes; nothing happens in a simulation."""
+        ...
+
+
+class ThreadWaiter:
+    """See `Waiter`."""
+
+    __slots__ = ("_lock",)
+
+    def __init__(self) -> None:
+        """Begin without a wake."""
+        self._lock = threading.Lock()
+        self._lock.acquire()
+
+    def wait(self, timeout: float | None) -> bool:
+        """See `Waiter.wait`."""
+        return self._lock.acquire(timeout=-1 if timeout is None else min(max(timeout, 0.0), LONGEST_WAIT))
+
+    def wake(self) -> None:
+        """See `Waiter.wake`."""
+        with contextlib.suppress(RuntimeError):  # a wake is kept already
+            self._lock.release()
+
+
+class Threads:
+    """The production form of `Runner`."""
+
+    simulated: ClassVar[bool] = False
+    waiter: ClassVar[type[ThreadWaiter]] = ThreadWaiter
+    lock = staticmethod(threading.Lock)
+    now = staticmethod(time.monotonic)
+    unix = staticmethod(time.time)
+    random = staticmethod(random.random)
+    here = staticmethod(threading.get_ident)
+
+    def spawn(self, work: Callable[[], None], name: str) -> None:
+        """See `Runner.spawn`. The thread is a daemon: whatever it does, its process can end."""
+        threading.Thread(target=work, name=name, daemon=True).start()
+
+    def interrupt(self, thread: int, error: type[BaseException]) -> None:
+        """See `Runner.interrupt` (CPython: `PyThreadState_SetAsyncExc`)."""
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
