@@ -1,14 +1,13 @@
-"""proxy: the doors between agents and wire.
+"""proxy: between agents and wire.
 
 A *robot proxy* stands for one robot: agents call its commands, and it has the robot's controller carry them
 out over MAVLink. A *view* stands for the cameras and instruments around a robot.
 
-    motion · translate · guard · outcome · twin     pure: words of one side into words of the other
-    session · backoff                               pure: the conversation with one controller
-    connection · errand                             the shell: links, and the threads that commands run in
+    motion · translate · guard · outcome · twin     pure: conversions between both sides, and their limits
+    session · desired_mode · restart                pure: the session with one controller
+    connection · pending_goals · mode_requests      the shell: links, and what threads of commands wait for
     robot_proxy                                     what every kind of robot has in common
-    arm · rover                                     the kinds; a new one is one module
-    kinds · kind_file                               found by name, and in files of other people
+    arm · rover · kinds                             the kinds by name, and those in files of other people
     view                                            pictures and readings of a workspace
     agent                                           all of it on a network of agents
 

@@ -1,4 +1,4 @@
-"""A proxy or a view as a whole: robot, agent, listing and connection, up together and down together."""
+"""A proxy or a view as a whole: robot, agent, registration and connection, started and ended together."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from robotree.vr.space.sqlite import SqliteSpace
 from robotree.vr.transport import Transport
 
 Ready = Callable[[str], None]
-"""Told the address of an agent that is up."""
+"""Called with the address of an agent that is up."""
 
 
-def _nobody(_: str) -> None:
-    """Hear that it is ready, and do nothing."""
+def _ignore(_: str) -> None:
+    """Do nothing with the address."""
 
 
 async def run_proxy(
@@ -43,9 +43,9 @@ async def run_proxy(
     space_path: Path | None = None,
     security: Sealing = UNSIGNED,
     take_over: bool = False,
-    ready: Ready = _nobody,
+    ready: Ready = _ignore,
 ) -> None:
-    """Stand for one robot in a realm until cancelled. The controller may come and go.
+    """Run the proxy of one robot in a realm until cancelled. The controller may come and go.
 
     Args:
         kind: of robot, one of `kinds.KINDS`.
@@ -55,7 +55,7 @@ async def run_proxy(
         space_path: file in which calls are counted over restarts; None: they are not.
         security: the keys of the link to the controller.
         take_over: have the controller obey this proxy also if another one holds it.
-        ready: told the address once the robot can be called.
+        ready: called with the address once the robot can be called.
 
     Raises:
         UnknownKind: there is no such kind of robot.
@@ -72,7 +72,7 @@ async def run_proxy(
         if space_path is not None:
             space = SqliteSpace(space_path)
             stack.push_async_callback(space.close)
-        agent = await stack.enter_async_context(standing_for(robot, transport, space=space))
+        agent = await stack.enter_async_context(running_proxy(robot, transport, space=space))
         ready(agent.address.key)
         await agent.closed.wait()
 
@@ -83,16 +83,16 @@ async def run_view(
     *,
     realm: str | None = None,
     security: Sealing = UNSIGNED,
-    ready: Ready = _nobody,
+    ready: Ready = _ignore,
 ) -> None:
-    """Show one workspace to a realm until cancelled. The controller may come and go.
+    """Run the view of one workspace in a realm until cancelled. The controller may come and go.
 
     Args:
         name: of the view, unique in the realm.
         url: where the controller listens whose cameras it uses.
         realm: None: `$ROBOTREE_REALM`, else `default`.
         security: the keys of the link to the controller.
-        ready: told the address once the view can be looked at.
+        ready: called with the address once the view can be used.
 
     Raises:
         BadName: that cannot be a name.
@@ -104,16 +104,16 @@ async def run_view(
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)
-        agent = await stack.enter_async_context(showing(view, transport))
+        agent = await stack.enter_async_context(running_view(view, transport))
         ready(agent.address.key)
         await asyncio.get_running_loop().create_future()
 
 
 @asynccontextmanager
-async def standing_for(
+async def running_proxy(
     robot: RobotProxy, transport: Transport, *, space: Space | None = None
 ) -> AsyncGenerator[RobotAgent]:
-    """A robot's proxy that is up inside the block.
+    """Run a robot's proxy inside the block.
 
     Args:
         robot: the proxy.
@@ -128,15 +128,17 @@ async def standing_for(
         TransportError: the transport does not work.
     """
     registrar = Registrar(transport)
-    agent = RobotAgent(robot, transport, registrar=registrar, space=space, obeyed=lambda: _obeyed(robot))
+    agent = RobotAgent(
+        robot, transport, registrar=registrar, space=space, obeyed=lambda: _obeyed_epoch(robot)
+    )
     robot.on_change = agent.notify
-    async with _up(agent, registrar, robot.run):
+    async with _running(agent, registrar, robot.run):
         yield agent
 
 
 @asynccontextmanager
-async def showing(view: WorkspaceView, transport: Transport) -> AsyncGenerator[ViewAgent]:
-    """A view that is up inside the block.
+async def running_view(view: WorkspaceView, transport: Transport) -> AsyncGenerator[ViewAgent]:
+    """Run a view inside the block.
 
     Args:
         view: the view.
@@ -151,7 +153,7 @@ async def showing(view: WorkspaceView, transport: Transport) -> AsyncGenerator[V
     """
     registrar = Registrar(transport)
     agent = ViewAgent(view, transport, view.name, registrar=registrar)
-    async with _up(agent, registrar, view.run):
+    async with _running(agent, registrar, view.run):
         yield agent
 
 
@@ -164,13 +166,13 @@ class _Agent(Protocol):
 
 
 @asynccontextmanager
-async def _up(
+async def _running(
     agent: _Agent, registrar: Registrar, run: Callable[[], Coroutine[Any, Any, None]]
 ) -> AsyncGenerator[None]:
-    """An agent that is up inside the block, while what it stands for runs."""
+    """Run an agent and its connection inside the block."""
     try:
         await agent.start()
-        async with _meanwhile(run()):
+        async with _beside(run()):
             try:
                 yield
             finally:
@@ -180,8 +182,8 @@ async def _up(
 
 
 @asynccontextmanager
-async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
-    """Run something beside the block and end it with the block. If it fails, the block ends so."""
+async def _beside(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
+    """Run a coroutine beside the block and end it with the block. If it fails, the block raises its error."""
     body = asyncio.current_task()
     beside = asyncio.get_running_loop().create_task(work)
 
@@ -203,10 +205,10 @@ async def _meanwhile(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
         await asyncio.gather(beside, return_exceptions=True)
 
 
-def _obeyed(robot: RobotProxy) -> int | None:
-    """Return the epoch that its controller obeys, for a robot's leases to go above.
+def _obeyed_epoch(robot: RobotProxy) -> int | None:
+    """Return the epoch that its controller obeys; the robot's leases must have larger ones.
 
-    None before it has told one, and where the proxy's claim goes above it; 0 where none is above it.
+    None: none was reported yet, or the proxy's claim takes care of it; 0: there is no larger one.
     """
     session = robot._session  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
     if session.claims or session.twin.latest(Mode) is None:
@@ -216,7 +218,7 @@ def _obeyed(robot: RobotProxy) -> int | None:
 
 
 def _checked(url: str) -> str:
-    """Refuse an address before anything is joined or opened.
+    """Check an address before anything is joined or opened.
 
     Raises:
         BadController: it means nothing.

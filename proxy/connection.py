@@ -1,6 +1,6 @@
-"""The shell around a session: opens links to one controller, again and again, and carries bytes and moments.
+"""The connection to one controller: opens a link, opens another when it ends, and runs the session over it.
 
-Everything here runs on one event loop. Other threads hand their wishes in through `soon`.
+Everything here runs on one event loop. Other threads call `soon`.
 """
 
 from __future__ import annotations
@@ -10,24 +10,24 @@ import logging
 import random
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
 
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
 from robotree.protocol.frame import Frame
-from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import Accept, Handler, Link
+from robotree.protocol.links.rejection import rejection
 from robotree.protocol.links.security import UNSIGNED, Sealing, Seals
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
-from robotree.proxy.backoff import Backoff
-from robotree.proxy.session import SUPERVISOR_SYSTEM, Effect, Event, OnlineChanged, Redial, Session
+from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect, Event, OnlineChanged, Redial
 
 _log = logging.getLogger(__name__)
 
 TICK = 0.1
-"""[s] between two looks at the clock."""
+"""[s] between two calls of the session's `tick`."""
 
 KEY_CHANGED = "its signing key was changed"
 """Why a link is given up at once: the next one finds the new key in our file."""
@@ -36,13 +36,44 @@ Dial = Callable[[str, Accept], Awaitable[Link]]
 """Opens a link, as `links.url.connect` does."""
 
 
+@dataclass(slots=True)
+class Backoff:
+    """The waits before each attempt to reach a controller; `reset` after a success.
+
+    The longest wait doubles up to a ceiling. Each wait is drawn evenly between half of it and all of it, so
+    that a dozen proxies that lost one switch do not come back at the same moment.
+
+    >>> backoff = Backoff(chance=random.Random(1))
+    >>> [round(backoff.next_wait(), 2) for _ in range(6)]
+    [0.06, 0.18, 0.35, 0.5, 1.2, 1.45]
+    """
+
+    chance: random.Random
+    first: float = 0.1
+    """[s] longest first wait."""
+    ceiling: float = 2.0
+    """[s] longest wait of all: a controller that was switched on is found within it."""
+    attempts: int = field(default=0, init=False)
+    """Failures since the last success."""
+
+    def next_wait(self) -> float:
+        """Count one failure and return how long to wait [s] before the next attempt."""
+        longest = min(self.ceiling, self.first * 2.0 ** min(self.attempts, 30))
+        self.attempts += 1
+        return longest * (0.5 + 0.5 * self.chance.random())
+
+    def reset(self) -> None:
+        """An attempt succeeded."""
+        self.attempts = 0
+
+
 class Connection:
-    """Stays in conversation with the controller at one address.
+    """Keeps one session connected to the controller at one address.
 
     Args:
         url: where it listens, such as `tcp:127.0.0.1:5760`.
-        session: the conversation.
-        on_event: told everything the session has to tell, on the loop.
+        session: decides what is sent.
+        on_event: called on the loop with each event of the session.
         dial: opens a link.
         chance: for the jitter of the waits between attempts.
         security: the keys of our links.
@@ -51,7 +82,7 @@ class Connection:
     def __init__(
         self,
         url: str,
-        session: Session,
+        session: ControllerSession,
         *,
         on_event: Callable[[Event], None],
         dial: Dial = connect,
@@ -63,49 +94,49 @@ class Connection:
         self._security = security
         self._seals = Seals(signer=None, verifier=None)
         self._signed = self._believed = self._refused = 0
-        self._doubt = ""
+        self._rejection = ""
         self._on_event = on_event
         self._dial = dial
         self._backoff = Backoff(chance or random.Random())
-        self._missed = False
-        """Whether people were told that it is offline."""
+        self._told_offline = False
+        """Whether the log says that it is offline."""
         self._endpoint: Endpoint | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def now(self) -> float:
-        """The moment [s] on the clock that all of this connection's moments are read from."""
+        """The time [s] on the clock of this connection."""
         return time.monotonic()
 
     async def run(self) -> None:
-        """Keep the conversation up until cancelled.
+        """Keep the session connected until cancelled.
 
         Raises:
             BadUrl: the address means nothing; trying again would not help.
         """
         self._loop = asyncio.get_running_loop()
-        work = [self._loop.create_task(each) for each in (self._dial_on(), self._tick())]
+        work = [self._loop.create_task(each) for each in (self._dial_loop(), self._tick())]
         try:
             done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
             for each in done:
                 each.result()
         finally:
-            self.perform(self.session.farewell())
+            self.perform(self.session.release_claim())
             for each in work:
                 each.cancel()
             await asyncio.gather(*work, return_exceptions=True)
             self._loop = None
             self.perform(self.session.closed("its proxy has ended"))
 
-    def soon(self, wish: Callable[[], None]) -> None:
-        """Have something done on the loop, from any thread; at once when this is the loop's own."""
+    def soon(self, action: Callable[[], None]) -> None:
+        """Call something on the loop, from any thread; at once when this is the loop's own thread."""
         loop = self._loop
         if loop is None or _running_loop() is loop:
-            wish()
+            action()
         else:
-            loop.call_soon_threadsafe(wish)
+            loop.call_soon_threadsafe(action)
 
     def perform(self, effects: Sequence[Effect]) -> None:
-        """Carry out what the session asks for and tell what it has to tell. On the loop only."""
+        """Carry out what the session asks for and pass its events on. On the loop only."""
         for effect in effects:
             match effect:
                 case Send(message=message):
@@ -125,13 +156,13 @@ class Connection:
 
     # -- inside ------------------------------------------------------------------------------------
 
-    async def _dial_on(self) -> None:
+    async def _dial_loop(self) -> None:
         while True:
-            trouble = await self._converse()
+            trouble = await self._run_link()
             self.perform(self.session.closed(trouble))
             await asyncio.sleep(self._backoff.next_wait())
 
-    async def _converse(self) -> str:
+    async def _run_link(self) -> str:
         """Open one link and use it to its end; returns why it ended, as a clause."""
         ended: asyncio.Future[LinkError] = asyncio.get_running_loop().create_future()
         endpoints: list[Endpoint] = []
@@ -139,7 +170,7 @@ class Connection:
         def accept(link: Link) -> Handler:
             self._seals = self._security.seals(link.address)
             self._signed = self._believed = self._refused = 0
-            self._doubt = ""
+            self._rejection = ""
             endpoint = Endpoint(
                 link,
                 system=SUPERVISOR_SYSTEM,
@@ -164,8 +195,8 @@ class Connection:
         finally:
             self._endpoint = None
             link.close()
-        if isinstance(reason, LinkClosed) and reason.by_us and self.session.disbelief:
-            return self.session.disbelief
+        if isinstance(reason, LinkClosed) and reason.by_us and self.session.rejection:
+            return self.session.rejection
         if isinstance(reason, LinkClosed):
             return f"its controller has closed the link {self.url}"
         return f"the link to its controller is broken: {reason}"
@@ -173,50 +204,51 @@ class Connection:
     async def _tick(self) -> None:
         while True:
             if self._endpoint is not None:
-                doubt = self._disbelief(self._endpoint)
-                if doubt and not self.session.disbelief:
-                    _log.warning("%s: %s", self.url, doubt)
-                self.session.disbelief = doubt
-                if doubt == KEY_CHANGED:
+                rejection = self._rejection_of(self._endpoint)
+                if rejection and not self.session.rejection:
+                    _log.warning("%s: %s", self.url, rejection)
+                self.session.rejection = rejection
+                if rejection == KEY_CHANGED:
                     self._endpoint.link.close()
             self.perform(self.session.tick(self.now()))
             await asyncio.sleep(TICK)
 
-    def _disbelief(self, endpoint: Endpoint) -> str:
-        """Why what came last over the present link is not heard; empty: it is, or nothing came."""
+    def _rejection_of(self, endpoint: Endpoint) -> str:
+        """Why the latest frames on the present link were rejected; empty: they were not, or nothing came."""
         heard = endpoint.statistics
         if heard.refused and self._security.renewed(endpoint.link.address, self._seals):
             return KEY_CHANGED
         believed, refused = heard.received - self._signed, heard.refused + self._signed
         if believed > self._believed:
-            self._doubt = ""
+            self._rejection = ""
         elif refused > self._refused:
-            self._doubt = disbelief(self._seals["verifier"], keyless=self._signed)
+            self._rejection = rejection(self._seals["verifier"], keyless=self._signed)
         self._believed, self._refused = believed, refused
-        return self._doubt
+        return self._rejection
 
     def _send(self, message: AnyMessage) -> None:
         if self._endpoint is None:
             return
         try:
             self._endpoint.send(message, component=self.session.component)
-        except LocalProtocolError:  # our own mistake; the goal will be told silent
+        except LocalProtocolError:  # our own mistake; its goal ends as unanswered
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
         if frame.signed and self._seals["verifier"] is None:
-            # Who signs obeys nobody without the key: a robot that cannot be stopped must not look free.
+            # A controller that signs obeys only signed frames, and this link has no key: the robot could not
+            # be stopped from here, so it must not be shown as online.
             self._signed += 1
             return
-        self.perform(self.session.hear(frame, self.now()))
+        self.perform(self.session.receive(frame, self.now()))
 
     def _note(self, *, online: bool) -> None:
         if online:
             self._backoff.reset()
-            _log.log(logging.WARNING if self._missed else logging.INFO, "%s: online", self.url)
-            self._missed = False
+            _log.log(logging.WARNING if self._told_offline else logging.INFO, "%s: online", self.url)
+            self._told_offline = False
         else:
-            self._missed = True
+            self._told_offline = True
             _log.warning("%s: offline, %s", self.url, self.session.trouble)
 
 

@@ -1,11 +1,12 @@
 """What goes wrong before a proxy or a view runs.
 
-What goes wrong afterwards is told with the errors of `robotree.vr.errors`, so that every caller knows them.
+What goes wrong afterwards is raised as the errors of `robotree.vr.errors`, so that every caller knows them.
 
     VrError
       ProxyError      UnknownKind · NoKind · SeveralKinds · BadController
 
-A kind's file that cannot be read or run is told as a virtual robot's is: NoSuchFile, BrokenSource.
+A kind's file that cannot be read or run raises the same errors as a virtual robot's: NoSuchFile,
+BrokenSource.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ class ProxyError(VrError):
 
 
 class UnknownKind(ProxyError):
-    """Nobody has written a proxy for this kind of robot."""
+    """There is no proxy for this kind of robot."""
 
     sentence = "{kind!r} is no kind of robot; there is: {known}, or a file with one of your own, as {kind}.py"
 

@@ -1,7 +1,7 @@
-"""What is refused before it reaches the wire: a number out of its limits, a right that is over.
+"""What is refused before it reaches the wire: a number outside its limits, an epoch that is over.
 
-The controller refuses too, and knows more (reach, path, contact). The guard stands before it because its
-answer is quicker and speaks the caller's words, and because a limit belongs to a place, not to a machine: the
+The controller refuses too, and knows more (reach, path, contact). This check comes first because its answer
+is quicker and names the caller's parameters, and because a limit belongs to a place, not to a machine: the
 same arm has another workspace in another cell. Each refusal names the value, the limit and its unit.
 """
 
@@ -47,11 +47,11 @@ class Span:
 
 
 Limits = Mapping[str, Span]
-"""What may be asked of one kind of robot in one place: a span by the name of each number of its motions."""
+"""The limits of one kind of robot in one place: a span for each number of its motions, by name."""
 
 
 NO_LIMITS: Limits = MappingProxyType({})
-"""Of a robot of which nothing may be asked that has a number."""
+"""No limits: a motion with a number is refused."""
 
 
 def changed(limits: Limits, changes: Limits) -> Limits:
@@ -98,14 +98,14 @@ def _out_of(value: float, span: Span) -> str:
 
 
 @dataclass(slots=True)
-class Fence:
-    """The highest epoch seen; a smaller one belongs to a lease that is over (fencing, Kleppmann 2016)."""
+class EpochCheck:
+    """The highest epoch seen; a smaller one is a stale fencing token (Kleppmann 2016)."""
 
     robot: str
     highest: int = field(default=0)
 
     def admit(self, epoch: int) -> None:
-        """Let a command of this epoch through, and none of a smaller one from now on.
+        """Accept a command of this epoch, and none of a smaller one from now on.
 
         Raises:
             StaleEpoch: a larger one was seen.
@@ -115,5 +115,5 @@ class Fence:
         self.highest = epoch
 
     def raise_to(self, epoch: int) -> None:
-        """Somebody else (the controller) has seen this epoch."""
+        """The controller has seen this epoch."""
         self.highest = max(self.highest, epoch)

@@ -1,24 +1,33 @@
-"""The kinds of robots that there is a proxy for: those below by name, and any other from a file."""
+"""The kinds of robots that a proxy can stand for: the built-in ones by name, any other from a file.
+
+A file of a kind is the user's own: it is named on the command line (`robotree proxy conveyor.py belt-1 …`)
+and runs in the user's own process. It is loaded like the source of a virtual robot, so that every mistake in
+it is reported as one sentence with its line.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from robotree.proxy import kind_file
 from robotree.proxy.arm import Arm
-from robotree.proxy.errors import UnknownKind
+from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
+from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.choice import NotOne, only_class
+from robotree.vr.bundle.loader import load_module
+from robotree.vr.bundle.loader import make as make_robot
 
 KINDS: dict[str, type[RobotProxy]] = {"arm": Arm, "rover": Rover}
+SUFFIX = ".py"
 
 
 def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
-    """Return the proxy of one robot.
+    """Return the proxy of one robot. A file is run here, and its constructor too, which blocks.
 
     Args:
-        kind: what it is: one of `KINDS`, or `FILE.py` or `FILE.py:CLASS`; a file is run, which blocks.
-        name: what it is called.
+        kind: one of `KINDS`, or `FILE.py` or `FILE.py:CLASS`.
+        name: of the robot.
         url: where its controller listens.
         **options: as `RobotProxy` takes them.
 
@@ -26,11 +35,41 @@ def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
         UnknownKind: there is no such kind.
         NoKind: the file defines none, or none of the name wanted.
         SeveralKinds: the file defines several, and none was named.
-        BundleError: the file cannot be used.
+        BundleError: the file cannot be used, or its constructor raises or does not end.
         BadName: that cannot be a name.
     """
-    if kind_file.is_file(kind):
-        return kind_file.make(kind, name, url, **options)
+    path, wanted = _split(kind)
+    if path.endswith(SUFFIX):
+        cls = _load(path, wanted)
+        return make_robot(cls, lambda: cls(name, url, **options), name, path, takes="name, url, **options")
     if kind not in KINDS:
         raise UnknownKind(kind=kind, known=", ".join(KINDS))
     return KINDS[kind](name, url, **options)
+
+
+def _load(path: str, wanted: str) -> type[RobotProxy]:
+    """Run a file and return the kind that it defines.
+
+    Args:
+        path: of the file.
+        wanted: name of the class; empty: the only one.
+
+    Raises:
+        NoSuchFile: it cannot be read.
+        BrokenSource: it does not compile, raises, does not end, or declares a command wrongly.
+        NoKind: it defines no kind of robot, or none of the name wanted.
+        SeveralKinds: it defines several, and none was named.
+    """
+    bundle = Bundle.read(path)
+    module = load_module(bundle.source, path, bundle.hash)
+    try:
+        return only_class(module, RobotProxy, path, wanted)
+    except NotOne as error:
+        if error.known:
+            raise SeveralKinds(path=path, known=", ".join(error.known)) from None
+        raise NoKind(path=path, wanted=error.named) from None
+
+
+def _split(kind: str) -> tuple[str, str]:
+    path, colon, wanted = kind.rpartition(":")
+    return (path, wanted) if colon else (kind, "")

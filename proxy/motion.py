@@ -1,8 +1,8 @@
-"""What a proxy can ask of a controller, in the words and units of the agents' side.
+"""Motions: what a proxy can ask of a controller, in the terms and units of the agents' side.
 
-A motion is a wish without a sender: no key, no epoch, no time. `guard` judges its numbers; how the wire puts
-it, it knows itself. The motions of a kind of robot stand in the module of that kind. Here is what they have
-in common, and the one that every controller knows.
+A motion has no key, no epoch and no time. `guard` checks its numbers; `request` says how the wire encodes it.
+The motions of a kind of robot are in the module of that kind. Here is what they have in common, and the one
+that every controller knows.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robotree.vr.description import Effect
 
 
 class Request(NamedTuple):
-    """What a goal asks for, as the wire puts it."""
+    """What a goal asks for, as the wire encodes it."""
 
     verb: int
     """One of `Verb`, or a number from 0x8000 on that a controller and its proxy have agreed upon."""
@@ -26,7 +26,7 @@ class Request(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion(ABC):
-    """One wish. Its fields are numbers, and each has a limit of the same name."""
+    """One motion. Its fields are numbers, and each has a limit of the same name."""
 
     effect: ClassVar[Effect] = "once"
     """What it does when it is carried out twice: `once` adds up, `repeat` ends the same. After a restart of
@@ -34,7 +34,7 @@ class Motion(ABC):
 
     @abstractmethod
     def request(self) -> Request:
-        """Put it into the wire's words. Pure."""
+        """Encode it for the wire. Pure."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

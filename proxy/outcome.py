@@ -1,7 +1,8 @@
-"""How a goal ended, in the words of whoever gave the command. Pure.
+"""How a goal ended, as an error for the caller of the command. Pure.
 
-The controller says a state, a reason and perhaps a sentence of its own; the caller gets nothing, or one error
-that says what happened and what to do next. The controller's sentence wins over ours: it knows the numbers.
+The controller reports a state, a reason and perhaps a sentence of its own; the caller gets nothing, or one
+error that says what happened and what to do next. The controller's sentence is preferred: it knows the
+numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ LONGEST_TEXT = 80
 
 
 def explain(end: GoalEnded) -> str:
-    """Why a goal ended as it did, as one sentence without its full stop."""
+    """Why a goal ended, as one sentence without its full stop."""
     if end.text:
         cut = len(end.text.encode()) >= LONGEST_TEXT
         return f"{end.text}…" if cut else end.text.rstrip(". ") or end.text
@@ -59,7 +60,7 @@ def reason_in_words(reason: int) -> str:
 
 
 def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
-    """What it means that nothing is heard of a goal, as a sentence without its full stop.
+    """What missing answers about a goal mean, as a sentence without its full stop.
 
     Args:
         acknowledged: whether it ever answered the goal.
@@ -76,15 +77,15 @@ def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
 def error_of(
     end: GoalEnded, *, robot: str, command: str, epoch: int, obeyed: int, effect: Effect = "once"
 ) -> VrError | None:
-    """What the end of a goal raises at the caller; None when the goal was reached.
+    """The error that the end of a goal means for the caller; None: the goal was reached.
 
     Args:
-        end: the controller's last word.
+        end: as the controller reported it.
         robot: name of the robot, for the sentence.
         command: name of the command, for the sentence.
         epoch: the one under which the goal was sent.
-        obeyed: the highest that the controller has told of.
-        effect: of the command; what is done `once` must not be repeated unseen.
+        obeyed: the highest that the controller has reported.
+        effect: of the command; a command with effect `once` must not be repeated without a look at the robot.
     """
     match end.state:
         case GoalState.SUCCEEDED:
@@ -102,7 +103,7 @@ def error_of(
 
 
 def _unknown(end: GoalEnded, robot: str, command: str, effect: Effect) -> VrError:
-    """What it means that the controller does not know a goal that it may have carried out."""
+    """The error for a goal that the controller does not know, but may have carried out."""
     what = "has restarted meanwhile" if end.reason == Reason.OTHER_LIFE else "has forgotten it"
     if effect == "once":
         detail = f"its controller {what}. Look where the robot is before you give it again"

@@ -1,11 +1,11 @@
 """The robot proxy: an agent on one side, the wire on the other.
 
-What is common to all kinds of robots is here: the connection, the twin, the guard before the wire, and the
-way of a command: its key becomes the goal's key, its lease's epoch the goal's epoch, its deadline the goal's
-time to live, and when it is cancelled the goal is cancelled, too. A command may have several goals, one after
-the other; the key of each follows from the command's key and from how many came before it. A new kind of
-robot is one class with its limits and its commands, in a module with its motions (`arm.py`, `rover.py`, or a
-file of yours).
+This is what all kinds of robots have in common: the connection, the twin, the check of limits before the
+wire, and the way of a command. The command's key becomes the goal's key, its lease's epoch the goal's epoch,
+its deadline the goal's time to live; when it is cancelled, the goal is cancelled. A command may have several
+goals, one after the other; the key of each follows from the command's key and from how many came before it. A
+new kind of robot is one class with its limits and its commands, in a module with its motions (`arm.py`,
+`rover.py`, or a file of yours).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from robotree.protocol.messages import Message
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
-from robotree.proxy.errand import Desk, Errand, NotSent, Unheard
-from robotree.proxy.guard import NO_LIMITS, Fence, Limits, changed, check
+from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
+from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
+from robotree.proxy.mode_requests import ModeRequest, ModeRequests
 from robotree.proxy.motion import Hold, Motion
-from robotree.proxy.orders import Order, Orders
 from robotree.proxy.outcome import error_of, silence_in_words
-from robotree.proxy.session import CONTROLLER, SETTLED, Event, HeldChanged, OnlineChanged, Session
+from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
+from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
 from robotree.proxy.translate import READERS, UNITS, Readers, component_of, goal_key, time_to_live
-from robotree.proxy.will import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
@@ -44,27 +44,27 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T", bound=Message)
 
 HELD_BY = "held_by"
-"""Attribute of a robot whose controller obeys somebody else: who that is."""
-GLANCE = 0.05
-"""[s] between two looks of a waiting command at its caller's wishes. The end of its goal wakes it at once."""
-RECALL_WITHIN = 0.8
+"""Attribute of a robot whose controller obeys another program: the name of that holder."""
+POLL_PERIOD = 0.05
+"""[s] between two checks of a waiting command for a cancel. The end of its goal wakes it at once."""
+CANCEL_TIMEOUT = 0.8
 """[s] that a cancelled command waits for the controller to confirm the end of its goal: less than the
-second that agents allow. What is not confirmed by then goes on being asked for."""
-NEWS_WITHIN = 1.0
+second that agents allow. An unconfirmed cancel is sent again after that."""
+READING_TIMEOUT = 1.0
 """[s] that a reading may take to arrive. The slowest stream comes ten times a second."""
 NEXT = "look after the controller, the proxy goes on dialling"
-"""What a person can do about a robot that is offline."""
+"""What to do about a robot that is offline."""
 
 
 class RobotProxy(Robot):
     """Stands for one robot, which its controller moves."""
 
     limits: Limits = NO_LIMITS
-    """What is refused before the wire; a kind says its own."""
+    """What is refused before the wire; a kind sets its own."""
     readers: Readers = READERS
-    """How its telemetry reads; a kind may say its own."""
+    """How its telemetry is read; a kind may set its own."""
     reading_units = UNITS
-    """In which units; a kind with readers of its own says theirs, the others stay."""
+    """Units of the readings; a kind with its own readers adds theirs."""
 
     def __init_subclass__(cls) -> None:
         """Keep the units of the readings that every kind has, such as `age`."""
@@ -109,13 +109,13 @@ class RobotProxy(Robot):
             name=f"{name}, pid {os.getpid()}",
             take_over=take_over,
         )
-        self._session = Session(component=component_of(name), readers=self.readers, claim=claim)
+        self._session = ControllerSession(component=component_of(name), readers=self.readers, claim=claim)
         self._connection = Connection(
-            url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
+            url, self._session, on_event=self._handle, dial=dial, chance=chance, security=security
         )
-        self._desk = Desk(self._connection)
-        self._orders = Orders(name)
-        self._fence = Fence(name)
+        self._pending = PendingGoals(self._connection)
+        self._mode_requests = ModeRequests(name)
+        self._epochs = EpochCheck(name)
         self._effects: dict[str, Effect] = {
             each: known.spec.effect for each, known in commands_of(type(self)).items()
         }
@@ -132,11 +132,11 @@ class RobotProxy(Robot):
         try:
             await self._connection.run()
         finally:
-            self._desk.close("its proxy has ended")
+            self._pending.close("its proxy has ended")
 
     @property
     def controller_epoch(self) -> int:
-        """The highest epoch that the controller has told of; 0: none yet."""
+        """The highest epoch that the controller has reported; 0: none yet."""
         return self._session.obeyed
 
     @property
@@ -150,31 +150,31 @@ class RobotProxy(Robot):
         """Return the last known readings, however old; `age` [s] tells how old."""
         return self._session.twin.readings(self._connection.now())
 
-    def safe_stop(self, reason: str) -> Order:  # noqa: ARG002  the wire has no place for it
+    def safe_stop(self, reason: str) -> ModeRequest:  # noqa: ARG002  the wire has no place for it
         """Stop the robot at its controller: at once, and again until it is confirmed.
 
         Returns:
-            Something to await: it ends when the controller has confirmed the stop. To await it no longer
-            takes nothing back.
+            An awaitable that returns when the controller has confirmed the stop. To cancel the wait does not
+            withdraw the stop.
         """
-        return self._order(Order(), self._stop)
+        return self._request_mode(ModeRequest(), self._send_stop)
 
-    def resume(self) -> Order:
+    def resume(self) -> ModeRequest:
         """Release the stop at the controller.
 
         Returns:
-            Something to await: it ends when the controller has confirmed the release, and raises
-            `CommandFailed` when it refuses it, or when the release was given up. Who is cancelled while
-            awaiting it takes it back: then the robot is stopped, also if it was released meanwhile.
+            An awaitable that returns when the controller has confirmed the release, and raises
+            `CommandFailed` if it refuses it or does not answer. To cancel the wait withdraws the release: the
+            robot is stopped, also if it was released meanwhile.
         """
-        order = Order(lambda: self._connection.soon(lambda: self._take_back(order)))
-        return self._order(order, self._release)
+        request = ModeRequest(lambda: self._connection.soon(lambda: self._withdraw(request)))
+        return self._request_mode(request, self._send_release)
 
     # -- commands of every robot -------------------------------------------------------------------
 
-    @command(effect="read")  # so that it does not wait for the very motion that it shall end
+    @command(effect="read")  # so that it does not wait for the motion that it must end
     def stop(self) -> None:
-        """Drop whatever moves and stay here, compliantly; the next command may move again."""
+        """Stop moving and stay here, compliantly; the next command may move again."""
         self.carry_out(Hold())
 
     # -- for the kinds -----------------------------------------------------------------------------
@@ -193,22 +193,22 @@ class RobotProxy(Robot):
             DeadlineExceeded: its time was over first.
         """
         self.check()
-        self._settle()
+        self._wait_until_settled()
         context = self.context
         check(motion, self.limits, command=f"{self.name}.{context.command}")
         if not self._session.claims:
-            self._fence.raise_to(self.controller_epoch)
-        self._fence.admit(context.epoch)
+            self._epochs.raise_to(self.controller_epoch)
+        self._epochs.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - time.monotonic())
         effect = self._effect_of(motion)
-        errand = self._desk.send_out(
+        pending = self._pending.start(
             self._next_key(), motion.request(), activity=running(), ttl=ttl, repeatable=effect != "once"
         )
         try:
-            self._accompany(errand)
+            self._wait_for(pending)
         finally:
             self._settled_at = self._connection.now()
-        self._judge(errand, effect)
+        self._raise_outcome(pending, effect)
 
     def news(self, kind: type[T], *, since: float) -> T:
         """Wait for a message that was heard after a moment.
@@ -220,8 +220,8 @@ class RobotProxy(Robot):
         Raises:
             CommandFailed: the controller is offline, or does not tell it.
         """
-        self._settle()
-        twin, deadline = self._session.twin, self._connection.now() + NEWS_WITHIN
+        self._wait_until_settled()
+        twin, deadline = self._session.twin, self._connection.now() + READING_TIMEOUT
         while True:
             message = twin.after(kind, since)
             if message is not None:
@@ -245,26 +245,26 @@ class RobotProxy(Robot):
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _order(self, order: Order, carry_out: Callable[[Order], None]) -> Order:
-        self._connection.soon(lambda: carry_out(order))
-        return order
+    def _request_mode(self, request: ModeRequest, carry_out: Callable[[ModeRequest], None]) -> ModeRequest:
+        self._connection.soon(lambda: carry_out(request))
+        return request
 
-    def _stop(self, order: Order) -> None:
-        self._orders.stop(order)
-        self._desk.recall_ended()  # no release can be said before
+    def _send_stop(self, request: ModeRequest) -> None:
+        self._mode_requests.stop(request)
+        self._pending.cancel_ended()  # before any release can be sent
         self._connection.perform(self._session.stop(self._connection.now()))
 
-    def _release(self, order: Order) -> None:
-        self._orders.resume(order)
-        epoch = max(self._fence.highest, self.controller_epoch)
+    def _send_release(self, request: ModeRequest) -> None:
+        self._mode_requests.resume(request)
+        epoch = max(self._epochs.highest, self.controller_epoch)
         self._connection.perform(self._session.release(epoch, self._connection.now()))
 
-    def _take_back(self, resume: Order) -> None:
+    def _withdraw(self, resume: ModeRequest) -> None:
         now = self._connection.now()
-        if resume.obeyed:  # too late for whoever was to hear of it
+        if resume.confirmed:  # confirmed before the cancel: the caller does not know
             self._connection.perform(self._session.stop(now))
-        elif self._orders.take_back(resume):
-            self._connection.perform(self._session.take_back(now))
+        elif self._mode_requests.withdraw(resume):
+            self._connection.perform(self._session.withdraw(now))
 
     def _next_key(self) -> int:
         """The key of the running command's next goal."""
@@ -273,34 +273,34 @@ class RobotProxy(Robot):
         self._sent[activity] = number + 1
         return goal_key(activity.context.key, number)
 
-    def _accompany(self, errand: Errand) -> None:
-        """Wait for the end of an errand; take it back when the command is asked to end."""
+    def _wait_for(self, pending: PendingGoal) -> None:
+        """Wait for the end of a goal; cancel it when the command is asked to end."""
         told = -1.0
         try:
-            while not errand.wait(GLANCE):
-                if errand.fraction != told:
-                    told = errand.fraction
+            while not pending.wait(POLL_PERIOD):
+                if pending.fraction != told:
+                    told = pending.fraction
                     self.progress(told)
                 self.check()
         except (CommandCancelled, DeadlineExceeded):
-            self._desk.recall(errand)
-            errand.wait(RECALL_WITHIN)
+            self._pending.cancel(pending)
+            pending.wait(CANCEL_TIMEOUT)
             raise
 
-    def _settle(self) -> None:
-        """Wait for the first words on a new link, so that a proxy obeys as soon as it has said ready."""
+    def _wait_until_settled(self) -> None:
+        """Wait for the first messages on a new link, so that the first command after `ready` is obeyed."""
         until = self._connection.now() + SETTLED
         while self._session.settling(now := self._connection.now()) and now < until:
             self.sleep(0.01)
 
     def _effect_of(self, motion: Motion) -> Effect:
-        """What it does to carry out a motion of the running command twice: the graver of what both say."""
+        """The effect of repeating a motion of the running command: `once` if either declares it."""
         declared: Effect = self._effects.get(self.context.command, "once")
         return "once" if "once" in {declared, motion.effect} else "repeat"
 
-    def _judge(self, errand: Errand, effect: Effect) -> None:
-        """Raise what the end of an errand means for the command."""
-        match errand.end:
+    def _raise_outcome(self, pending: PendingGoal, effect: Effect) -> None:
+        """Raise the error that the end of a goal means for the command."""
+        match pending.end:
             case NotSent(trouble=trouble):
                 self.check()
                 raise self._failed(trouble if self.online else f"{trouble}; {NEXT}")
@@ -309,10 +309,10 @@ class RobotProxy(Robot):
                 heard, kind = self._connection.now() - self._session.heard_at, self.kinds()[0]
                 detail = silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind)
                 raise self._failed_or_in_doubt(detail, effect)
-            case Unheard(trouble=trouble):
+            case OutcomeLost(trouble=trouble):
                 raise self._failed_or_in_doubt(f"{trouble}; look whether the robot still moves", effect)
             case end:
-                name, epoch = self.context.command, errand.epoch
+                name, epoch = self.context.command, pending.epoch
                 obeyed = self._session.obeyed
                 error = error_of(
                     end, robot=self.name, command=name, epoch=epoch, obeyed=obeyed, effect=effect
@@ -326,12 +326,12 @@ class RobotProxy(Robot):
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
 
     def _failed_or_in_doubt(self, detail: str, effect: Effect) -> CommandFailed | CommandInDoubt:
-        """What it means that the end of a motion which was sent is not known."""
+        """The error for a motion that was sent and whose end is unknown."""
         if effect == "once":
             return CommandInDoubt(robot=self.name, command=self.context.command, detail=detail)
         return self._failed(detail)
 
-    def _hear(self, event: Event) -> None:
+    def _handle(self, event: Event) -> None:
         match event:
             case OnlineChanged(online=online):
                 self.online = online
@@ -342,7 +342,7 @@ class RobotProxy(Robot):
                 self.halted = reason
                 self.on_change()
             case StopConfirmed() | ReleaseConfirmed() | ReleaseRefused() | ReleaseUnanswered():
-                self._orders.hear(event, "" if self.online else self._session.trouble)
+                self._mode_requests.handle(event, "" if self.online else self._session.trouble)
             case ClaimGranted(taken_from=other):
                 if other:
                     _log.warning("%s: took its controller over from %r (--take-over)", self.name, other)
@@ -353,4 +353,4 @@ class RobotProxy(Robot):
                 self.attributes[HELD_BY] = holder or "nobody"
                 self.on_change()
             case _:
-                self._desk.hear(event)
+                self._pending.handle(event)

@@ -1,18 +1,19 @@
-"""A conversation with one controller: what is said, what is heard, what follows. Pure.
+"""The session with one controller: what is sent to it, what it reports, and what follows. Pure.
 
-The session composes the wire's services into what a proxy needs. It outlives links: `opened` and `closed`
-tell it of each, and goals, twin and stop go on from one to the next. Messages and moments go in, effects come
-out; the shell in `connection.py` carries them out.
+The session combines the wire's services for a proxy. It outlives links: `opened` and `closed` announce each
+link, and goals, twin and desired mode continue over the next one. Messages and times go in, effects come out;
+`connection.py` carries them out.
 
 A robot is *online* while its link is open and its controller was heard within SILENCE.
 
-A stop that was asked for here is kept until it is released here (`will.py`): a controller that restarts
-meanwhile, or that somebody else releases, is stopped again as soon as it is heard. A stop that nobody asked
-for here (a former proxy did, or somebody on another link) is the controller's own: the session tells that the
-robot is *held*, until the controller tells that it is not. A restart is no release: it is then kept as ours.
+A stop that was requested here stays wanted until it is released here (`desired_mode.py`): a controller that
+restarts meanwhile, or that somebody else releases, is stopped again as soon as it is heard. A stop that was
+not requested here (a former proxy did, or somebody on another link) is the controller's own: the session
+reports the robot as *held* until the controller reports that it is not stopped. If the controller restarts
+before that, the stop becomes ours: a restart is no release.
 
-The session of a proxy claims the controller (`ClaimClient`): only while the controller grants that is the
-robot moved from here. A controller that tells no number of its life understands no claims, and is commanded
+The session of a proxy claims the controller (`ClaimClient`), and moves the robot only while the controller
+grants that claim. A controller that sends no number of its life does not know claims, and is commanded
 without one. A view claims nothing.
 """
 
@@ -49,26 +50,26 @@ from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
 from robotree.protocol.services.statustext import Listener, Sentence
-from robotree.proxy.life import LONGEST_WAY, Word, overtaken, restarted
+from robotree.proxy.desired_mode import HOLDING_MODES, Answer, DesiredMode, ReleaseConfirmed
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
+from robotree.proxy.restart import LONGEST_DELAY, Report, has_restarted, is_older
 from robotree.proxy.translate import COMPONENTS, READERS, Readers, Target
 from robotree.proxy.twin import Twin
-from robotree.proxy.will import HOLDING, Answer, ReleaseConfirmed, Will
 
 CONTROLLER = Target(1, MavComponent.AUTOPILOT1)
-"""Where a robot's controller is found on its own link, by MAVLink's custom."""
+"""System and component of a robot's controller on its own link, as MAVLink ground stations expect."""
 SUPERVISOR_SYSTEM = 255
-"""System id of ground stations, by the same custom."""
+"""System id of ground stations, by MAVLink's convention."""
 NOT_YET = "its controller was not heard yet"
-"""Why a session is offline that never had a link."""
+"""Why a session is offline before its first link."""
 SETTLED = 2.5
-"""[s] after which a new link has brought the first words, if its controller is well: behind a router nobody
-is greeted, and the next HEARTBEAT comes within a second; then the claim is answered."""
+"""[s] within which a new link brings the first messages of a healthy controller. Behind a router a new link
+is not greeted: the next HEARTBEAT comes within a second, and then the claim is answered."""
 FORMER_LIVES = 16
-"""Lives of a controller that are remembered as over, for `LONGEST_WAY` each."""
+"""Lives of a controller that are remembered as over, for `LONGEST_DELAY` each."""
 DEAD = 2 * SILENCE
-"""[s] of silence after which the link itself is given up: its far end may be gone without having said so."""
+"""[s] of silence after which the link is closed: its far end may be gone without notice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,7 @@ class HeldChanged:
 
 @dataclass(frozen=True, slots=True)
 class Redial:
-    """Nothing comes over the open link; close it and open another."""
+    """Nothing arrives over the open link; close it and open another."""
 
     trouble: str
 
@@ -95,20 +96,20 @@ class Redial:
 Claim = ClaimGranted | ClaimDenied
 Goal = GoalProgress | GoalEnded | GoalSilent
 Event = OnlineChanged | HeldChanged | Answer | Claim | Goal | Picture | Sentence
-"""What the session has to tell."""
+"""What the session reports."""
 Effect = Send | Redial | Event
-"""What the session has to tell, and what it asks the shell to do."""
+"""What the session reports, and what it asks the connection to do."""
 
 
-class Session:
-    """One side of the conversation.
+class ControllerSession:
+    """Our side of the session with one controller.
 
     Args:
-        component: which part of the supervisor's system speaks; the controller knows goals by it.
-        controller: whom to speak to.
+        component: our component id; the controller recognises our goals by it.
+        controller: its system and component.
         readers: how the telemetry reads.
-        rates: [Hz] at which telemetry is enough, by its kind; the rest comes as the controller sends it.
-        claim: by which we command the controller; None: we do not.
+        rates: [Hz] to ask for, by kind of telemetry; the rest comes as the controller sends it.
+        claim: with which we command the controller; None: we do not command it.
     """
 
     def __init__(
@@ -127,9 +128,9 @@ class Session:
         self.trouble = NOT_YET
         """Why it is offline, for people, as one clause."""
         self.heard_at = -math.inf
-        """[s] The last sign of life of the controller."""
-        self.disbelief = ""
-        """Why frames that arrive are not believed, as one clause; empty: no such frame came."""
+        """[s] when the controller was heard last."""
+        self.rejection = ""
+        """Why arriving frames are rejected, as one clause; empty: none was."""
         self._open = False
         self._opened_at = -math.inf
         self._beats = 0
@@ -140,13 +141,13 @@ class Session:
         self._heartbeats = HeartbeatSender()
         self._pictures = PictureReceiver()
         self._listener = Listener()
-        self._will = Will(controller)
-        self._held_told = ""
+        self._desired = DesiredMode(controller)
+        self._held_reported = ""
         self._claim = claim
         self._lives: dict[int, float] = {}
-        """Former lives of the controller, and until when [s] a word of one of them was long on its way."""
-        self._namesakes: set[int] = set()
-        """Components of our system that somebody else speaks as."""
+        """Former lives of the controller, and until when [s] a report of each counts as late."""
+        self._same_system: set[int] = set()
+        """Component ids of our system that another program uses."""
 
     @property
     def claims(self) -> bool:
@@ -160,7 +161,7 @@ class Session:
         return "" if denied is None else denial_in_words(denied)
 
     def settling(self, now: float) -> bool:
-        """Whether it is offline only because the first words on a new link are still under way."""
+        """Whether it is offline only because the first messages on a new link have not arrived yet."""
         if self.online:
             return False
         return now - self._opened_at < SETTLED if self._open else self.trouble == NOT_YET
@@ -168,25 +169,25 @@ class Session:
     @property
     def stopped(self) -> bool:
         """Whether a stop is wanted, confirmed or not."""
-        return self._will.stopped
+        return self._desired.stopped
 
     @property
     def held(self) -> str:
         """Why the robot must not be commanded until it is released, as a clause for people; empty: it may.
 
-        What the controller told last, but for the moment in which its release is on the way: then a goal that
-        follows the release is obeyed, and must not be held up here.
+        This is what the controller reported last, except while its release is on its way: a goal that follows
+        the release will be obeyed, and must not be blocked here.
         """
-        if self._will.releasing:
+        if self._desired.releasing:
             return ""
         mode = self.twin.latest(Mode)
-        if mode is not None and mode.mode in HOLDING:
-            return f"{HOLDING[ModeKind(mode.mode)]}: {reason_in_words(mode.reason)}"
+        if mode is not None and mode.mode in HOLDING_MODES:
+            return f"{HOLDING_MODES[ModeKind(mode.mode)]}: {reason_in_words(mode.reason)}"
         return "its controller has yet to confirm the stop" if self.stopped else ""
 
     @property
     def obeyed(self) -> int:
-        """The highest epoch that the controller has told of."""
+        """The highest epoch that the controller has reported."""
         mode = self.twin.latest(Mode)
         return 0 if mode is None else mode.epoch
 
@@ -198,14 +199,14 @@ class Session:
     # -- the link ----------------------------------------------------------------------------------
 
     def opened(self, now: float) -> list[Effect]:
-        """A link was opened; the controller has yet to be heard on it."""
+        """A link was opened; the controller has not been heard on it yet."""
         self._open = True
         self._opened_at = now
         self._beats = 0
-        self._will.opened()
+        self._desired.opened()
         if self._claim is not None:
             self._claim.opened()
-        self.trouble = self.disbelief or "nothing was heard from its controller yet"
+        self.trouble = self.rejection or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
         self._goals.hurry()
         return self.tick(now)
@@ -214,12 +215,12 @@ class Session:
         """The link ended, or could not be opened; `trouble` says why, in one clause."""
         self._open = False
         self._pictures.link_closed(None)
-        return self._turn(online=False, trouble=trouble)
+        return self._set_online(online=False, trouble=trouble)
 
-    def hear(self, frame: Frame, now: float) -> list[Effect]:
+    def receive(self, frame: Frame, now: float) -> list[Effect]:
         """Take one intact frame."""
         if frame.system != self.controller.system:
-            self._note_namesake(frame)
+            self._note_same_system(frame)
             return []
         message = frame.message
         effects: list[Effect] = [*self._pictures.receive(frame, None)]
@@ -228,23 +229,27 @@ class Session:
             return effects
         self.heard_at = now
         before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
-        if isinstance(message, Mode) and before is not None and self._is_over(before, told_at, message, now):
-            return effects  # it tells of a stop or a release that is over
-        self.twin.hear(message, now)
+        if (
+            isinstance(message, Mode)
+            and before is not None
+            and self._is_outdated(before, told_at, message, now)
+        ):
+            return effects  # an older report, about a stop or a release that is over
+        self.twin.update(message, now)
         if isinstance(message, Heartbeat):
             self._beats += 1
         elif isinstance(message, CommandAck) and frame.is_for(SUPERVISOR_SYSTEM, self.component):
-            effects += _said(self._commands.receive(message, now))
+            effects += _sends(self._commands.receive(message, now))
         elif isinstance(message, GoalStatus) and self._for_us(message):
             effects += self._goals.receive(message, now)
         elif isinstance(message, ClaimStatus) and self._claim is not None:
             effects += self._claim.receive(message, for_us=self._for_us(message))
             effects += self._keep_claim(now)
         elif isinstance(message, Mode):
-            effects += self._compare(message, before, told_at, now)
-        if self._open and self._is_introduced() and (turned := self._turn(online=True, trouble="")):
+            effects += self._compare_mode(message, before, told_at, now)
+        if self._open and self._is_introduced() and (turned := self._set_online(online=True, trouble="")):
             effects += turned + self._ask_for_rates(now)
-        return effects + self._held_news()
+        return effects + self._held_change()
 
     @property
     def simulated(self) -> bool | None:
@@ -253,26 +258,26 @@ class Session:
         return None if beat is None else bool(beat.base_mode & MavModeFlag.HIL_ENABLED)
 
     def tick(self, now: float) -> list[Effect]:
-        """Carry out what is due: heartbeats, repetitions, silence. Call it ten times a second."""
+        """Send what is due (heartbeats, repetitions) and notice silence. Call it ten times a second."""
         effects: list[Effect] = [*self._listener.tick(now)]
         if self.online and now - self.heard_at >= SILENCE:
             silent = f"its controller has been silent for {SILENCE:g} s"
-            effects += self._turn(online=False, trouble=self.disbelief or silent)
-        elif not self.online and self._open and self.disbelief:
-            self.trouble = self.disbelief
-        effects += [*self._goals.tick(now), *self._will.expire(now)]
+            effects += self._set_online(online=False, trouble=self.rejection or silent)
+        elif not self.online and self._open and self.rejection:
+            self.trouble = self.rejection
+        effects += [*self._goals.tick(now), *self._desired.expire(now)]
         if not self._open:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
-            return effects + self._held_news()
+            return effects + self._held_change()
         effects += self._keep_claim(now)
-        self._heartbeats.keep(math.inf if self._claim and self._claim.granted else self._patience())
+        self._heartbeats.keep(math.inf if self._claim and self._claim.granted else self._allowed_silence())
         effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
-        effects += _said(self._commands.tick(now))
+        effects += _sends(self._commands.tick(now))
         if now - max(self._opened_at, self.heard_at) >= DEAD:
-            effects.append(Redial(self.disbelief or f"nothing came over the link for {DEAD:g} s"))
-        return effects + self._insist(now) + self._held_news()
+            effects.append(Redial(self.rejection or f"nothing came over the link for {DEAD:g} s"))
+        return effects + self._repeat_mode(now) + self._held_change()
 
-    # -- what is asked of the controller -----------------------------------------------------------
+    # -- requests to the controller ----------------------------------------------------------------
 
     def start(
         self,
@@ -301,146 +306,152 @@ class Session:
         return [*claim, *goal]
 
     def cancel(self, key: int, *, epoch: int, now: float) -> list[Effect]:
-        """Ask for the end of a movement; repeated until its end is heard."""
+        """Ask for the end of a movement; repeated until the controller confirms it."""
         return [*self._goals.cancel(key, epoch=self._epoch(epoch), now=now)]
 
     def ask_for(self, message: AnyMessage) -> list[Effect]:
-        """Say one thing once."""
+        """Send one message once."""
         return [Send(message)]
 
     def stop(self, now: float) -> list[Effect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
-        self._will.stop()
-        return self._insist(now) + self._held_news()
+        self._desired.stop()
+        return self._repeat_mode(now) + self._held_change()
 
     def release(self, epoch: int, now: float) -> list[Effect]:
-        """Release the stop; said again until the controller has answered it, for RELEASE_WITHIN at most.
+        """Release the stop; sent again until the controller has answered, for RELEASE_TIMEOUT at most.
 
-        What is released is the stop that the controller told of last, or our own that it has yet to confirm:
-        one that somebody asks for while the release is said again stays in force. Where neither is known of,
-        nothing is said, and it is done, also while the controller is away.
+        This releases the stop that the controller reported last, or our own unconfirmed one; a stop that
+        somebody requests later stays in force. If no stop is known, nothing is sent and the release counts as
+        done, also while the controller is offline.
         """
         told = self.twin.latest(Mode)
-        if told is not None and told.mode not in HOLDING and not self._will.pending:
+        if told is not None and told.mode not in HOLDING_MODES and not self._desired.pending:
             return [ReleaseConfirmed()]
         stops, life = (told.stops, told.life) if told else (0, 0)
-        self._will.release(self._epoch(epoch), stops, now, life)
-        return self._insist(now) + self._held_news()
+        self._desired.release(self._epoch(epoch), stops, now, life)
+        return self._repeat_mode(now) + self._held_change()
 
-    def take_back(self, now: float) -> list[Effect]:
-        """Nobody waits for the release any more; a controller that obeys it all the same is stopped again."""
-        self._will.take_back()
-        return self._insist(now) + self._held_news()
+    def withdraw(self, now: float) -> list[Effect]:
+        """Drop the release, because its caller no longer waits; if it was sent, a stop follows it."""
+        self._desired.withdraw()
+        return self._repeat_mode(now) + self._held_change()
 
-    def farewell(self) -> list[Effect]:
-        """Give the controller up, so that the next one need not wait until we count as silent."""
+    def release_claim(self) -> list[Effect]:
+        """Release our claim, so that the next proxy does not have to wait until we count as silent."""
         return [*self._claim.release()] if self._claim is not None and self._open else []
 
     # -- inside ------------------------------------------------------------------------------------
 
     def _epoch(self, epoch: int) -> int:
-        """The epoch under which the controller is told something that is said under a lease's `epoch`.
-
-        Not below the claim's, which is above those of proxies before us.
-        """
+        """The epoch to send for a request under a lease's `epoch`: at least that of our claim."""
         if self._claim is None or not self.claims:
             return epoch
         self._claim.raise_to(epoch)
         return self._claim.epoch
 
     def _is_introduced(self) -> bool:
-        """Whether the controller has told on this link who it is, how it is, and whether it obeys us.
+        """Whether the controller has sent on this link its heartbeat, its mode, and the answer to our claim.
 
-        So its life is known before the first goal. One that tells no mode is there with its second heartbeat.
+        So its life is known before the first goal. One that sends no mode counts from its second heartbeat.
         """
         if self._claim is not None and not self._claim.settled:
             return False
         return self._beats > 1 or (self._beats == 1 and self.twin.told_at(Mode) >= self._opened_at)
 
     def _keep_claim(self, now: float) -> list[Effect]:
-        """Say the claim, if it is due."""
+        """Send the claim, if it is due."""
         if self._claim is None or not self._open:
             return []
         mode = self.twin.latest(Mode)
         silence = math.inf if mode is None else mode.silence_ms / 1000
         return [*self._claim.tick(now, silence, moving=bool(self._goals.pursued))]
 
-    def _is_over(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
-        """Whether a mode was told before the one that was heard last."""
-        last, this = Word(before.time_boot_ms, told_at, before.life), Word(mode.time_boot_ms, now, mode.life)
-        return now < self._lives.get(mode.life, -math.inf) or overtaken(last, this)
+    def _is_outdated(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
+        """Whether a mode was reported before the one that was received last."""
+        last, this = (
+            Report(before.time_boot_ms, told_at, before.life),
+            Report(mode.time_boot_ms, now, mode.life),
+        )
+        return now < self._lives.get(mode.life, -math.inf) or is_older(last, this)
 
-    def _note_namesake(self, frame: Frame) -> None:
-        """Somebody else speaks as a component of our system. If it is ours, who holds no claim gives way."""
+    def _note_same_system(self, frame: Frame) -> None:
+        """Note that another program uses a component of our system.
+
+        If it is our own component, we take another one, unless we hold the claim.
+        """
         if frame.system != SUPERVISOR_SYSTEM:
             return
-        self._namesakes.add(frame.component)
+        self._same_system.add(frame.component)
         if self._claim is None or frame.component != self.component:
             return
-        free = [each for each in COMPONENTS if each not in self._namesakes]
+        free = [each for each in COMPONENTS if each not in self._same_system]
         if free and not self._claim.granted and not self._goals.pursued:
             self.component = free[self._claim.holder % len(free)]
 
     def _for_us(self, status: GoalStatus | ClaimStatus) -> bool:
         return (status.target_system, status.target_component) == (SUPERVISOR_SYSTEM, self.component)
 
-    def _turn(self, *, online: bool, trouble: str) -> list[Effect]:
+    def _set_online(self, *, online: bool, trouble: str) -> list[Effect]:
         self.trouble = trouble
         if online == self.online:
             return []
         self.online = online
         return [OnlineChanged(online)]
 
-    def _patience(self) -> float:
-        """[s] of silence that the controller bears: as much as it tells while it moves for us, else any."""
+    def _allowed_silence(self) -> float:
+        """[s] of silence that the controller allows: as reported while it moves for us, else any."""
         mode = self.twin.latest(Mode)
         return mode.silence_ms / 1000 if mode is not None and self._goals.pursued else math.inf
 
     def _ask_for_rates(self, now: float) -> list[Effect]:
-        """Rates belong to one connection of one life of the controller, so they are asked for each time."""
+        """Ask for our rates; the controller keeps them for one link and one life."""
         self._commands = CommandClient(*self.controller)
         effects: list[Effect] = []
         for kind, rate in self._rates.items():
             wish = (kind.codec.definition.id, 1e6 / rate)
-            effects += _said(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
+            effects += _sends(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
         return effects
 
-    def _compare(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
-        """The controller has told its mode, and `told_at` [s] the one before: is it what is wished for?"""
-        anew = before is not None and restarted(
-            Word(before.time_boot_ms, told_at, before.life), Word(mode.time_boot_ms, now, mode.life)
+    def _compare_mode(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
+        """The controller has reported a mode; `told_at` [s] is when the one before arrived."""
+        restarted = before is not None and has_restarted(
+            Report(before.time_boot_ms, told_at, before.life), Report(mode.time_boot_ms, now, mode.life)
         )
-        lost = before is not None and before.mode == ModeKind.SAFE_STOP
+        was_stopped = before is not None and before.mode == ModeKind.SAFE_STOP
         effects: list[Effect] = []
-        if anew and before is not None:
+        if restarted and before is not None:
             effects += self._goals.restarted(mode.life)
             self._note_former_life(before.life, mode.life, now)
         self._goals.life = mode.life
         if self._claim is not None:
             self._claim.meet(mode.life, mode.epoch)
             effects += self._keep_claim(now)
-        effects += [*self._will.hear(mode, anew=anew, lost=lost), *self._insist(now)]
-        if anew and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
+        effects += [
+            *self._desired.receive(mode, restarted=restarted, was_stopped=was_stopped),
+            *self._repeat_mode(now),
+        ]
+        if restarted and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
             effects += self._ask_for_rates(now)
         return effects
 
     def _note_former_life(self, before: int, life: int, now: float) -> None:
-        """Take words of a life that is over for late ones, not for ever: its number may come again."""
-        former = {**self._lives, before: now + LONGEST_WAY} if before else self._lives
+        """Treat reports of an ended life as late ones, for a limited time: its number may come again."""
+        former = {**self._lives, before: now + LONGEST_DELAY} if before else self._lives
         self._lives = {each: former[each] for each in list(former)[-FORMER_LIVES:] if each != life}
 
-    def _held_news(self) -> list[Effect]:
-        if self.held == self._held_told:
+    def _held_change(self) -> list[Effect]:
+        if self.held == self._held_reported:
             return []
-        self._held_told = self.held
-        return [HeldChanged(self._held_told)]
+        self._held_reported = self.held
+        return [HeldChanged(self._held_reported)]
 
-    def _insist(self, now: float) -> list[Effect]:
-        return [Send(message) for message in self._will.say(now)] if self._open else []
+    def _repeat_mode(self, now: float) -> list[Effect]:
+        return [Send(message) for message in self._desired.messages_due(now)] if self._open else []
 
 
-def _said(effects: Sequence[CommandEffect]) -> list[Effect]:
-    """What a command's way asks to be sent. How it ends changes nothing: who knows no rates sends all."""
+def _sends(effects: Sequence[CommandEffect]) -> list[Effect]:
+    """The messages to send for a command. Its result does not matter: without rates everything is sent."""
     return [effect for effect in effects if isinstance(effect, Send)]
 
 

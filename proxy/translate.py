@@ -1,9 +1,9 @@
-"""Between the agents' words and the wire's: keys and deadlines of goals, telemetry into readings. Pure.
+"""Conversions between agents and wire: keys and deadlines of goals, telemetry into readings. Pure.
 
-How a kind's motions read on the wire, they know themselves (`motion`).
+How a kind's motions are encoded, the motions know themselves (`motion`).
 
-Two frames meet here. Commands and readings are in W (x forward, y left, z up), the wire's own messages too;
-only LOCAL_POSITION_NED is, by MAVLink's definition, north, east, down: W turned by half a turn about x.
+Two frames meet here. Commands, readings and robotree's own messages are in W (x forward, y left, z up); only
+LOCAL_POSITION_NED is, by MAVLink's definition, north, east, down: W turned by half a turn about x.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from robotree.protocol.messages import (
 FOREVER = 0.0
 """Time to live of a goal without a deadline."""
 SHORTEST, LONGEST = 0.001, (2**32 - 1) / 1000.0
-"""[s] What the wire can say of a time to live: whole milliseconds in 32 bits, and 0 means for ever."""
+"""[s] Range of a time to live on the wire: whole milliseconds in 32 bits, and 0 means without end."""
 
 
 class Target(NamedTuple):
-    """Whom a message is for."""
+    """The receiver of a message."""
 
     system: int
     component: int
@@ -40,10 +40,10 @@ COMPONENTS = range(25, 100)
 
 
 def component_of(name: str) -> int:
-    """The component as which the proxy of a robot speaks, one of `COMPONENTS`.
+    """The component id of a robot's proxy, one of `COMPONENTS`.
 
-    By the robot's name, so that the next incarnation of the proxy is known to the controller as the sender of
-    the same goals. Two names may have the same one; a claim tells them apart.
+    It follows from the robot's name, so that the controller recognises the next incarnation of the proxy as
+    the sender of the same goals. Two names may have the same one; their claims differ.
     """
     digest = hashlib.blake2b(name.encode(), digest_size=4, person=b"robotree comp").digest()
     return COMPONENTS[int.from_bytes(digest, "little") % len(COMPONENTS)]
@@ -52,7 +52,7 @@ def component_of(name: str) -> int:
 def goal_key(command_key: str, number: int = 0) -> int:
     """The 64-bit key of a goal that a command sends.
 
-    A pure function: a command that is sent again, by whichever incarnation of the proxy, asks for the same
+    A pure function: a command that is sent again, even by a later incarnation of the proxy, asks for the same
     goals as before, and the controller repeats their status and not the movements.
 
     Args:
@@ -71,7 +71,7 @@ def time_to_live(remaining: float) -> float:
         remaining: [s] until the deadline; infinite: none.
 
     Returns:
-        [s], never shorter than the wire can say when there is a deadline, and not longer.
+        [s], within SHORTEST and LONGEST if there is a deadline, else FOREVER.
     """
     return FOREVER if math.isinf(remaining) else max(SHORTEST, min(LONGEST, remaining))
 
@@ -116,7 +116,7 @@ def _base(m: LocalPositionNed) -> dict[str, float]:
 
 
 LONG_NAMES = {"peak_f": "peak_force"}
-"""What the wire has to say in ten letters."""
+"""Names that the wire shortens to ten letters."""
 
 
 def _named(m: NamedValueFloat) -> dict[str, float]:
@@ -132,7 +132,7 @@ READERS: Readers = {
     LocalPositionNed: _base,
     NamedValueFloat: _named,
 }
-"""How each telemetry message reads, in SI units and W. A kind may have readers of its own."""
+"""How each telemetry message is read, in SI units and W. A kind may have readers of its own."""
 
 
 UNITS: Mapping[str, str] = {
@@ -144,11 +144,11 @@ UNITS: Mapping[str, str] = {
     **{f"j{i}": "rad" for i in range(1, 9)},
     "age": "s",
 }
-"""Unit of each reading, by its name. NAMED_VALUE_FLOAT says none on the wire, so what the instruments of the
-cells mean by `lever` and `peak_force` is said here. A kind with readers of its own may say its own."""
+"""Unit of each reading, by its name. NAMED_VALUE_FLOAT has none on the wire, so those of `lever` and
+`peak_force` are set here. A kind with its own readers may set its own units."""
 
 
 def readings_of(message: AnyMessage, readers: Readers = READERS) -> dict[str, float]:
-    """What a message measures; empty when it is no telemetry. Numbers that are not finite are left out."""
+    """The readings in a message; empty when it is no telemetry. Numbers that are not finite are left out."""
     read = readers.get(type(message))
     return {} if read is None else {n: v for n, v in read(message).items() if math.isfinite(v)}

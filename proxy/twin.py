@@ -1,7 +1,7 @@
-"""The last that was heard of a robot: its twin, with its age. Pure: `now` always comes from the caller.
+"""The twin: the last values that a robot reported, with their age. Pure: `now` comes from the caller.
 
-A reading never silently outlives its truth: every number is kept with the moment it was heard. What was not
-refreshed for STALE seconds is still shown, but `stale` says so, and the reading `age` grows for all to see.
+Every value is kept with the time when it arrived. What was not refreshed for STALE seconds is still shown,
+but `stale` says so, and the reading `age` shows it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Twin:
-    """What is known of one robot."""
+    """The last known state of one robot."""
 
     readers: Readers = field(default_factory=lambda: READERS)
-    """How its telemetry reads."""
+    """How its telemetry is read."""
     heard_at: float = -math.inf
     """[s] when the last telemetry came."""
     _readings: dict[str, float] = field(default_factory=dict[str, float])
@@ -32,8 +32,8 @@ class Twin:
         default_factory=dict[type[Any], tuple[AnyMessage, float]]
     )
 
-    def hear(self, message: AnyMessage, now: float) -> None:
-        """Take in whatever came; what is no telemetry is remembered but measures nothing."""
+    def update(self, message: AnyMessage, now: float) -> None:
+        """Keep a message, and its readings if it is telemetry."""
         self._latest[type(message)] = (message, now)
         if type(message) in self.readers:
             self.heard_at = now
@@ -59,7 +59,7 @@ class Twin:
         return now - self.heard_at
 
     def stale(self, now: float) -> bool:
-        """Whether what is known is old."""
+        """Whether the last telemetry is older than STALE."""
         return self.age(now) > STALE
 
     def readings(self, now: float) -> dict[str, float]:

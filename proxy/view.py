@@ -1,8 +1,7 @@
-"""Views: pictures of a workspace, and what its instruments read.
+"""Views: pictures of a workspace, and the readings of its instruments.
 
-A view keeps its own connection to the controller whose cameras it uses, so that pictures never delay a
-command. It asks for a picture only when somebody looks, and several who look at the same thing at the same
-time share one.
+A view has its own connection to the controller whose cameras it uses, so that pictures never delay a command.
+It asks for a picture only on request; requests for the same picture at the same time share one.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, Message, PictureRequest, Tool
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
-from robotree.proxy.session import Event, Session
+from robotree.proxy.session import ControllerSession, Event
 from robotree.proxy.translate import UNITS
 from robotree.vr.errors import BadArgument, CommandFailed
 
 CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
-"""Which component of the controller is which camera. The first one is looked through when none is named."""
+"""Cameras by their component of the controller. The first one is the default."""
 RATES: Mapping[type[Message], float] = {Joints: 10.0, Tool: 10.0, LocalPositionNed: 10.0}
 """[Hz] at which the poses are enough to be read by people; a controller sends them five times as often, and
 on a bus they would take the place of the pictures."""
@@ -31,15 +30,15 @@ ANSWER_WITHIN = 1.5
 needs 0.2; on a machine that is busy with other things ten times that, and then the first request is answered
 while the second waits."""
 ATTEMPTS = 3
-"""How many times `ANSWER_WITHIN` a picture may take, all in all: 4.5 s, since whoever looks waits 5 s. One
-with a hole is dropped on the way. 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside telemetry."""
+"""How many times `ANSWER_WITHIN` a picture may take altogether: 4.5 s, since the caller waits 5 s. One with a
+lost packet is dropped. 27 kB need 2.3 s on a classic CAN bus of 500 kbit/s, beside telemetry."""
 SMALLEST, LARGEST = 16, 1920
 """[px] Sides of a picture."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
-    """One picture that somebody wants."""
+class PictureSpec:
+    """Which picture is requested."""
 
     camera: str
     width: int
@@ -47,10 +46,10 @@ class Wish:
     quality: int
 
     @classmethod
-    def of(cls, camera: str, width: int, height: int, quality: int) -> Wish:
-        """Take a wish, moved into what can be had: too large or too small a picture keeps its shape.
+    def of(cls, camera: str, width: int, height: int, quality: int) -> PictureSpec:
+        """Make a spec within the possible sizes: too large or too small a picture keeps its aspect ratio.
 
-        A camera shows more to the sides the wider its picture is, so another shape would be another view.
+        A camera shows more to the sides the wider its picture is, so another ratio would show something else.
         """
         sides = max(1, width), max(1, height)
         scale = min(1.0, LARGEST / max(sides)) * max(1.0, SMALLEST / min(sides))
@@ -59,7 +58,7 @@ class Wish:
 
 
 class WorkspaceView:
-    """Looks at one workspace through the cameras of a controller."""
+    """Shows one workspace through the cameras of a controller."""
 
     def __init__(
         self,
@@ -83,11 +82,11 @@ class WorkspaceView:
         """
         self.name = name
         self._answer_within = answer_within
-        self._session = Session(component=MavComponent.ONBOARD_COMPUTER, rates=RATES)
+        self._session = ControllerSession(component=MavComponent.ONBOARD_COMPUTER, rates=RATES)
         self._connection = Connection(
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )
-        self._shared: dict[Wish, asyncio.Task[bytes]] = {}
+        self._shared: dict[PictureSpec, asyncio.Task[bytes]] = {}
         self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in CAMERAS}
         self._expected: dict[int, asyncio.Future[bytes]] = {}
 
@@ -98,7 +97,7 @@ class WorkspaceView:
 
     @property
     def cameras(self) -> Sequence[str]:
-        """What can be looked through; the first one is the default."""
+        """Names of the cameras; the first one is the default."""
         return tuple(CAMERAS)
 
     @property
@@ -138,30 +137,30 @@ class WorkspaceView:
         if camera not in CAMERAS:
             reason = f"there is no camera {camera!r}; there is: {', '.join(self.cameras)}"
             raise BadArgument(command=f"{self.name}.look", parameter="camera", reason=reason)
-        wish = Wish.of(camera, width, height, quality)
-        task = self._shared.get(wish)
+        spec = PictureSpec.of(camera, width, height, quality)
+        task = self._shared.get(spec)
         if task is None:
-            task = self._shared[wish] = asyncio.get_running_loop().create_task(self._fetch(wish))
-            task.add_done_callback(lambda ended: self._shown(wish, ended))
-        # Whoever stops looking must not take the picture away from the others.
+            task = self._shared[spec] = asyncio.get_running_loop().create_task(self._fetch(spec))
+            task.add_done_callback(lambda ended: self._shown(spec, ended))
+        # One caller that is cancelled must not cancel the picture of the others.
         return await asyncio.shield(task)
 
-    async def _fetch(self, wish: Wish) -> bytes:
-        """Ask for one picture at a time from each camera: the wire does not say which request it answers."""
+    async def _fetch(self, spec: PictureSpec) -> bytes:
+        """Ask each camera for one picture at a time: a picture does not name the request that it answers."""
         patience = ATTEMPTS * self._answer_within
-        async with self._turn[wish.camera]:
+        async with self._turn[spec.camera]:
             ends = self._connection.now() + patience
             while ends - self._connection.now() > self._answer_within / 10:
                 if not self._session.online:
                     raise self._failed(self._session.trouble)
-                if (jpeg := await self._ask(wish, ends)) is not None:
+                if (jpeg := await self._ask(spec, ends)) is not None:
                     return jpeg
-        raise self._failed(f"no whole picture came from camera {wish.camera} within {patience:g} s")
+        raise self._failed(f"no whole picture came from camera {spec.camera} within {patience:g} s")
 
-    async def _ask(self, wish: Wish, ends: float) -> bytes | None:
+    async def _ask(self, spec: PictureSpec, ends: float) -> bytes | None:
         """Ask once, and wait while pieces come, until the moment `ends` [s]; None: no whole picture came."""
-        component, system = CAMERAS[wish.camera], self._session.controller.system
-        request = PictureRequest(wish.width, wish.height, system, component, wish.quality)
+        component, system = CAMERAS[spec.camera], self._session.controller.system
+        request = PictureRequest(spec.width, spec.height, system, component, spec.quality)
         expected: asyncio.Future[bytes]
         expected = self._expected[component] = asyncio.get_running_loop().create_future()
         self._connection.perform(self._session.ask_for(request))
@@ -178,8 +177,8 @@ class WorkspaceView:
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command="look", detail=detail)
 
-    def _shown(self, wish: Wish, ended: asyncio.Task[bytes]) -> None:
-        self._shared.pop(wish, None)
+    def _shown(self, spec: PictureSpec, ended: asyncio.Task[bytes]) -> None:
+        self._shared.pop(spec, None)
         if not ended.cancelled():
             ended.exception()  # was told to everyone who still looks
 

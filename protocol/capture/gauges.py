@@ -9,7 +9,7 @@ import msgspec
 
 from robotree.protocol.capture.attendance import Attendance, PeerReading
 from robotree.protocol.capture.plain import plain_fields
-from robotree.protocol.links.disbelief import disbelief
+from robotree.protocol.links.rejection import rejection
 from robotree.protocol.messages import Timesync, Untyped
 from robotree.protocol.parser import Parser
 from robotree.protocol.services.timesync import Synchroniser
@@ -120,7 +120,7 @@ class LinkReading(msgspec.Struct, frozen=True):
     unknown: int
     refused: int
     """Intact frames that are not signed with our key; nothing of them is in the table."""
-    disbelief: str
+    rejection: str
     """What is wrong with the keys; empty: nothing."""
     skipped: int
     """[bytes] that belong to no intact frame."""
@@ -192,7 +192,7 @@ class LinkGauge:
     def _disbelief(self, parser: ParserStatistics) -> str:
         if self._keyless:
             return f"{self._keyless} frames are signed while this link has no key: nobody vouches for them"
-        return "" if parser.received else disbelief(self._verifier)
+        return "" if parser.received else rejection(self._verifier)
 
     def reading(self, now: float) -> LinkReading:
         """The gauges now."""
@@ -207,7 +207,7 @@ class LinkGauge:
             bad_crc=parser.bad_crc,
             unknown=parser.unknown,
             refused=parser.refused,
-            disbelief=self._disbelief(parser),
+            rejection=self._disbelief(parser),
             skipped=parser.skipped,
             delay=None if estimate is None else estimate.delay,
             offset=None if estimate is None else estimate.offset,

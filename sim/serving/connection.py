@@ -13,8 +13,8 @@ from typing import Final
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import KeyRefused, LinkError
 from robotree.protocol.frame import Frame
-from robotree.protocol.links.disbelief import disbelief, doubt
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.rejection import cause, rejection
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
 from robotree.protocol.services.picture import split
@@ -121,7 +121,7 @@ class Connection:
     def _explain(self) -> None:
         """Tell the client once why its frames are refused: it may hear us, though we do not hear it."""
         verifier = self._seals["verifier"]
-        why = None if verifier is None else doubt(verifier)
+        why = None if verifier is None else cause(verifier)
         if why is not None and why.kind not in self._said:
             self._said.add(why.kind)
             self.say(MavSeverity.WARNING, f"Your frames are refused: {why.why}.")
@@ -190,5 +190,5 @@ class Connection:
             self._drawing.cancel()
         self._controller.leave(self.endpoint)
         self._leave(self)
-        if doubt := disbelief(self._seals["verifier"]):
-            _log.warning("%s: %s", self.endpoint.link.address, doubt)
+        if cause := rejection(self._seals["verifier"]):
+            _log.warning("%s: %s", self.endpoint.link.address, cause)

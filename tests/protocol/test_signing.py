@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import sealed
 from robotree.protocol.links.loopback import Loopback
+from robotree.protocol.links.rejection import rejection
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
 from robotree.protocol.signing import (
     EPOCH,
@@ -209,13 +209,13 @@ def test_what_is_refused_is_explained_which_it_is_by_how_much_and_what_to_do(
     """The last is what gomavlib 3.1 sends within 10 us."""
     verifier = _verifier(WallClock())
     Parser(verifier).feed(b"".join(said))
-    assert re.search(words, disbelief(verifier))
+    assert re.search(words, rejection(verifier))
 
 
 def test_where_nothing_is_refused_there_is_nothing_to_say() -> None:
     verifier = _verifier(WallClock())
     Parser(verifier).feed(_signed())
-    assert disbelief(verifier) == disbelief(None) == ""
+    assert rejection(verifier) == rejection(None) == ""
 
 
 def test_forged_streams_do_not_fill_the_table() -> None:

@@ -36,7 +36,7 @@ from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer, Send
 from robotree.protocol.services.picture import split
 from robotree.proxy.motion import Request
-from robotree.proxy.session import SUPERVISOR_SYSTEM, HeldChanged, OnlineChanged, Redial, Session
+from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, HeldChanged, OnlineChanged, Redial
 from robotree.proxy.session import Effect as SessionEffect
 
 LONG_AGO = float("-inf")
@@ -206,9 +206,9 @@ class Talk:
     """A session and a controller on a loopback link, in time that passes by hand."""
 
     def __init__(
-        self, accidents: Accidents | None = None, session: Session | None = None, life: int = 0
+        self, accidents: Accidents | None = None, session: ControllerSession | None = None, life: int = 0
     ) -> None:
-        self.session = session or Session()
+        self.session = session or ControllerSession()
         self.controller = Controller(life)
         self.events: list[SessionEffect] = []
         self.redials: list[Redial] = []
@@ -270,7 +270,7 @@ class Talk:
             link,
             system=SUPERVISOR_SYSTEM,
             component=self.session.component,
-            on_frame=lambda frame: self.perform(self.session.hear(frame, self.now)),
+            on_frame=lambda frame: self.perform(self.session.receive(frame, self.now)),
             on_closed=self._closed,
         )
         return self._endpoint

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import pytest
 from PIL import Image
 
-from robotree.proxy.agent import run_proxy, run_view, standing_for
+from robotree.proxy.agent import run_proxy, run_view, running_proxy
 from robotree.proxy.arm import Arm
 from robotree.proxy.errors import BadController, UnknownKind
 from robotree.sim.serving.server import Server, serving
@@ -181,5 +181,5 @@ async def test_an_error_beside_the_block_ends_the_block() -> None:
             raise RuntimeError("a mistake of ours")
 
     with pytest.raises(RuntimeError, match="a mistake of ours"):
-        async with standing_for(Broken("arm-1", "tcp:127.0.0.1:1"), MemoryNetwork().join("proxy")):
+        async with running_proxy(Broken("arm-1", "tcp:127.0.0.1:1"), MemoryNetwork().join("proxy")):
             await asyncio.Event().wait()

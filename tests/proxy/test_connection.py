@@ -18,9 +18,9 @@ from robotree.protocol.links.url import listen
 from robotree.protocol.messages import GoalState, Verb
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.connection import Connection
-from robotree.proxy.errand import Desk, Errand, NotSent, Unheard
 from robotree.proxy.motion import Request
-from robotree.proxy.session import Event, OnlineChanged, Session
+from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
+from robotree.proxy.session import ControllerSession, Event, OnlineChanged
 from robotree.vr.testing import until
 
 Controller = Any
@@ -43,16 +43,16 @@ class Bench:
 
     def __init__(self, url: str) -> None:
         self.events: list[Event] = []
-        self.session = Session()
+        self.session = ControllerSession()
         self.connection = Connection(url, self.session, on_event=self._hear, chance=random.Random(1))
-        self.desk = Desk(self.connection)
+        self.pending = PendingGoals(self.connection)
 
-    def send_out(self, key: int = 7) -> Errand:
-        return self.desk.send_out(key, GRIP, activity=COMMAND, ttl=0.0, repeatable=False)
+    def start(self, key: int = 7) -> PendingGoal:
+        return self.pending.start(key, GRIP, activity=COMMAND, ttl=0.0, repeatable=False)
 
     def _hear(self, event: Event) -> None:
         self.events.append(event)
-        self.desk.hear(event)
+        self.pending.handle(event)
 
 
 @asynccontextmanager
@@ -66,9 +66,9 @@ async def talking(controller: Controller) -> AsyncIterator[tuple[Bench, Listener
     await listener.close()
 
 
-async def wait_for(errand: Errand) -> Any:
-    assert await asyncio.to_thread(errand.wait, 5.0)
-    return errand.end
+async def wait_for(pending: PendingGoal) -> Any:
+    assert await asyncio.to_thread(pending.wait, 5.0)
+    return pending.end
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ async def test_a_dead_controller_is_dialled_until_it_lives(controller: Controlle
     async with running(bench.connection.run()):
         await until(lambda: "cannot be reached" in bench.session.trouble, "the trouble is told")
         assert "refused" in bench.session.trouble
-        end = await wait_for(bench.send_out())
+        end = await wait_for(bench.start())
         assert end == NotSent(bench.session.trouble)
         second = await listen(url, controller.accept)
         async with running(controller.live()):
@@ -117,32 +117,32 @@ async def test_a_controller_that_restarts_is_found_again(controller: Controller)
     await again.close()
 
 
-async def test_an_errand_from_another_thread_comes_back_with_its_end(controller: Controller) -> None:
+async def test_a_goal_from_another_thread_ends_with_its_result(controller: Controller) -> None:
     async with talking(controller) as (bench, _):
-        errand = await asyncio.to_thread(bench.send_out)
+        pending = await asyncio.to_thread(bench.start)
         await until(lambda: bool(controller.begun), "the goal arrives")
         controller.finish(GoalState.FAILED, text="It slipped.")
-        end = await wait_for(errand)
+        end = await wait_for(pending)
         assert isinstance(end, GoalEnded)
         assert (end.state, end.text) == (GoalState.FAILED, "It slipped.")
 
 
-async def test_a_recalled_errand_ends_at_the_controller(controller: Controller) -> None:
+async def test_a_cancelled_goal_ends_at_the_controller(controller: Controller) -> None:
     async with talking(controller) as (bench, _):
-        errand = bench.send_out()
+        pending = bench.start()
         await until(lambda: bool(controller.begun), "the goal arrives")
-        await asyncio.to_thread(bench.desk.recall, errand)
-        end = await wait_for(errand)
+        await asyncio.to_thread(bench.pending.cancel, pending)
+        end = await wait_for(pending)
         assert end.state == GoalState.CANCELLED
         assert controller.abandoned
 
 
-async def test_no_errand_waits_for_a_proxy_that_has_ended(controller: Controller) -> None:
+async def test_no_goal_waits_for_a_proxy_that_has_ended(controller: Controller) -> None:
     async with talking(controller) as (bench, _):
-        errand = bench.send_out()
+        pending = bench.start()
         await until(lambda: bool(controller.begun), "the goal arrives")
-    bench.desk.close("its proxy has ended")
-    assert errand.end == Unheard("its proxy has ended")
+    bench.pending.close("its proxy has ended")
+    assert pending.end == OutcomeLost("its proxy has ended")
     assert not bench.session.online
 
 

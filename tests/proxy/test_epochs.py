@@ -16,7 +16,7 @@ from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Verb
 from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.goal_server import GoalServer
-from robotree.proxy.agent import standing_for
+from robotree.proxy.agent import running_proxy
 from robotree.proxy.arm import Arm
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import CommandFailed, StaleEpoch
@@ -34,7 +34,7 @@ async def proxy_of(controller: Any) -> AsyncIterator[tuple[Arm, RobotAgent, Robo
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(listener.close)
         stack.callback(living.cancel)
-        agent = await stack.enter_async_context(standing_for(robot, network.join("proxy")))
+        agent = await stack.enter_async_context(running_proxy(robot, network.join("proxy")))
         yield robot, agent, RobotClient(network.join("operator"), agent.address)
 
 

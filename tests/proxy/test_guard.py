@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robotree.proxy import arm, rover
 from robotree.proxy.arm import GoTo, Grip
-from robotree.proxy.guard import NO_LIMITS, Fence, Span, changed, check
+from robotree.proxy.guard import NO_LIMITS, EpochCheck, Span, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.rover import Move, check_arrival
 from robotree.vr.errors import BadArgument, StaleEpoch
@@ -93,7 +93,7 @@ def test_a_span_that_limits_nothing_is_not_born(lower: float, upper: float) -> N
 
 @given(epochs=st.lists(st.integers(0, 2**32 - 1)))
 def test_epochs_that_pass_never_fall(epochs: list[int]) -> None:
-    fence, passed = Fence("arm-1"), [0]
+    fence, passed = EpochCheck("arm-1"), [0]
     for epoch in epochs:
         try:
             fence.admit(epoch)
@@ -105,7 +105,7 @@ def test_epochs_that_pass_never_fall(epochs: list[int]) -> None:
 
 
 def test_an_epoch_that_the_controller_has_seen_counts_too() -> None:
-    fence = Fence("arm-1")
+    fence = EpochCheck("arm-1")
     fence.raise_to(8)
     with pytest.raises(StaleEpoch, match="no longer obeys epoch 7, it is at 8"):
         fence.admit(7)

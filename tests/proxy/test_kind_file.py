@@ -14,7 +14,7 @@ from robotree.protocol.testing import forgetting_messages
 from robotree.proxy import kinds
 from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
 from robotree.proxy.robot_proxy import RobotProxy
-from robotree.proxy.session import Session
+from robotree.proxy.session import ControllerSession
 from robotree.vr.errors import BadName, BrokenSource, NoSuchFile, VrError
 
 URL = "tcp:127.0.0.1:1"
@@ -140,10 +140,10 @@ CRANE_XML = """<mavlink><include>robotree.xml</include><messages>
 
 def readings(robot: RobotProxy, message: AnyMessage) -> dict[str, float]:
     """What the kind of a robot reads in what a controller says."""
-    session, parser = Session(readers=robot.readers), Parser()
+    session, parser = ControllerSession(readers=robot.readers), Parser()
     for each in (Heartbeat(0, 0, 0, 0, 4), message):
         for frame in parser.feed(encode(each, sequence=0, system=1, component=1)):
-            session.hear(frame, 1.0)
+            session.receive(frame, 1.0)
     return session.twin.readings(1.0)
 
 

@@ -10,9 +10,9 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.messages import GoalState, ModeKind, Reason, SetMode, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress
 from robotree.protocol.services.peer import Send
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT
 from robotree.proxy.motion import Request
-from robotree.proxy.session import SUPERVISOR_SYSTEM, Effect, Session
-from robotree.proxy.will import RELEASE_WITHIN
+from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect
 from robotree.sim.testing import RoverBench
 
 STEP = 0.1
@@ -26,7 +26,7 @@ class Talk:
 
     def __init__(self) -> None:
         self.controller = RoverBench().controller
-        self.session = Session()
+        self.session = ControllerSession()
         self.told: list[Effect] = []
         self._link: Hashable = None
         self._tick_at = 0.0
@@ -63,7 +63,7 @@ class Talk:
             for outgoing in self.controller.advance():
                 if self._link is not None and outgoing.via in {None, self._link}:
                     frame = Frame.of(outgoing.message, system=1, component=1)
-                    self._carry_out(self.session.hear(frame, self.now))
+                    self._carry_out(self.session.receive(frame, self.now))
 
     def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -111,7 +111,7 @@ def test_a_session_releases_no_stop_that_came_after_its_release(talk: Talk) -> N
     talk.wait(1.0)
     talk.release()
     talk.controller.post(Frame.of(SetMode(0, 1, 1, ModeKind.SAFE_STOP), system=77), "another link")
-    talk.wait(RELEASE_WITHIN + 1.0)
+    talk.wait(RELEASE_TIMEOUT + 1.0)
     assert talk.controller.firmware.mode == ModeKind.SAFE_STOP
     assert talk.session.held
     talk.release()

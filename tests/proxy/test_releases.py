@@ -8,9 +8,9 @@ import pytest
 
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.messages import ModeKind, Reason, SetMode
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT, ReleaseConfirmed, ReleaseUnanswered
 from robotree.proxy.outcome import reason_in_words
 from robotree.proxy.session import OnlineChanged
-from robotree.proxy.will import RELEASE_WITHIN, ReleaseConfirmed, ReleaseUnanswered
 
 Talk = Any
 
@@ -24,7 +24,7 @@ def test_a_release_within_a_round_trip_of_our_own_stop_ends_that_stop(
     talk.perform(talk.session.stop(talk.now))
     talk.wait(pause)
     talk.perform(talk.session.release(1, talk.now))
-    talk.wait(RELEASE_WITHIN)
+    talk.wait(RELEASE_TIMEOUT)
     assert (talk.controller.mode, talk.session.held) == (ModeKind.READY, "")
     assert talk.controller.stops == 2, "it was stopped once"
     assert talk.events.count(ReleaseConfirmed()) == 1
@@ -37,7 +37,7 @@ def test_over_a_bad_link_a_release_ends_as_it_is_told(make_talk: type[Talk], see
     talk.perform(talk.session.stop(talk.now))
     talk.wait(0.1)
     talk.perform(talk.session.release(1, talk.now))
-    talk.wait(RELEASE_WITHIN + 4.0)
+    talk.wait(RELEASE_TIMEOUT + 4.0)
     released = ReleaseConfirmed() in talk.events
     assert released != (ReleaseUnanswered() in talk.events)
     assert (talk.controller.mode == ModeKind.READY) == released
@@ -51,7 +51,7 @@ def test_a_release_while_the_link_is_down_is_for_a_short_time_and_its_loss_is_to
     talk.wait(1.0)
     talk.perform(talk.session.stop(talk.now))
     talk.wait(1.0)
-    for away, released in ((RELEASE_WITHIN + 1.0, False), (1.0, True)):
+    for away, released in ((RELEASE_TIMEOUT + 1.0, False), (1.0, True)):
         talk.events.clear()
         talk.cut()
         if life == "a new one":
@@ -89,7 +89,7 @@ def test_a_release_that_was_refused_is_not_said_again(talk: Talk, objection: Rea
     talk.wait(0.1)
     assert talk.session.held == f"its controller is in safe stop: {reason_in_words(objection)}"
     talk.controller.objection = Reason.NONE  # whatever was in the way is gone; the operator has yet to ask
-    talk.wait(RELEASE_WITHIN + 1.0)
+    talk.wait(RELEASE_TIMEOUT + 1.0)
     assert talk.controller.mode == ModeKind.SAFE_STOP
     talk.perform(talk.session.release(1, talk.now))
     talk.wait(0.1)
@@ -120,14 +120,14 @@ def test_a_release_that_lay_in_a_link_until_nobody_waited_for_it_leaves_the_robo
     make_talk: type[Talk], ended: str
 ) -> None:
     """A stop of somebody else, over a link that holds up what it carries for longer than anybody waits."""
-    talk = make_talk(Accidents(delay=1.0 if ended == "taken back" else 1.0 + RELEASE_WITHIN / 2))
+    talk = make_talk(Accidents(delay=1.0 if ended == "taken back" else 1.0 + RELEASE_TIMEOUT / 2))
     talk.wait(3.0)
     talk.controller.stop()
     talk.wait(3.0)
     talk.perform(talk.session.release(1, talk.now))
     talk.wait(0.5)
     if ended == "taken back":
-        talk.perform(talk.session.take_back(talk.now))
+        talk.perform(talk.session.withdraw(talk.now))
     modes: set[ModeKind] = set()
     talk.wait(10.0, lambda: modes.add(talk.controller.mode))
     assert modes == {ModeKind.READY, ModeKind.SAFE_STOP}, "the release arrived"
@@ -151,6 +151,6 @@ def test_where_no_stop_is_known_of_a_release_is_done_also_while_the_controller_i
 def test_of_a_controller_that_was_never_heard_it_is_not_known_whether_it_is_stopped(talk: Talk) -> None:
     talk.cut()
     talk.perform(talk.session.release(1, talk.now))
-    talk.wait(RELEASE_WITHIN + 0.1)
+    talk.wait(RELEASE_TIMEOUT + 0.1)
     assert [event for event in talk.events if not isinstance(event, OnlineChanged)] == [ReleaseUnanswered()]
     assert not talk.session.stopped

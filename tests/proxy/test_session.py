@@ -22,7 +22,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.services.command_client import RESEND
 from robotree.protocol.services.goal_client import PATIENCE, GoalEnded, GoalProgress, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
-from robotree.proxy.session import DEAD, Session
+from robotree.proxy.session import DEAD, ControllerSession
 
 Talk = Any
 
@@ -202,7 +202,7 @@ def asked(talk: Talk) -> list[CommandLong]:
 def test_telemetry_that_is_wanted_less_often_is_asked_for_at_that_rate_on_every_link(
     make_talk: type[Talk],
 ) -> None:
-    talk = make_talk(session=Session(rates={Tool: 10.0, Joints: 4.0}))
+    talk = make_talk(session=ControllerSession(rates={Tool: 10.0, Joints: 4.0}))
     tool, joints = (kind.codec.definition.id for kind in (Tool, Joints))
     talk.wait(0.2)
     (first,) = asked(talk)
@@ -227,7 +227,7 @@ def test_telemetry_that_is_wanted_less_often_is_asked_for_at_that_rate_on_every_
 def test_a_controller_that_restarts_before_it_is_missed_is_asked_for_its_rates_again(
     make_talk: type[Talk],
 ) -> None:
-    talk = make_talk(session=Session(rates={Tool: 10.0}))
+    talk = make_talk(session=ControllerSession(rates={Tool: 10.0}))
     talk.wait(0.2)
     talk.controller.say(CommandAck(MavCmd.SET_MESSAGE_INTERVAL, MavResult.ACCEPTED, 0, 0, 255, 190))
     talk.wait(5.0)

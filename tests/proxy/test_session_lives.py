@@ -12,18 +12,18 @@ from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, Cl
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.protocol.services.peer import Peer
-from robotree.proxy.life import LONGEST_WAY
-from robotree.proxy.session import Session
+from robotree.proxy.desired_mode import ReleaseRefused
+from robotree.proxy.restart import LONGEST_DELAY
+from robotree.proxy.session import ControllerSession
 from robotree.proxy.translate import COMPONENTS, component_of
-from robotree.proxy.will import ReleaseRefused
 
 Talk = Any
 ELSEWHERE = Peer("another link", 255, 77)
 
 
-def claiming(*, take_over: bool = False) -> Session:
+def claiming(*, take_over: bool = False) -> ControllerSession:
     claim = ClaimClient(1, 1, holder=5, name="arm-1, pid 12", take_over=take_over)
-    return Session(component=30, claim=claim)
+    return ControllerSession(component=30, claim=claim)
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_a_mode_of_a_former_life_that_comes_late_changes_nothing(claimed: Talk) 
 )
 def test_one_wrong_word_does_not_keep_the_right_ones_out_for_long(claimed: Talk, wrong: Mode) -> None:
     claimed.controller.say(wrong)
-    claimed.wait(LONGEST_WAY + 1.5)
+    claimed.wait(LONGEST_DELAY + 1.5)
     assert claimed.session.claims
     assert claimed.session.denial == claimed.session.held == ""
     claimed.start()
@@ -118,7 +118,7 @@ def test_a_life_whose_number_comes_again_is_heard(claimed: Talk, lives: tuple[in
         claimed.controller.restart()
         claimed.controller.life = claimed.controller.claims.life = life
         claimed.controller.goals = claimed.controller._goals_of_this_life()
-        claimed.wait(LONGEST_WAY + 1.5)
+        claimed.wait(LONGEST_DELAY + 1.5)
     claimed.start()
     claimed.wait(0.3)
     assert claimed.controller.begun[-1].verb
@@ -126,7 +126,7 @@ def test_a_life_whose_number_comes_again_is_heard(claimed: Talk, lives: tuple[in
     claimed.controller.restart()
     claimed.controller.life = claimed.controller.claims.life = lives[-1]
     claimed.controller.goals = claimed.controller._goals_of_this_life()
-    claimed.wait(LONGEST_WAY + 1.5)
+    claimed.wait(LONGEST_DELAY + 1.5)
     assert claimed.ends == [GoalState.UNKNOWN], "it may have begun before, although the life has one number"
 
 
@@ -217,12 +217,12 @@ def test_a_holder_that_is_away_is_waited_for_before_anything_is_said_to_be_onlin
 def test_who_finds_a_namesake_on_the_wire_gives_way_unless_it_holds_the_claim(make_talk: type[Talk]) -> None:
     namesake = Frame.of(Goal(1, 1, 0, (0.0,) * 7, Verb.STATUS, 1, 1), system=255, component=30)
     session = claiming()
-    session.hear(namesake, 0.0)
+    session.receive(namesake, 0.0)
     assert session.component in COMPONENTS
     assert session.component != 30
     talk = make_talk(session=claiming(), life=9)
     talk.wait(0.3)
-    talk.session.hear(namesake, talk.now)
+    talk.session.receive(namesake, talk.now)
     assert talk.session.component == 30
 
 
@@ -234,6 +234,6 @@ def test_the_component_of_a_proxy_is_that_of_its_next_incarnation_too() -> None:
 
 
 def test_who_ends_in_order_gives_the_controller_up(claimed: Talk) -> None:
-    claimed.perform(claimed.session.farewell())
+    claimed.perform(claimed.session.release_claim())
     claimed._loopback.advance(claimed.now + 0.1)
     assert claimed.controller.claims.holding is None

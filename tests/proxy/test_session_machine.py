@@ -13,8 +13,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robotree.protocol.messages import GoalState, ModeKind, Verb
 from robotree.protocol.services.goal_client import GoalEnded, GoalSilent
 from robotree.protocol.services.heartbeat import SILENCE
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT, ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered
 from robotree.proxy.motion import Request
-from robotree.proxy.will import RELEASE_WITHIN, ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered
 
 DURATIONS = st.sampled_from([0.1, 1.0, 2.5, 4.0, 8.0])
 """[s]"""
@@ -114,7 +114,7 @@ class Conversation(RuleBasedStateMachine):
     @rule()
     def peace(self) -> None:
         """Nothing happens until all that was wished for is done or given up; then what is told is true."""
-        self.wait(RELEASE_WITHIN + 1.0)
+        self.wait(RELEASE_TIMEOUT + 1.0)
         assert bool(self.talk.session.held) == (self.talk.controller.mode == ModeKind.SAFE_STOP)
         assert self.talk.session.held or not self.stop_wanted
         if self.released_since is not None:
@@ -138,7 +138,7 @@ class Conversation(RuleBasedStateMachine):
 
     @rule()
     def nobody_waits_for_the_release_any_more(self) -> None:
-        self.talk.perform(self.talk.session.take_back(self.talk.now))
+        self.talk.perform(self.talk.session.withdraw(self.talk.now))
         self.released_since = None
 
     @invariant()

@@ -8,7 +8,7 @@ import pytest
 
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.messages import GoalState, Mode, ModeKind, SetMode
-from robotree.proxy.will import RELEASE_WITHIN, StopConfirmed
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT, StopConfirmed
 
 Talk = Any
 
@@ -158,7 +158,7 @@ def test_a_release_holds_nothing_up_while_it_is_on_the_way_and_is_taken_back_if_
     talk.wait(0.1)
     talk.perform(talk.session.release(8, talk.now))
     assert talk.session.held == ""
-    talk.wait(RELEASE_WITHIN + 0.5)
+    talk.wait(RELEASE_TIMEOUT + 0.5)
     assert talk.controller.mode == ModeKind.SAFE_STOP
     assert talk.holds == [True, False, True]
 

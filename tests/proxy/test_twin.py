@@ -21,15 +21,15 @@ def test_before_anything_was_heard_nothing_is_known() -> None:
 
 def test_readings_of_several_messages_stand_together() -> None:
     twin = Twin()
-    twin.hear(TOOL, now=1.0)
-    twin.hear(Gripper(5, 0.04, 0.08, 2.0, 1), now=1.1)
+    twin.update(TOOL, now=1.0)
+    twin.update(Gripper(5, 0.04, 0.08, 2.0, 1), now=1.1)
     assert twin.readings(now=1.2).items() >= {"x": 0.1, "fz": 3.0, "width": 0.04}.items()
     assert twin.latest(Tool) == TOOL
 
 
 def test_a_silent_robot_keeps_its_readings_and_they_grow_old() -> None:
     twin = Twin()
-    twin.hear(TOOL, now=1.0)
+    twin.update(TOOL, now=1.0)
     assert not twin.stale(now=1.0 + STALE)
     assert twin.after(Tool, 0.9) == TOOL
     assert twin.stale(now=1.1 + STALE)
@@ -41,8 +41,8 @@ def test_a_silent_robot_keeps_its_readings_and_they_grow_old() -> None:
 
 def test_a_heartbeat_is_a_sign_of_life_but_measures_nothing() -> None:
     twin = Twin()
-    twin.hear(Heartbeat(0, 0, 0, 0, 4), now=1.0)
-    twin.hear(Mode(5, 7, 1000, 1, 0), now=1.0)
+    twin.update(Heartbeat(0, 0, 0, 0, 4), now=1.0)
+    twin.update(Mode(5, 7, 1000, 1, 0), now=1.0)
     assert twin.stale(now=1.0)
     assert twin.readings(now=1.0) == {}
     assert twin.latest(Mode) == Mode(5, 7, 1000, 1, 0)
@@ -52,7 +52,7 @@ def test_a_heartbeat_is_a_sign_of_life_but_measures_nothing() -> None:
 def test_a_reading_is_the_last_number_heard(values: list[float], gap: float) -> None:
     twin = Twin()
     for i, value in enumerate(values):
-        twin.hear(NamedValueFloat(i, "lever", value), now=float(i))
+        twin.update(NamedValueFloat(i, "lever", value), now=float(i))
     finite = [value for value in values if math.isfinite(value)]
     readings = twin.readings(now=len(values) - 1 + gap)
     assert readings.get("lever") == (finite[-1] if finite else None)

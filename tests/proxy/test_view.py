@@ -20,8 +20,8 @@ from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import PictureRequest, Tool
 from robotree.protocol.services.picture import split
 from robotree.proxy.connection import Connection, Dial
-from robotree.proxy.session import Session
-from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, Wish, WorkspaceView
+from robotree.proxy.session import ControllerSession
+from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, PictureSpec, WorkspaceView
 from robotree.sim.serving.server import serving
 from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.testing import until
@@ -147,7 +147,7 @@ async def test_a_wish_beyond_all_bounds_is_moved_into_them(
 
 @given(width=st.integers(1, 10**6), height=st.integers(1, 10**6))
 def test_a_wish_keeps_its_shape(width: int, height: int) -> None:
-    wish = Wish.of("cell", width, height, 75)
+    wish = PictureSpec.of("cell", width, height, 75)
     assert SMALLEST <= min(wish.width, wish.height) <= max(wish.width, wish.height) <= LARGEST
     if SMALLEST <= min(width, height) <= max(width, height) <= LARGEST:
         assert (wish.width, wish.height) == (width, height)
@@ -163,7 +163,7 @@ def test_a_wish_keeps_its_shape(width: int, height: int) -> None:
 def test_a_wish_that_is_too_large_or_too_small_is_scaled(
     wide: int, high: int, shown: tuple[int, int]
 ) -> None:
-    wish = Wish.of("cell", wide, high, 75)
+    wish = PictureSpec.of("cell", wide, high, 75)
     assert (wish.width, wish.height) == shown
 
 
@@ -204,7 +204,9 @@ async def test_a_view_has_its_poses_sent_ten_times_a_second_and_a_proxy_beside_i
 
     async with serving("arm", "tcp:127.0.0.1:0") as server:
         view = WorkspaceView("cell", server.address, dial=listening("view"))
-        proxy = Connection(server.address, Session(), on_event=lambda _: None, dial=listening("proxy"))
+        proxy = Connection(
+            server.address, ControllerSession(), on_event=lambda _: None, dial=listening("proxy")
+        )
         running = [asyncio.create_task(each.run()) for each in (view, proxy)]
         await until(lambda: gaps(heard["view"])[-5:] == [100] * 5, "the view's rate is the one it wants")
         await until(lambda: gaps(heard["proxy"])[-5:] == [20] * 5, "and the proxy's is its own")

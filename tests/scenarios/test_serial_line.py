@@ -10,7 +10,7 @@ import pytest
 
 from robotree.protocol.messages import Tool
 from robotree.proxy.connection import Connection
-from robotree.proxy.session import Session
+from robotree.proxy.session import ControllerSession
 from robotree.sim.serving.server import serving
 from robotree.vr.testing import until
 
@@ -24,7 +24,7 @@ async def test_a_robot_behind_a_serial_line_is_found_again_when_its_adapter_is_b
     url = cable.url(0, "?baud=115200")
     async with serving("arm", cable.url(1, "?baud=115200")) as server:
         assert server.address == cable.url(1, "?baud=115200")
-        session = Session()
+        session = ControllerSession()
         connection = Connection(url, session, on_event=lambda _: None)
         running = asyncio.create_task(connection.run())
         try:

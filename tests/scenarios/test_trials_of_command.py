@@ -19,7 +19,7 @@ from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.peer import Send
 from robotree.proxy.motion import Request
-from robotree.proxy.session import Redial, Session
+from robotree.proxy.session import ControllerSession, Redial
 from robotree.sim.firmware import Firmware, Identity
 from robotree.sim.firmware.device import Progress, Start
 from robotree.sim.firmware.outgoing import Outgoing
@@ -75,9 +75,9 @@ class Trial:
         self.proxies = [self._proxy(i, take_over=False) for i in PROXIES]
         self._start()
 
-    def _proxy(self, i: int, *, take_over: bool) -> Session:
+    def _proxy(self, i: int, *, take_over: bool) -> ControllerSession:
         claim = ClaimClient(1, 1, holder=self.chance.getrandbits(63) + 1, name=f"{i}", take_over=take_over)
-        return Session(component=self.chance.choice([30, 30 + i]), claim=claim)
+        return ControllerSession(component=self.chance.choice([30, 30 + i]), claim=claim)
 
     def _start(self) -> None:
         self.life, self.began, self.up = self.life + 1, self.now, True
@@ -150,7 +150,7 @@ class Trial:
             if link != self.links[i]:
                 continue
             if not component:
-                self._do(i, self.proxies[i].hear(Frame.of(message, system=1, component=1), self.now))
+                self._do(i, self.proxies[i].receive(Frame.of(message, system=1, component=1), self.now))
             elif self.up:
                 self._hear(i, Frame.of(message, system=255, component=component))
 

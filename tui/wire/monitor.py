@@ -113,7 +113,7 @@ def table(link: LinkReading) -> str:
         f"{_rate(link.bytes_per_second, 0)} bytes/s   loss {link.loss:.1%}   delay {delay}   "
         f"bad checksum {link.bad_crc}   unknown {link.unknown}   refused {link.refused}"
     )
-    doubt = [f"{link.address}: {link.disbelief}"] if link.disbelief else []
+    doubt = [f"{link.address}: {link.rejection}"] if link.rejection else []
     rows: list[tuple[str, ...]] = [("FROM", "MESSAGE", "RATE/S", "AGE/S", "COUNT", "LAST")]
     rows += [
         (

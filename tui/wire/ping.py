@@ -11,8 +11,8 @@ import msgspec
 from robotree.protocol.capture.trips import Trips, summary
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
-from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.rejection import rejection
 from robotree.protocol.links.security import UNSIGNED
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Ping, Timesync
@@ -144,7 +144,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
             await here.wait(every if asked < count else PATIENCE)
         here.end()
         link.close()
-    doubt = disbelief(None if mouth[0].statistics.received else seals["verifier"], keyless=keyless)
+    doubt = rejection(None if mouth[0].statistics.received else seals["verifier"], keyless=keyless)
     missing = f"nobody at {line.text('--connect')} answers: {doubt}" if doubt else _missing(line, speakers)
     return _result(line, summary(asked, list(times.values())), here.exit_code(), missing)
 

@@ -15,8 +15,8 @@ from robotree.protocol.capture.recorder import Recorder, writer_of
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
-from robotree.protocol.links.disbelief import disbelief
 from robotree.protocol.links.link import Link
+from robotree.protocol.links.rejection import rejection
 from robotree.protocol.links.security import Sealing
 from robotree.protocol.links.url import connect
 from robotree.protocol.services.heartbeat import PERIOD
@@ -43,9 +43,9 @@ class Tape:
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **seals)
 
     @property
-    def disbelief(self) -> str:
+    def rejection(self) -> str:
         """What is wrong with the keys; empty: nothing."""
-        return "" if self._mouth.statistics.received else disbelief(self._verifier)
+        return "" if self._mouth.statistics.received else rejection(self._verifier)
 
     def begin(self, recorder: Recorder) -> None:
         """Record from now on, and what came before."""
@@ -154,7 +154,7 @@ async def _record(line: Line) -> int:
     if not recorder.frames:
         _drop(name)
     tell(line, recorder, time.monotonic() - began)
-    return code or _worth(line, recorder, tapes[0].disbelief)
+    return code or _worth(line, recorder, tapes[0].rejection)
 
 
 def tell(line: Line, recorder: Recorder, seconds: float) -> None:

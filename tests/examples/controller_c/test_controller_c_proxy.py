@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from robotree.protocol.messages import Claim, ClaimWish, GoalState, Mode, ModeKind, Reason
-from robotree.proxy.agent import standing_for
+from robotree.proxy.agent import running_proxy
 from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, Stopped
@@ -47,7 +47,7 @@ class Drive:
 async def driving(port: int, **limits: Span) -> AsyncIterator[Drive]:
     rover = Rover("rover-1", f"tcp:127.0.0.1:{port}", limits, chance=random.Random(1))
     network = MemoryNetwork()
-    async with standing_for(rover, network.join("proxy")) as agent:
+    async with running_proxy(rover, network.join("proxy")) as agent:
         drive = Drive(rover, RobotClient(network.join("caller"), agent.address))
         await drive.online()
         yield drive

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.proxy.agent import standing_for
+from robotree.proxy.agent import running_proxy
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, Stopped
 from robotree.vr.exchange.client import RobotClient
@@ -58,7 +58,7 @@ def test_it_is_one_page_and_needs_nothing_but_pymavlink() -> None:
 async def test_the_real_proxy_drives_stops_and_leaves_it(url: str) -> None:
     network = MemoryNetwork()
     rover = Rover("rover-1", url, chance=random.Random(1))
-    async with standing_for(rover, network.join("proxy")) as agent:
+    async with running_proxy(rover, network.join("proxy")) as agent:
         client = RobotClient(network.join("caller"), agent.address)
         await until(lambda: rover.online, "it is online")
 
@@ -93,7 +93,7 @@ async def test_it_stands_when_its_link_ends_and_serves_the_next_client(url: str)
     for _ in range(2):
         network = MemoryNetwork()
         rover = Rover("rover-1", url, chance=random.Random(1))
-        async with standing_for(rover, network.join("proxy")) as agent:
+        async with running_proxy(rover, network.join("proxy")) as agent:
             client = RobotClient(network.join("caller"), agent.address)
             await until(lambda rover=rover: rover.online, "it is online")
             await until(lambda rover=rover: "vx" in rover.readings(), "it is told of")

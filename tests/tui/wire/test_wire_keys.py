@@ -93,7 +93,7 @@ def test_a_monitor_with_a_wrong_key_shows_nothing_as_live_but_what_was_refused(
     table = say(*words, "--key", guarded.wrong).out
     assert "frames arrive but none is signed with our key" in table
     (link,) = say(*words, "--json", "--key", guarded.key).objects[-1]["links"]
-    assert (link["refused"], link["disbelief"]) == (0, "")
+    assert (link["refused"], link["rejection"]) == (0, "")
     assert {"HEARTBEAT", "ROBOTREE_JOINTS"} <= {row["name"] for row in link["messages"]}
     (link,) = say(*words, "--json").objects[-1]["links"]
-    assert "this link has no key: nobody vouches" in link["disbelief"]
+    assert "this link has no key: nobody vouches" in link["rejection"]

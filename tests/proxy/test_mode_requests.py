@@ -24,8 +24,8 @@ from robotree.protocol.messages import (
 from robotree.protocol.services.goal_client import RESEND
 from robotree.proxy.arm import Arm
 from robotree.proxy.connection import TICK
+from robotree.proxy.desired_mode import RELEASE_TIMEOUT, REPEAT_PERIOD
 from robotree.proxy.motion import Request
-from robotree.proxy.will import INSIST, RELEASE_WITHIN
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.confirmation import Budget, unmeasured
 from robotree.vr.errors import CommandFailed, NotConfirmed
@@ -56,7 +56,7 @@ class Place:
 
     def hear(self, message: AnyMessage) -> None:
         frame = Frame.of(message, system=1, component=1)
-        self.connection.perform(self.session.hear(frame, self.connection.now()))
+        self.connection.perform(self.session.receive(frame, self.connection.now()))
 
     def tell(self, mode: ModeKind, stops: int, reason: Reason = Reason.NONE) -> None:
         self.hear(Mode(1000, 1, 1000, mode, reason, stops))
@@ -162,12 +162,12 @@ async def test_a_resume_that_the_controller_refuses_says_why_and_what_to_do(
 async def test_a_resume_that_was_given_up_says_so(place: Place) -> None:
     place.tell(ModeKind.SAFE_STOP, 2)
     resume = await waiting(place.robot.resume())
-    place.pass_time(RELEASE_WITHIN)
+    place.pass_time(RELEASE_TIMEOUT)
     with pytest.raises(CommandFailed, match=r"answered for 2\.2 s; it is not released; .*, then resume"):
         await resume
     place.cut()
     resume = await waiting(place.robot.resume())
-    place.pass_time(RELEASE_WITHIN)
+    place.pass_time(RELEASE_TIMEOUT)
     with pytest.raises(CommandFailed, match="the cable was pulled; it is not released"):
         await resume
 
@@ -217,11 +217,11 @@ async def test_who_is_told_that_a_resume_is_not_confirmed_finds_the_robot_stoppe
     agent = RobotAgent(place.robot, network.join("proxy"))
     await agent.start()
     place.tell(ModeKind.SAFE_STOP, 2)
-    client = RobotClient(network.join("above"), agent.address, patience=RELEASE_WITHIN)
+    client = RobotClient(network.join("above"), agent.address, patience=RELEASE_TIMEOUT)
     with pytest.raises(NotConfirmed, match="its controller has not confirmed it"):
         await client.resume()
     place.tell(ModeKind.READY, 2)
-    place.pass_time(INSIST)
+    place.pass_time(REPEAT_PERIOD)
     assert place.said == [ModeKind.READY, ModeKind.SAFE_STOP, ModeKind.SAFE_STOP], "it is stopped again"
     assert place.session.held
     await agent.close()
@@ -248,7 +248,7 @@ async def test_a_resume_whose_confirmation_came_too_late_to_be_heard_is_taken_ba
 
 
 def test_a_resume_is_given_up_before_the_agent_that_waits_for_it_gives_up() -> None:
-    assert Budget(unmeasured(CONFIRM)).wait > RELEASE_WITHIN + TICK
+    assert Budget(unmeasured(CONFIRM)).wait > RELEASE_TIMEOUT + TICK
 
 
 async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_release_can_be_said(
@@ -257,7 +257,7 @@ async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_rele
     sent: list[AnyMessage] = []
     place.connection._send = sent.append
     activity: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=1))
-    place.robot._desk.send_out(7, Request(Verb.HOLD, ()), activity=activity, ttl=0.0, repeatable=True)
+    place.robot._pending.start(7, Request(Verb.HOLD, ()), activity=activity, ttl=0.0, repeatable=True)
     activity.cancelled = True  # the agent has ended it; its thread has yet to take note
     place.robot.safe_stop("a hand in the cell")
     place.tell(ModeKind.SAFE_STOP, 2)

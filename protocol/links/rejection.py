@@ -16,7 +16,7 @@ _UNTIMELY = "frames arrive that are signed with our key but not new"
 _WHAT = {"forged": _STRANGE, "unsigned": _STRANGE, "late": _UNTIMELY, "replayed": _UNTIMELY}
 
 
-class Doubt(NamedTuple):
+class Rejection(NamedTuple):
     """What most of the frames that were refused have in common."""
 
     kind: str
@@ -25,20 +25,22 @@ class Doubt(NamedTuple):
     """And what to do, as two clauses that either end can be told."""
 
 
-def doubt(verifier: Verifier) -> Doubt | None:
+def cause(verifier: Verifier) -> Rejection | None:
     """Return the most frequent cause of refusals; None: nothing was refused."""
     seen = verifier.statistics
     worst = max(
-        Doubt("forged", seen.forged, "they have the signature of another key; give both ends the same key"),
-        Doubt("unsigned", seen.unsigned, "they have no signature; sign them with the key of this link"),
-        Doubt("late", seen.late, _late(seen.behind)),
-        Doubt("replayed", seen.replayed, _replayed(seen.replayed, seen.repeated)),
+        Rejection(
+            "forged", seen.forged, "they have the signature of another key; give both ends the same key"
+        ),
+        Rejection("unsigned", seen.unsigned, "they have no signature; sign them with the key of this link"),
+        Rejection("late", seen.late, _late(seen.behind)),
+        Rejection("replayed", seen.replayed, _replayed(seen.replayed, seen.repeated)),
         key=lambda each: each.refused,
     )
     return worst if worst.refused else None
 
 
-def disbelief(verifier: Verifier | None, *, keyless: int = 0) -> str:
+def rejection(verifier: Verifier | None, *, keyless: int = 0) -> str:
     """One clause, or nothing.
 
     Args:
@@ -50,7 +52,7 @@ def disbelief(verifier: Verifier | None, *, keyless: int = 0) -> str:
     """
     if keyless:
         return f"its controller signs what it says and this link has no key ({keyless} refused)"
-    worst = None if verifier is None else doubt(verifier)
+    worst = None if verifier is None else cause(verifier)
     return "" if worst is None else f"{_WHAT[worst.kind]} ({worst.refused} refused): {worst.why}"
 
 

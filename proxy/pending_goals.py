@@ -1,0 +1,147 @@
+"""Goals that a controller has not finished, seen from the threads in which commands run.
+
+A command starts a goal and waits for its end. `PendingGoals` belongs to the event loop; a `PendingGoal` is
+the only object that both sides touch.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, GoalSilent
+from robotree.proxy.connection import Connection
+from robotree.proxy.motion import Request
+from robotree.proxy.session import Event
+from robotree.vr.context import Activity
+
+
+@dataclass(frozen=True, slots=True)
+class NotSent:
+    """The goal was never sent: the controller is offline, or the command has ended."""
+
+    trouble: str
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeLost:
+    """The goal was sent, and the proxy ends before the goal does."""
+
+    trouble: str
+
+
+End = GoalEnded | GoalSilent | NotSent | OutcomeLost
+
+
+class PendingGoal:
+    """One goal that was started and has not ended.
+
+    Args:
+        key: of the goal.
+        activity: the command that asks for it.
+    """
+
+    def __init__(self, key: int, activity: Activity) -> None:
+        self.key = key
+        self.activity = activity
+        self.epoch = activity.context.epoch
+        self.fraction = 0.0
+        """Progress, 0 to 1."""
+        self.end: End | None = None
+        """How it ended; None: it has not."""
+        self._over = threading.Event()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for the end, at most `timeout` [s]; returns whether it has ended. Not on the loop."""
+        return self._over.wait(timeout)
+
+    def finish(self, end: End) -> None:
+        """Set the end; only the first call counts."""
+        if self.end is None:
+            self.end = end
+            self._over.set()
+
+
+class PendingGoals:
+    """Starts goals over one connection and follows them to their ends."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._goals: dict[int, PendingGoal] = {}
+
+    # -- from any thread ---------------------------------------------------------------------------
+
+    def start(
+        self, key: int, request: Request, *, activity: Activity, ttl: float, repeatable: bool
+    ) -> PendingGoal:
+        """Ask the controller for a movement.
+
+        Args:
+            key: of the goal.
+            request: what to do.
+            activity: the command that asks for it.
+            ttl: [s] it may take; 0: until reached.
+            repeatable: carried out twice, it ends the same.
+
+        Returns:
+            The goal; it ends at once if the controller is offline or the command has ended.
+        """
+        pending = PendingGoal(key, activity)
+        self._connection.soon(lambda: self._start(pending, request, ttl, repeatable=repeatable))
+        return pending
+
+    def cancel(self, pending: PendingGoal) -> None:
+        """Cancel the goal. It ends when the controller has answered."""
+        self._connection.soon(lambda: self._cancel(pending))
+
+    # -- on the loop -------------------------------------------------------------------------------
+
+    def handle(self, event: Event) -> None:
+        """Take an event of the session; those that are about no pending goal are ignored."""
+        match event:
+            case GoalProgress(key=key, progress=fraction) if key in self._goals:
+                self._goals[key].fraction = fraction
+            case GoalEnded(key=key) if key in self._goals:
+                self._goals.pop(key).finish(event)
+            case GoalSilent(key=key) if key in self._goals:
+                pending = self._goals.pop(key)
+                pending.finish(event)
+                # No command waits for this goal any more, so it must not go on when the link comes back.
+                self._cancel(pending)
+            case _:
+                pass
+
+    def cancel_ended(self) -> None:
+        """Cancel all goals whose command has ended, before the command's own thread notices it.
+
+        An unanswered goal is sent again until it is cancelled, and it must not begin any more.
+        """
+        for pending in self._goals.values():
+            if pending.activity.cancelled:
+                self._cancel(pending)
+
+    def close(self, trouble: str) -> None:
+        """End all goals: the proxy will not learn their ends."""
+        while self._goals:
+            self._goals.popitem()[1].finish(OutcomeLost(trouble))
+
+    def _start(self, pending: PendingGoal, request: Request, ttl: float, *, repeatable: bool) -> None:
+        session, now = self._connection.session, self._connection.now()
+        if pending.activity.cancelled:  # checked on the loop, where stops and resumes come too
+            pending.finish(NotSent("its command has been ended"))
+            return
+        if not session.online:
+            pending.finish(NotSent(session.trouble))
+            return
+        if session.denial:
+            pending.finish(NotSent(session.denial))
+            return
+        self._goals[pending.key] = pending
+        goal = session.start(
+            pending.key, request, epoch=pending.epoch, ttl=ttl, now=now, repeatable=repeatable
+        )
+        self._connection.perform(goal)
+
+    def _cancel(self, pending: PendingGoal) -> None:
+        session, now = self._connection.session, self._connection.now()
+        self._connection.perform(session.cancel(pending.key, epoch=pending.epoch, now=now))
