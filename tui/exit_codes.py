@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from robotree.tui.errors import BadScript, NothingToAsk, OldList, SomeHang, UsageError, ValueRefused
 
 DONE = 0
@@ -22,13 +24,16 @@ def ours(error: Exception) -> bool:
 
 def code_of(error: Exception) -> int:
     """Return the exit code for an error that ended a verb."""
-    from robotree.protocol.errors import BadUrl
-    from robotree.vr.errors import Hanging, TransportError
-
-    if isinstance(error, UsageError | ValueRefused | BadScript | BadUrl):
+    if isinstance(error, UsageError | ValueRefused | BadScript) or _about_an_address(error):
         return USAGE
-    if isinstance(error.__cause__, BadUrl):  # a room's own sentence about an address
-        return USAGE
-    if isinstance(error, NothingToAsk | OldList | SomeHang | Hanging | TransportError):
+    if isinstance(error, NothingToAsk | OldList | SomeHang):
         return NOBODY
-    return REFUSED
+    from robotree.vr.errors import Hanging, TransportError  # a mistyped verb must not wait for the agents
+
+    return NOBODY if isinstance(error, Hanging | TransportError) else REFUSED
+
+
+def _about_an_address(error: Exception) -> bool:
+    """Whether an address was not understood, also where a room says so in a sentence of its own."""
+    wire = sys.modules.get("robotree.protocol.errors")  # not loaded: no error comes from there
+    return wire is not None and isinstance(error, wire.BadUrl) | isinstance(error.__cause__, wire.BadUrl)

@@ -12,7 +12,6 @@ import stat
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any
 
 from robotree.tui.errors import BadScript, SupervisorError, sentence
@@ -25,14 +24,15 @@ STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u202
 sequence begins with one), invisible ones, and those that turn the direction of writing (Unicode annex 9)."""
 
 
-@dataclass(slots=True)
 class Answer:
     """What standard output gets from one command line."""
 
-    as_json: bool = False
-    """Plain data was asked for: then it gets one JSON value, whatever happens, or a stream of them."""
-    given: bool = False
-    """Whether anything has been written to it."""
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.as_json = False
+        """Plain data was asked for: then it gets one JSON value, whatever happens, or a stream of them."""
+        self.given = False
+        """Whether anything has been written to it."""
 
 
 _answer = Answer()

@@ -19,7 +19,6 @@ from robotree.tui.line.actions import ACTIONS
 
 pytestmark = pytest.mark.usefixtures("place")
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]
-HEAVY = {"asyncio", "textual", "mujoco", "zenoh", "pinocchio", "pymavlink", "numpy", "pint", "PIL", "rich"}
 
 
 def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str]:
@@ -31,16 +30,6 @@ def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str
         check=False,
         stdin=subprocess.DEVNULL,
     )
-
-
-@pytest.mark.parametrize("words", [["--help"], ["help", "create"], ["ls", "--help"], ["--version"], ["fly"]])
-def test_help_waits_for_nothing_heavy(words: list[str]) -> None:
-    code = (
-        "import sys; from robotree.tui.cli import main; "
-        f"main({words!r}); print(sorted({HEAVY!r} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from PIL import Image
 from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
-from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
+from robotree.tui.line.actions import ACTIONS, shapes
+from robotree.tui.line.carrying import function_of
 from robotree.tui.line.verbs import Outcome
 from robotree.vr.errors import (
     BadArgument,
@@ -59,9 +60,7 @@ class Listener:
 
 async def do(realm: Realm, text: str, listener: Listener | None = None) -> Outcome:
     line = grammar.parse(grammar.split(text), shapes(Where.SHELL), {"json": ""})
-    run = BY_VERB[line.verb].run
-    assert run is not None
-    outcome = await run(realm.fleet, line, listener or Listener())
+    outcome = await function_of(line.verb)(realm.fleet, line, listener or Listener())
     json.dumps(outcome.data)
     return outcome
 
@@ -299,7 +298,7 @@ async def test_an_enslaved_robot_obeys_and_ends_through_its_parent_alone(realm: 
 
 def test_every_verb_of_a_script_has_a_function() -> None:
     for action in ACTIONS:
-        assert (action.run is not None) or not (action.where & Where.SCRIPT)
+        assert not action.where & Where.SCRIPT or function_of(action.verb)
 
 
 async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> None:

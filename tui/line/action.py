@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from enum import Enum, Flag, auto
-from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 from robotree.tui.line import grammar
-from robotree.tui.line.grammar import Line, Shape
-from robotree.tui.line.verbs import Outcome, Teller
-
-if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.supervision.fleet import Fleet
-
-Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
+from robotree.tui.line.grammar import Shape
 
 
 class Where(Flag):
@@ -55,8 +46,7 @@ SHOWN = Where.PROMPT | Where.SCREEN
 LINES = Where.SHELL | Where.PROMPT | Where.SCRIPT
 
 
-@dataclass(frozen=True)
-class Action:
+class Action(NamedTuple):
     """One thing that can be done."""
 
     usage: str
@@ -64,8 +54,8 @@ class Action:
     help: str
     """One sentence."""
     group: str
-    run: Run | None = None
-    """The function over the fleet; None: a process verb or one of the screen alone."""
+    run: str = ""
+    """Name of the function in `verbs`; empty: it starts a program, or is one of the screen alone."""
     where: Where = LINES
     key: str = ""
     """Key in the full screen, as Textual names it."""
@@ -88,7 +78,7 @@ class Action:
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""
 
-    @cached_property
+    @property
     def shape(self) -> Shape:
         """The usage string, compiled."""
         return grammar.shape(self.usage)
@@ -96,4 +86,4 @@ class Action:
     @property
     def verb(self) -> str:
         """The lower-case words with which the usage begins."""
-        return self.shape.verb
+        return grammar.verb(self.usage)

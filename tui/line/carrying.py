@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.tui.errors import NotForRobots, SupervisorError, sentence
+from robotree.tui.line import verbs
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.verbs import Outcome, Teller
+from robotree.tui.line.verbs import Outcome, Run, Teller
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.fleet import Fleet
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(NamedTuple):
     """A line that was refused, or failed: nothing of it is left running."""
 
     error: Exception
@@ -38,6 +37,19 @@ class Silent:
         """Take no notice."""
 
 
+def function_of(verb: str) -> Run:
+    """Return the function that carries a verb out.
+
+    Raises:
+        NotForRobots: it starts a program, or is one of the screen alone.
+    """
+    name = BY_VERB[verb].run
+    if not name:
+        raise NotForRobots(verb)
+    run: Run = getattr(verbs, name)
+    return run
+
+
 async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refusal:
     """Carry out one line.
 
@@ -52,9 +64,6 @@ async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refus
     from robotree.vr.errors import VrError
 
     try:
-        run = BY_VERB[line.verb].run
-        if run is None:
-            raise NotForRobots(line.verb)
-        return await run(fleet, line, teller)
+        return await function_of(line.verb)(fleet, line, teller)
     except (VrError, SupervisorError, OSError) as error:
         return Refusal(error)

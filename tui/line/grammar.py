@@ -14,12 +14,12 @@ Pure: text in, values out.
 
 from __future__ import annotations
 
-import difflib
 import re
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from functools import cache
 from itertools import takewhile
+from types import MappingProxyType
+from typing import NamedTuple
 
 from robotree.tui.errors import BadLine, UnknownVerb
 
@@ -28,28 +28,25 @@ MORE, OR = "…", "|"
 LONGEST_VERB = 2
 """Words of a verb, at most."""
 
-_GROUP, _OPTION = re.compile(r"\[([^]]*)]"), re.compile(r"--([\w-]+)")
-_CHOICE = re.compile(r"--[\w-]+(?: [A-Z]+)?(?: \| --[\w-]+(?: [A-Z]+)?)*")
-"""Options of which one is taken; with nothing beside it, that one."""
+_GROUP, _OPTION = r"\[([^]]*)]", r"--([\w-]+)"
+_CHOICE = r"--[\w-]+(?: [A-Z]+)?(?: \| --[\w-]+(?: [A-Z]+)?)*"
+"""Options of which one is taken; with nothing beside it, that one. Compiled when first used."""
 
 
-@dataclass(frozen=True, slots=True)
-class Word:
+class Word(NamedTuple):
     """A word to type as it is."""
 
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Blank:
+class Blank(NamedTuple):
     """A value to fill in."""
 
     name: str
     repeated: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
+class Group(NamedTuple):
     """Parts that come together or not at all."""
 
     parts: tuple[Part, ...]
@@ -58,8 +55,7 @@ class Group:
 Part = Word | Blank | Group
 
 
-@dataclass(frozen=True, slots=True)
-class Shape:
+class Shape(NamedTuple):
     """How the lines of one verb look."""
 
     verb: str
@@ -73,12 +69,11 @@ class Shape:
     """Options of which one must be given."""
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """One line, understood: its verb and the values by the names of the blanks (options with dashes)."""
 
     verb: str
-    values: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    values: Mapping[str, Value] = MappingProxyType({})
 
     def text(self, name: str, default: str = "") -> str:
         """Return a single value, or the default when it was left out."""
@@ -95,6 +90,12 @@ class Line:
         return self.values.get(name) is True
 
 
+def verb(usage: str) -> str:
+    """Return the lower-case words with which a usage string begins."""
+    return " ".join(takewhile(str.isidentifier, takewhile(str.islower, usage.split())))
+
+
+@cache
 def shape(usage: str) -> Shape:
     """Compile a usage string.
 
@@ -105,16 +106,17 @@ def shape(usage: str) -> Shape:
         The shape that `parse` wants.
     """
     tokens = usage.replace("[", " [ ").replace("]", " ] ").split()
-    verb = " ".join(takewhile(str.isidentifier, takewhile(str.islower, tokens)))
-    tokens = tokens[verb.count(" ") + 1 :]
+    begins = verb(usage)
+    tokens = tokens[begins.count(" ") + 1 :]
     options: dict[str, str] = {}
     parts, rest = _parts(tokens, options)
     if rest:
         raise ValueError(f"usage has a ']' too many: {usage}")
-    choices = [tuple(_OPTION.findall(choice)) for choice in _CHOICE.findall(usage)]
-    needed = [tuple(_OPTION.findall(choice)) for choice in _CHOICE.findall(_GROUP.sub("", usage))]
+    choices = [tuple(re.findall(_OPTION, choice)) for choice in re.findall(_CHOICE, usage)]
+    always = re.findall(_CHOICE, re.sub(_GROUP, "", usage))
+    needed = [tuple(re.findall(_OPTION, choice)) for choice in always]
     rivals = tuple(choice for choice in choices if len(choice) > 1)
-    return Shape(verb, usage, parts, options, rivals, tuple(needed))
+    return Shape(begins, usage, parts, options, rivals, tuple(needed))
 
 
 def _parts(tokens: list[str], options: dict[str, str]) -> tuple[tuple[Part, ...], list[str]]:
@@ -145,6 +147,8 @@ def split(text: str) -> tuple[str, ...]:
     Raises:
         BadLine: a quote is not closed.
     """
+    import shlex
+
     try:
         return tuple(shlex.split(text, comments=True))
     except ValueError as error:
@@ -221,6 +225,8 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
     if family and len(words) == 1:
         known = ", ".join(verb.partition(" ")[2] for verb in family)
         raise BadLine(f"{words[0]} needs a second word: {known}", f"{words[0]} VERB …")
+    import difflib
+
     asked = " ".join(words) if family else words[0]
     near = difflib.get_close_matches(asked, family or shapes, n=2)
     raise UnknownVerb(asked, tuple(near or family))
@@ -228,6 +234,8 @@ def verb_of(words: Sequence[str], shapes: Mapping[str, Shape]) -> str:
 
 def form(line: Line, shapes: Mapping[str, Shape]) -> str:
     """Write a line so that `split` and `parse` read the same values again."""
+    import shlex
+
     wanted = shapes[line.verb]
     words = [
         *line.verb.split(),

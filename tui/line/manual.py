@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from importlib import import_module
 from typing import Any
 
 from robotree.tui.line.action import Action, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
-from robotree.tui.line.page_keys import PAGE_KEYS
 from robotree.tui.line.surface import Surface
 
 EVERYWHERE = {"json": "", "realm": "NAME", "readonly": "", "calm": "", "help": "", "version": ""}
@@ -92,6 +90,8 @@ def structure(action: Action) -> dict[str, Any]:
 
 def tables() -> str:
     """Return the registry as two tables for the guide: what can be done, and the keys of each page."""
+    from robotree.tui.line.page_keys import PAGE_KEYS
+
     rows = ["| what | key | verb |", "|---|---|---|"]
     for action in ACTIONS:
         keys = [f"`{spell(key)}`" for key in (action.key, action.typing_key) if key]
@@ -120,5 +120,7 @@ def page(verb: str) -> str:
     if action.key:
         lines += ["", f"key in the full screen: {spell(action.key)}"]
     for module in action.guide:
+        from importlib import import_module
+
         lines += ["", (import_module(module).__doc__ or "").strip().replace(" Pure.", "").replace("`", "")]
     return "\n".join(lines)

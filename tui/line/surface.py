@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import NamedTuple
 
 from robotree.tui.errors import BadLine, NotHere, UnknownVerb
 from robotree.tui.line import checking, grammar
@@ -21,16 +21,15 @@ _NAMES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Surface:
+class Surface(NamedTuple):
     """One place, and what may be done there."""
 
     where: Where
     readonly: bool = False
     """Whether everything that changes robots is absent; the protective stop stays."""
-    everywhere: Mapping[str, str] = field(default_factory=dict[str, str])
+    everywhere: Mapping[str, str] = MappingProxyType({})
     """Options that every verb takes here, as in `Shape.options`."""
-    internal: Mapping[str, str] = field(default_factory=dict[str, str])
+    internal: Mapping[str, str] = MappingProxyType({})
     """The same, for programs: no person is told of them."""
     shell: str = "robotree"
     """How a line begins in a shell that reaches the same robots."""
@@ -99,6 +98,8 @@ class Surface:
         if self.readonly and self.where in found.where:
             return NotHere(verb, f"no verb {verb!r}: this is read-only (--readonly or $ROBOTREE_READONLY)")
         if self.where is not Where.SHELL and Where.SHELL in found.where:
+            import shlex
+
             line = f"{self.shell} {shlex.join(words)}"
             return NotHere(verb, f"no verb {verb!r} {_NAMES[self.where]}; it is for a shell: `{line}`")
         hints = [f"type `:{verb}`"] if Where.PROMPT in found.where else []

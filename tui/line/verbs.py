@@ -6,10 +6,10 @@ Each takes the fleet, the line that was understood and a `Teller`, and returns a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, cast
 
 from robotree.files import overwrite
 from robotree.tui.errors import OldList, SomeHang, SupervisorError
@@ -31,8 +31,7 @@ PICTURE = (640, 360)
 """[px] size of a picture when the line does not say: 16:9, about 40 kB."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What a verb has to tell."""
 
     data: Any
@@ -57,6 +56,10 @@ class Teller(Protocol):
     def outcome(self, outcome: Outcome) -> None:
         """Take one of many outcomes (`watch`)."""
         ...
+
+
+Run = Callable[["Fleet", Line, Teller], Awaitable[Outcome]]
+"""What carries out a verb: the registry names these functions, and `carrying` finds them."""
 
 
 # -- looking ---------------------------------------------------------------------------------------

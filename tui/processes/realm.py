@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import AsyncGenerator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robotree.files import private_folder
 from robotree.tui.errors import sentence
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from robotree.vr.supervision.fleet import Fleet
 
 
@@ -48,6 +48,7 @@ def folder_of(realm: str) -> Path:
     Raises:
         RealmUnusable: it cannot be made, or belongs to somebody else.
     """
+    from robotree.files import private_folder
     from robotree.vr.errors import RealmUnusable
     from robotree.vr.network.rendezvous import runtime_directory
 

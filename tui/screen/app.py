@@ -338,7 +338,7 @@ class Supervisor(Fenced, Unasked[int]):
             return
         if line is None:
             return
-        if BY_VERB[line.verb].run is None:
+        if not BY_VERB[line.verb].run:
             self.ask_for(line.verb)
         elif BY_VERB[line.verb].danger:
             self._confirm(line)

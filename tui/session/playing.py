@@ -8,7 +8,6 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,7 +122,7 @@ class Player:
             return line
         path, wanted = values.source(line.text("FILE"))
         found = placed(path, self.script.path)
-        return replace(line, values={**line.values, "FILE": f"{found}:{wanted}" if wanted else str(found)})
+        return line._replace(values={**line.values, "FILE": f"{found}:{wanted}" if wanted else str(found)})
 
     async def _expect(self, expect: Expect) -> Verdict:
         end = time.monotonic() + expect.within

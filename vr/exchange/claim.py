@@ -8,7 +8,7 @@ list and one log; hosts and lookup services have their own.
 from __future__ import annotations
 
 import asyncio
-import secrets
+import os
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.errors import DuplicateName, NameInSilence
@@ -25,7 +25,7 @@ def new_address(role: Role, name: str) -> Address:
     Raises:
         BadName: the name cannot be one.
     """
-    return Address(role, check_name(name), secrets.token_hex(8))
+    return Address(role, check_name(name), os.urandom(8).hex())
 
 
 async def claim(transport: Transport, address: Address) -> Registration:

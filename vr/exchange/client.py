@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import secrets
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -55,7 +55,7 @@ OnProgress = Callable[[float, str], None]
 
 def fresh_key() -> str:
     """Return the key of a new command that is nobody's step."""
-    return secrets.token_hex(8)
+    return os.urandom(8).hex()
 
 
 class RobotClient:

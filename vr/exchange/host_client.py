@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from robotree.vr.address import Address
-from robotree.vr.bundle import Bundle
 from robotree.vr.description import RobotDescription
 from robotree.vr.exchange.asking import ask
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed
 from robotree.vr.transport import Transport
+
+if TYPE_CHECKING:  # only who creates something loads what reads sources
+    from robotree.vr.bundle import Bundle
 
 PATIENCE = 5.0
 """[s] for an answer that takes no work."""

@@ -18,10 +18,8 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import secrets
 import socket
 import struct
-import tempfile
 import threading
 import time
 from collections.abc import Generator
@@ -54,8 +52,11 @@ _MOMENT = struct.Struct("d")
 
 def runtime_directory() -> Path:
     """Return where this user's realms lie: private, and gone after a restart of the machine."""
-    private = os.environ.get("XDG_RUNTIME_DIR")
-    return Path(private) / "robotree" if private else Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
+    if private := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(private) / "robotree"
+    import tempfile  # seldom needed, and 2 ms of every start
+
+    return Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
 
 
 def realm_name(realm: str | None) -> str:
@@ -123,7 +124,7 @@ class Rendezvous:
         self._root = root or runtime_directory()
         self.directory = self._root / realm
         self._make_folders()
-        self.tag = f"{os.getpid()}-{secrets.token_hex(4)}"
+        self.tag = f"{os.getpid()}-{os.urandom(4).hex()}"
         self._keys: list[str] = []
         self._lock = threading.Lock()
         self._there = False

@@ -7,12 +7,11 @@ Of those that do not answer it says which process holds them, if that lives (`Ha
 from __future__ import annotations
 
 import asyncio
-import secrets
+import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address, check_name, everyone
-from robotree.vr.bundle import Bundle
 from robotree.vr.description import Listing, RobotDescription, Template
 from robotree.vr.errors import NoAnswer, NoHost, Unreachable, VrError
 from robotree.vr.exchange.client import DEFAULT_DEADLINE, RobotClient
@@ -244,6 +243,8 @@ class Fleet:
             AddressError: the name cannot be one, or is taken.
         """
         check_name(name)
+        from robotree.vr.bundle import Bundle  # `ls` needs no source
+
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
         client = HostClient(self._transport, await self._choose_host(host))
         return await self._awake(client.create(bundle, name))
@@ -297,7 +298,7 @@ class _Presence:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._key = f"caller/{secrets.token_hex(8)}"
+        self._key = f"caller/{os.urandom(8).hex()}"
         self._announcing: asyncio.Task[Registration] | None = None
 
     async def key(self) -> str:

@@ -36,7 +36,7 @@ def keys(holder: type[Supervisor | Page]) -> set[str]:
 
 def test_every_action_of_the_screen_knows_what_to_ask_and_nothing_else_does() -> None:
     shown = {one.verb for one in ACTIONS if one.where & Where.SCREEN}
-    typed_alone = {one.verb for one in ACTIONS if one.where & Where.PROMPT and one.run is None}
+    typed_alone = {one.verb for one in ACTIONS if one.where & Where.PROMPT and not one.run}
     assert shown == ASK.keys()
     assert typed_alone <= ASK.keys()
     assert PANES.keys() <= ASK.keys()

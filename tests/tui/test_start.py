@@ -1,0 +1,113 @@
+"""What a start of the command line loads: help must be there at once, and a list soon."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.exit_codes import DONE, USAGE
+from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.local import join
+
+HELP = {
+    "robotree": [],
+    "robotree.tui": ["cli", "errors", "exit_codes", "terminal"],
+    "robotree.tui.line": [
+        "action", "actions", "checking", "grammar", "keys", "manual", "page_keys", "surface", "values",
+    ],
+    "robotree.tui.processes": ["realm"],
+}  # fmt: skip
+"""The modules of robotree that `--help` may load, by folder."""
+
+LIST = {
+    "robotree",
+    "robotree.files",
+    "robotree.tui",
+    "robotree.tui.line",
+    "robotree.tui.processes",
+    "robotree.tui.seen",
+    "robotree.vr",
+    "robotree.vr.exchange",
+    "robotree.vr.lookup",
+    "robotree.vr.network",
+    "robotree.vr.supervision",
+}
+"""The folders of robotree of which `ls` may load modules."""
+
+OTHERS = {"msgspec", "typing_extensions"}
+"""Packages of other people that `ls` may load."""
+
+SLOW = {"asyncio", "dataclasses", "inspect", "json", "logging", "socket", "ssl", "subprocess", "threading"}
+"""Modules of Python's own that help does without: each takes milliseconds."""
+
+NOT_FOR_A_LIST = {"ctypes", "random", "secrets", "tempfile"}
+"""Modules of Python's own that are not needed to ask who is there."""
+
+TRACED = """
+import sys
+bare = set(sys.modules)
+from robotree.tui.cli import main
+code = main(sys.argv[1:])
+print(code, *sorted(set(sys.modules) - bare))
+"""
+
+
+def traced(*words: str) -> tuple[int, set[str]]:
+    """Run one command line in a process of its own; its exit code, and what it has loaded."""
+    start = [sys.executable, "-c", TRACED, *words]
+    done = subprocess.run(start, capture_output=True, text=True, check=True)
+    code, *modules = done.stdout.splitlines()[-1].split()
+    return int(code), set(modules)
+
+
+def ours(modules: set[str]) -> set[str]:
+    return {module for module in modules if module.partition(".")[0] == "robotree"}
+
+
+def strange(modules: set[str]) -> set[str]:
+    """Packages that are neither ours nor Python's."""
+    return {module.partition(".")[0] for module in modules} - sys.stdlib_module_names - {"robotree"}
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["--help"], DONE),
+        (["help", "create"], DONE),
+        (["ls", "--help"], DONE),
+        (["help", "wire"], DONE),
+        (["fly"], USAGE),
+    ],
+)
+def test_help_loads_the_registry_and_what_prints_it(words: list[str], code: int) -> None:
+    done, modules = traced(*words)
+    assert done == code
+    assert ours(modules) <= {f"{folder}.{name}" for folder, names in HELP.items() for name in names} | set(
+        HELP
+    )
+    assert not strange(modules)
+    assert not modules & SLOW
+
+
+def test_the_version_needs_no_agents() -> None:
+    code, modules = traced("--version")
+    assert code == DONE
+    assert not strange(modules)
+    assert not {module for module in modules if module.startswith("robotree.vr")}
+
+
+async def test_a_list_loads_what_asks_and_nothing_of_what_answers(place: Path) -> None:
+    transport = await join("test", root=place / "robotree")
+    lookup = LookupService(transport, "lookup-1")
+    await lookup.start()
+    code, modules = await asyncio.to_thread(traced, "ls", "--realm", "test")
+    await lookup.close()
+    await transport.close()
+    assert code == DONE, "it has met the lookup service"
+    assert not {name for name in ours(modules) if not {name, name.rpartition(".")[0]} & LIST}
+    assert strange(modules) <= OTHERS
+    assert not modules & NOT_FOR_A_LIST
