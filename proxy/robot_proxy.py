@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import os
 import random
-import secrets
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -38,6 +37,7 @@ from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
 from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded
 from robotree.vr.robot import Robot
+from robotree.vr.running.chance import bits
 
 _log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ class RobotProxy(Robot):
         self.limits = changed(self.limits, limits)
         claim = ClaimClient(
             *CONTROLLER,
-            holder=secrets.randbits(64) or 1,
+            holder=bits(64) or 1,
             name=f"{name}, pid {os.getpid()}",
             take_over=take_over,
         )

@@ -8,10 +8,10 @@ list and one log; hosts and lookup services have their own.
 from __future__ import annotations
 
 import asyncio
-import os
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.errors import DuplicateName, NameInSilence
+from robotree.vr.running.chance import token
 from robotree.vr.transport import Held, Registration, Transport
 
 SETTLE = 0.1
@@ -25,7 +25,7 @@ def new_address(role: Role, name: str) -> Address:
     Raises:
         BadName: the name cannot be one.
     """
-    return Address(role, check_name(name), os.urandom(8).hex())
+    return Address(role, check_name(name), token())
 
 
 async def claim(transport: Transport, address: Address) -> Registration:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -40,6 +39,7 @@ from robotree.vr.requests import (
     SafeStop,
     decode_reply,
 )
+from robotree.vr.running.chance import token
 from robotree.vr.transport import Transport
 
 DEFAULT_DEADLINE = 60.0
@@ -55,7 +55,7 @@ OnProgress = Callable[[float, str], None]
 
 def fresh_key() -> str:
     """Return the key of a new command that is nobody's step."""
-    return os.urandom(8).hex()
+    return token()
 
 
 class RobotClient:

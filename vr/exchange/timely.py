@@ -70,9 +70,17 @@ def opened(request: Request | Timely, who: str) -> Request:
     return request.request
 
 
-@cache
 def _boot() -> str:
-    """Which boot of which machine this is: the clocks of others are not to be compared with its own."""
+    """Which boot of which machine this is: the clocks of others are not to be compared with its own.
+
+    A loop in virtual time says on which simulated machine it runs.
+    """
+    simulated: str | None = getattr(asyncio.get_running_loop(), "boot", None)
+    return _boot_of_this_machine() if simulated is None else simulated
+
+
+@cache
+def _boot_of_this_machine() -> str:
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     except OSError:

@@ -7,7 +7,6 @@ Of those that do not answer it says which process holds them, if that lives (`Ha
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -19,6 +18,7 @@ from robotree.vr.exchange.host_client import HostClient
 from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
+from robotree.vr.running.chance import token
 from robotree.vr.supervision.orders import Orders
 from robotree.vr.supervision.stop import OnLate
 from robotree.vr.transport import Held, Registration, Transport
@@ -298,7 +298,7 @@ class _Presence:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._key = f"caller/{os.urandom(8).hex()}"
+        self._key = f"caller/{token()}"
         self._announcing: asyncio.Task[Registration] | None = None
 
     async def key(self) -> str:

@@ -4,6 +4,9 @@ One greenlet runs at any moment, until it waits. Which of those that can go on i
 when none can, time jumps to the next timer. So the same seed gives the same order of events every time, and
 an hour passes in a moment. Code that blocks elsewhere than in a waiter (`time.sleep`, a socket, a thread of
 its own) takes no virtual time, and an endless loop stops the whole world.
+
+`VirtualProcess` is the view that one simulated process has of it: with a clock of its own, and it can be
+paused (as by SIGSTOP) and ended (as by SIGKILL).
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import random
 import threading
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
+from math import inf
 from typing import Any
 
 from greenlet import GreenletExit, getcurrent, greenlet
@@ -24,6 +28,15 @@ BEGINNING = 1_000_000_000.0
 
 THROWS = 20
 """How often a greenlet that catches its end is ended, before it is left alone."""
+
+MOST_SWITCHES = 1_000_000
+"""Switches at one moment after which time is thought to stand still: something wakes itself without end."""
+
+
+class _Fiber(greenlet):
+    """A greenlet that knows its process."""
+
+    process: VirtualProcess | None = None
 
 
 class VirtualRunner:
@@ -50,9 +63,8 @@ class VirtualRunner:
         self._ready: list[greenlet] = []
         self._main = getcurrent()
         self._hub = greenlet(self._schedule)
-        self._all: set[greenlet] = set()
-        self._ended: set[greenlet] = set()
-        """Greenlets that never run again, though they have not finished: those of a crashed process."""
+        self._all: set[_Fiber] = set()
+        self._closed = False
         self._error: BaseException | None = None
 
     # -- a Runner ---------------------------------------------------------------------------------
@@ -86,8 +98,8 @@ class VirtualRunner:
 
     # -- what only a simulation can do ------------------------------------------------------------
 
-    def start(self, work: Callable[[], None], name: str) -> greenlet:
-        """Run something beside everything else; the greenlet can be ended by `end`."""
+    def start(self, work: Callable[[], None], name: str, process: VirtualProcess | None = None) -> greenlet:
+        """Run something beside everything else, as a part of a process."""
         del name
 
         def run() -> None:
@@ -95,20 +107,17 @@ class VirtualRunner:
                 work()
             except GreenletExit:
                 pass
-            except BaseException as error:  # noqa: BLE001 # whoever runs the world has to hear of it
+            except BaseException as error:  # noqa: BLE001 # raised where the world is run
                 self._error = self._error or error
                 self.resume(self._main)
             finally:
                 self._all.discard(one)
 
-        one = greenlet(run, parent=self._hub)
+        one = _Fiber(run, parent=self._hub)
+        one.process = process
         self._all.add(one)
         self.resume(one)
         return one
-
-    def end(self, greenlets: set[greenlet]) -> None:
-        """Never let these run again, as when their process is killed: not even their `finally` runs."""
-        self._ended |= greenlets
 
     def at(self, when: float, action: Callable[[], None]) -> None:
         """Do something at a virtual time [s], between two greenlets; it must not wait."""
@@ -121,19 +130,28 @@ class VirtualRunner:
             self.switch()
 
     def run(self, until: float) -> None:
-        """Let time pass [s] up to a moment. Called by the greenlet that made the runner."""
+        """Let time pass [s] up to a moment. Called by the greenlet that made the runner.
+
+        Raises:
+            BaseException: what a greenlet has raised and did not catch.
+        """
         waiter = self.waiter()
         while self._time < until:
             waiter.wait(until - self._time)
 
     def close(self) -> None:
-        """End all greenlets that are left; their `finally` runs, those of crashed processes excepted."""
-        for one in list(self._all - self._ended):
+        """End all greenlets that are left; their `finally` runs, but may not wait. Nothing runs after it."""
+        self._closed = True
+        self._timers.clear()
+        self._ready.clear()
+        for one in list(self._all):
+            one.parent = getcurrent()
             for _ in range(THROWS):
                 if one.dead:
                     break
                 with contextlib.suppress(BaseException):
                     one.throw(GreenletExit)
+        self._all.clear()
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -148,6 +166,8 @@ class VirtualRunner:
             raise RuntimeError("waits while it holds a lock")
         if threading.get_ident() != self._thread:
             raise RuntimeError("a thread of its own cannot wait in virtual time")
+        if self._closed:
+            raise GreenletExit
         self._hub.switch()
         if self._error is not None and getcurrent() is self._main:
             error, self._error = self._error, None
@@ -158,21 +178,102 @@ class VirtualRunner:
         self._ready.append(one)
 
     def _schedule(self) -> None:
-        ready = self._ready
+        """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""
+        while True:
+            try:
+                self._choose()
+            except Exception as error:  # noqa: BLE001 # raised where the world is run
+                self._error = self._error or error
+                self._ready.append(self._main)
+
+    def _choose(self) -> None:
+        ready, timers, chance = self._ready, self._timers, self.random
+        moment, switches = self._time, 0
         while True:
             while ready:
-                chosen = int(self.random() * len(ready)) if len(ready) > 1 else 0
-                ready[chosen], ready[-1] = ready[-1], ready[chosen]
+                if len(ready) > 1:
+                    chosen = int(chance() * len(ready))
+                    ready[chosen], ready[-1] = ready[-1], ready[chosen]
                 one = ready.pop()
-                if not one.dead and one not in self._ended:
-                    self.switches += 1
+                process = one.process if isinstance(one, _Fiber) else None
+                if process is not None and process.halted:
+                    process.keep(one)
+                elif not one.dead:
+                    switches += 1
                     one.switch()
-            if self._timers:
-                self._time, _, action = heapq.heappop(self._timers)
-                action()
-            else:
-                self._error = RuntimeError("everybody waits, and nothing will ever happen")
-                ready.append(self._main)
+            self.switches += switches
+            if self._time > moment:
+                moment, switches = self._time, 0
+            elif switches > MOST_SWITCHES:
+                raise RuntimeError(f"time stands still at {moment} s")
+            if not timers:
+                raise RuntimeError("everybody waits, and nothing will ever happen")
+            self._time, _, action = heapq.heappop(timers)
+            action()
+
+
+class VirtualProcess:
+    """One simulated process: a `Runner` with a clock of its own, which can be paused and ended."""
+
+    simulated = True
+
+    def __init__(
+        self, runner: VirtualRunner, name: str, *, skew: float = 0.0, rate: float = 1.0, offset: float = 0.0
+    ) -> None:
+        """Begin.
+
+        Args:
+            runner: all processes of one world have the same.
+            name: for people.
+            skew: [s] by which its time of day is ahead of the true one.
+            rate: [s/s] of its clocks: 1.0001 runs 100 ppm fast.
+            offset: [s] by which its monotonic clock is ahead of the world's.
+        """
+        self.runner, self.name = runner, name
+        self.skew, self.rate, self.offset = skew, rate, offset
+        self.lock, self.random, self.here = runner.lock, runner.random, runner.here
+        self.point, self.interrupt = runner.point, runner.interrupt
+        self.halted = False
+        """Whether nothing of it runs at the moment."""
+        self.ended = False
+        self._waiting: list[greenlet] = []
+
+    def now(self) -> float:
+        """See `Runner.now`."""
+        return self.runner.now() * self.rate + self.offset
+
+    def unix(self) -> float:
+        """See `Runner.unix`."""
+        return BEGINNING + self.runner.now() * self.rate + self.skew
+
+    def waiter(self) -> VirtualWaiter:
+        """See `Runner.waiter`."""
+        return VirtualWaiter(self.runner, self.rate)
+
+    def spawn(self, work: Callable[[], None], name: str) -> None:
+        """See `Runner.spawn`."""
+        if not self.ended:
+            self.runner.start(work, name, self)
+
+    def pause(self) -> None:
+        """Stop everything in it, as SIGSTOP does; its clocks go on."""
+        self.halted = True
+
+    def resume(self) -> None:
+        """Let a paused process go on."""
+        if self.halted and not self.ended:
+            self.halted = False
+            waiting, self._waiting = self._waiting, []
+            for one in waiting:
+                self.runner.resume(one)
+
+    def end(self) -> None:
+        """End it as SIGKILL does: nothing of it ever runs again, not even a `finally`."""
+        self.halted = self.ended = True
+
+    def keep(self, one: greenlet) -> None:
+        """Keep a greenlet whose turn came while it was halted."""
+        self._waiting.append(one)
 
 
 class _VirtualLock:
@@ -195,25 +296,28 @@ class _VirtualLock:
 class VirtualWaiter:
     """See `runner.Waiter`."""
 
-    __slots__ = ("_number", "_runner", "_waiting", "_woken")
+    __slots__ = ("_armed", "_deadline", "_rate", "_runner", "_waiting", "_woken")
 
-    def __init__(self, runner: VirtualRunner) -> None:
+    def __init__(self, runner: VirtualRunner, rate: float = 1.0) -> None:
         """Made by the runner."""
         self._runner = runner
+        self._rate = rate
         self._waiting: Any = None
         self._woken = False
-        self._number = 0
-        """Of the present wait: a timer of an earlier one does nothing."""
+        self._deadline = inf
+        self._armed = inf
+        """When its next timer goes off: one that is too early is set again, so that few lie about."""
 
     def wait(self, timeout: float | None) -> bool:
         """See `Waiter.wait`."""
         runner = self._runner
         if not self._woken:
             self._waiting = getcurrent()
-            self._number += 1
-            number = self._number
+            self._deadline = inf
             if timeout is not None:
-                runner.at(runner.now() + max(timeout, 0.0), lambda: self._time_out(number))
+                self._deadline = runner.now() + max(timeout, 0.0) / self._rate
+                if self._deadline < self._armed:
+                    self._arm(self._deadline)
             try:
                 runner.switch()
             finally:
@@ -227,15 +331,25 @@ class VirtualWaiter:
             self._woken = True
             self._go_on()
 
-    def _time_out(self, number: int) -> None:
-        if number == self._number:
+    def _arm(self, when: float) -> None:
+        self._armed = when
+        self._runner.at(when, self._ring)
+
+    def _ring(self) -> None:
+        now = self._runner.now()
+        if self._armed <= now:
+            self._armed = inf
+        if self._waiting is None:
+            return
+        if self._deadline <= now:
             self._go_on()
+        elif self._deadline < self._armed:
+            self._arm(self._deadline)
 
     def _go_on(self) -> None:
         if self._waiting is not None:
             self._runner.resume(self._waiting)
             self._waiting = None
-            self._number += 1
 
 
 @contextlib.contextmanager
