@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 
 from robotree.protocol.messages import Verb
-from robotree.sim.physics.camera import Studio, jpeg
+from robotree.sim.physics.camera import Renderer, jpeg
 from robotree.sim.physics.cell import Cell
 from robotree.sim.testing import ArmBench, RoverBench
 
@@ -92,7 +92,7 @@ def main() -> None:
     resting = cells["arm at rest"]
     pictures = {}
     for width, height in SIZES:
-        studio = Studio(resting.model)
+        studio = Renderer(resting.model)
         pictures[f"{width}x{height}"] = fastest(
             lambda studio=studio, w=width, h=height: jpeg(studio.picture(resting.published, "cell", w, h), 75)
         )

@@ -14,12 +14,12 @@ from robotree.sim.errors import UnknownKind
 if TYPE_CHECKING:
     from robotree.protocol.services.fence import Fence
     from robotree.sim.arm.world import ArmWorld
+    from robotree.sim.controller.controller import Controller
+    from robotree.sim.controller.fence_file import FenceFile
     from robotree.sim.firmware import Identity
     from robotree.sim.firmware.telemetry import Stream
     from robotree.sim.physics.cell import Cell
     from robotree.sim.rover.world import RoverWorld
-    from robotree.sim.serving.controller import Controller
-    from robotree.sim.serving.fence_file import FenceFile
 
 NOTHING_MORE: Final = MavProtocolCapability(0)
 """What a kind offers beyond every controller of ours, if nothing."""
@@ -67,7 +67,7 @@ class Kind(Generic[W]):
             silence: of the link that it bears [s].
             memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
         """
-        from robotree.sim.serving.fence_file import FenceFile
+        from robotree.sim.controller.fence_file import FenceFile
 
         known = memory or FenceFile(None)
         return self.controller(self.world(), system, silence, self._identity(system, known.life), known.fence)
@@ -81,8 +81,8 @@ class Kind(Generic[W]):
         fence: "Fence | None" = None,
     ) -> "Controller":
         """A controller of a world that was built already; without an identity it tells no wall clock."""
+        from robotree.sim.controller.controller import Controller
         from robotree.sim.firmware import Firmware
-        from robotree.sim.serving.controller import Controller
 
         firmware = Firmware(
             world.cell.device,
@@ -139,9 +139,9 @@ def _rover_world() -> "RoverWorld":
 
 
 def _rover_streams(world: "RoverWorld") -> "Sequence[Stream]":
-    from robotree.sim.rover import telemetry
+    from robotree.sim.rover.world import streams
 
-    return telemetry.streams(world)
+    return streams(world)
 
 
 ARM: Final["Kind[ArmWorld]"] = Kind(

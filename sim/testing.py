@@ -36,10 +36,10 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.sim.arm.world import ArmWorld
+from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import SILENCE
 from robotree.sim.kinds import ARM, ROVER, Kind, W
 from robotree.sim.rover.world import RoverWorld
-from robotree.sim.serving.controller import Controller
 
 NAN: Final = float("nan")
 M = TypeVar("M", bound=Message)

@@ -240,7 +240,7 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 
 
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
-    from robotree.sim.serving.fence_file import FenceFile
+    from robotree.sim.controller.fence_file import FenceFile
     from robotree.sim.serving.server import serve
     from robotree.tui.processes.state_files import fence_file
     from robotree.tui.wire.security import openness, securing

@@ -19,9 +19,17 @@ from robotree.sim.arm.model import ArmPorts
 from robotree.sim.arm.planner import TWIST, Planner
 from robotree.sim.arm.tuning import PARAMETERS, SLOWEST, ArmTuning
 from robotree.sim.arm.wrist import WristSensor
-from robotree.sim.firmware.device import Plan, Progress, Start, ended, planned, pursuing
-from robotree.sim.firmware.limits import or_now, require
-from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.firmware.device import (
+    Plan,
+    Progress,
+    Start,
+    Tunable,
+    ended,
+    or_now,
+    planned,
+    pursuing,
+    require,
+)
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.pursuit import Group, Pursuit
 from robotree.sim.physics.vectors import Vector

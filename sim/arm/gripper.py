@@ -6,8 +6,8 @@ Pure: widths, speeds and seconds in, set-points and a state out.
 from enum import Enum
 from typing import Final
 
-WIDEST: Final = 0.08
-"""[m] gap of the open gripper."""
+from robotree.sim.firmware.device import WIDEST
+
 SPEED: Final = 0.12
 """[m/s] of the gap, unless it is tuned."""
 AT_WIDTH: Final = 0.001

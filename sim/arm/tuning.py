@@ -10,7 +10,7 @@ from typing import Final
 from robotree.sim.arm.compliance import FORCE_LIMIT, TOOL_STIFFNESS
 from robotree.sim.arm.gripper import SPEED as GRIP_SPEED
 from robotree.sim.arm.planner import TOOL_ACCELERATION, TOOL_SPEED
-from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.firmware.device import Tunable
 
 TOP_SPEED: Final = 0.25
 """[m/s] that a goal may ask for: the reduced speed of ISO 10218-1 for people near an arm."""

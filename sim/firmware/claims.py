@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from robotree.protocol.messages import Claim, MavSeverity, Reason
 from robotree.protocol.services.claim_server import ClaimChanged, ClaimRefused, Effect, Holder, Holding
-from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
+from robotree.sim.firmware.outgoing import Announcer, Outgoing, sends
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable
@@ -30,17 +30,17 @@ class Claims:
         herald: tells people.
     """
 
-    def __init__(self, movement: Movement, rights: Rights, herald: Herald) -> None:
-        self._movement, self._rights, self._herald = movement, rights, herald
+    def __init__(self, movement: Movement, rights: Rights, announcer: Announcer) -> None:
+        self._movement, self._rights, self._announcer = movement, rights, announcer
         self._server = rights.claims
 
-    def hear(self, claim: Claim, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
+    def receive(self, claim: Claim, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
         """Take a claim that arrived at a moment [ms]; answered by who holds the controller."""
         out = self._carry_out(self._server.receive(claim, peer, now / 1000), now)
         held, job = self._server.holding, self._movement.job
         if held is not None and (held.holder, held.peer) == (claim.holder, peer):
             voice = Holder(held.holder)
-            self._movement.watchdog.hear(voice, arrived)
+            self._movement.watchdog.receive(voice, arrived)
             by_another_link = job is not None and job.voice == voice and job.speaker != peer
             before_its_claim = job is not None and job.voice != voice and job.speaker == peer
             if by_another_link or before_its_claim:
@@ -86,16 +86,18 @@ class Claims:
             text = f"{_name(after)} commands this robot from now on."
             out += self._movement.interrupt(Reason.NOT_IN_CONTROL, text, now)
         if before is not None:
-            out += self._herald.tell(MavSeverity.WARNING, f"{_name(after)} took over from {_name(before)}.")
+            out += self._announcer.announce(
+                MavSeverity.WARNING, f"{_name(after)} took over from {_name(before)}."
+            )
         return out
 
     def _tell_both(self, refused: ClaimRefused) -> list[Outgoing]:
         by, claimant = refused.by, refused.name or "Another program"
         why = f"{_name(by)} holds this robot; end it, or start your proxy with --take-over."
-        out = self._herald.tell(MavSeverity.WARNING, why, refused.peer.via)
+        out = self._announcer.announce(MavSeverity.WARNING, why, refused.peer.via)
         if by.peer is not None:
             text = f"{claimant} wants to command this robot and was refused."
-            out += self._herald.tell(MavSeverity.NOTICE, text, by.peer.via)
+            out += self._announcer.announce(MavSeverity.NOTICE, text, by.peer.via)
         return out
 
     def _moves_under(self, held: Holding) -> bool:

@@ -38,11 +38,10 @@ from robotree.protocol.services.command import (
     Request,
 )
 from robotree.protocol.services.peer import Peer
-from robotree.sim.arm.gripper import WIDEST
 from robotree.sim.errors import GoalRefused
-from robotree.sim.firmware.device import Device
+from robotree.sim.firmware.device import WIDEST, Device
 from robotree.sim.firmware.movement import Job, Movement
-from robotree.sim.firmware.outgoing import Herald, Outgoing, sends
+from robotree.sim.firmware.outgoing import Announcer, Outgoing, sends
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.stops import PX4_HOLD, modes_of, stop_commanded
 
@@ -103,13 +102,13 @@ class Commands:
         device: Device,
         movement: Movement,
         rights: Rights,
-        herald: Herald,
+        announcer: Announcer,
         *,
         stop: Callable[[int], list[Outgoing]],
         release: Callable[[], list[Outgoing]],
         questions: Mapping[int, Handler],
     ) -> None:
-        self._device, self._movement, self._rights, self._herald = device, movement, rights, herald
+        self._device, self._movement, self._rights, self._announcer = device, movement, rights, announcer
         self._stop, self._release = stop, release
         self._news: list[Outgoing] = []
         moving: dict[int, Handler] = {
@@ -129,7 +128,9 @@ class Commands:
         }
         self._server = CommandServer(moving, {**always, **questions}, turn=lambda: movement.turns)
 
-    def hear(self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int) -> list[Outgoing]:
+    def receive(
+        self, message: CommandLong | CommandInt | CommandCancel, peer: Peer, now: int
+    ) -> list[Outgoing]:
         """Take a command, or the end of one."""
         effects = self._server.receive(message, peer, now / 1000)
         for effect in effects:
@@ -145,7 +146,7 @@ class Commands:
         """
         main, sub = modes_of(wish)
         asked = (float(wish.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
-        out = self.hear(CommandLong(wish.target_system, 0, MavCmd.DO_SET_MODE, 0, *asked), peer, now)
+        out = self.receive(CommandLong(wish.target_system, 0, MavCmd.DO_SET_MODE, 0, *asked), peer, now)
         return [
             each._replace(message=msgspec.structs.replace(each.message, command=_LEGACY))
             if isinstance(each.message, CommandAck)
@@ -179,7 +180,7 @@ class Commands:
         def finish(state: GoalState, reason: Reason, text: str, now: int) -> list[Outgoing]:
             result = _RESULTS.get(state, MavResult.FAILED)
             out = sends(self._server.finish(peer, command, result, now / 1000, reason))
-            return out + self._herald.tell(MavSeverity.NOTICE, text, peer.via) if text else out
+            return out + self._announcer.announce(MavSeverity.NOTICE, text, peer.via) if text else out
 
         job = Job((peer, command), peer, self._rights.voice(peer), progress, finish)
         self._news += self._movement.begin(job, start, round(1000 * now))
@@ -244,7 +245,7 @@ class Commands:
             return self._refuse(MavResult.TEMPORARILY_REJECTED, self._movement.bar, Reason.STOPPED)
         if self._movement.job is None:
             self._movement.release()
-            self._news += self._herald.tell(
+            self._news += self._announcer.announce(
                 MavSeverity.NOTICE, "Ready. What was held has ended; ask for it again."
             )
         return Answer(MavResult.ACCEPTED)
@@ -280,5 +281,5 @@ class Commands:
         return do()
 
     def _refuse(self, result: MavResult, text: str, reason: Reason = Reason.NONE) -> Answer:
-        chunks = tuple(self._herald.chunks(MavSeverity.WARNING, text))
+        chunks = tuple(self._announcer.chunks(MavSeverity.WARNING, text))
         return Answer(result, detail=reason, messages=chunks)

@@ -2,16 +2,21 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from math import isinf, isnan
+from typing import Final, Protocol, TypeAlias
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
-from robotree.sim.errors import UnknownVerb
-from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.errors import BadArgument, UnknownVerb
 
 Start: TypeAlias = Callable[[], None]
 """Begins the movement that was prepared."""
 Plan: TypeAlias = Callable[[tuple[float, ...]], Start]
 """Checks and plans a verb with its (7,) arguments."""
+
+SINGLE: Final = 2.0**-23
+"""Relative distance of neighbouring single-precision numbers (IEEE 754): what the wire can be off."""
+WIDEST: Final = 0.08
+"""[m] between the fingers of an open gripper; DO_GRIPPER's RELEASE asks for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,55 @@ def planned(plans: Mapping[Verb, Plan], verb: int, args: tuple[float, ...]) -> S
     if verb not in plans:
         raise UnknownVerb(verb, [known.name for known in plans])
     return plans[Verb(verb)](args)
+
+
+def require(name: str, value: float, lower: float, upper: float, unit: str) -> None:
+    """Refuse an argument outside its limits; both are allowed, also as the wire's nearest floats to them.
+
+    Raises:
+        BadArgument: it is outside.
+    """
+    slack = SINGLE * max(abs(lower), abs(upper))
+    if not lower - slack <= value <= upper + slack:
+        raise BadArgument(name, value, f"{lower:g} to {upper:g} {unit}")
+
+
+def or_now(name: str, value: float, now: float) -> float:
+    """An argument, or what is now where it was not given (NaN).
+
+    Raises:
+        BadArgument: it is infinite.
+    """
+    if isinf(value):
+        raise BadArgument(name, value, "finite")
+    return now if isnan(value) else value
+
+
+@dataclass(frozen=True, slots=True)
+class Tunable:
+    """One number that can be tuned.
+
+    Attributes:
+        name: on the wire, at most 16 characters.
+        attribute: of the object that owns the value.
+        lower: smallest value that is allowed.
+        upper: largest value that is allowed.
+        text: its unit, and what it does.
+    """
+
+    name: str
+    attribute: str
+    lower: float
+    upper: float
+    text: str
+
+    def read(self, owner: object) -> float:
+        """The value now."""
+        return float(getattr(owner, self.attribute))
+
+    def write(self, owner: object, value: float) -> None:
+        """Change the value."""
+        setattr(owner, self.attribute, value)
 
 
 class Device(Protocol):

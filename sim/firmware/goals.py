@@ -43,7 +43,7 @@ class Goals:
         """Obey an epoch from now on; False: it is older than one already obeyed."""
         return self._server.fence(epoch)
 
-    def hear(self, message: Goal | GoalCancel, peer: Peer, now: int) -> list[Outgoing]:
+    def receive(self, message: Goal | GoalCancel, peer: Peer, now: int) -> list[Outgoing]:
         """Take a goal or the end of one."""
         out = self._carry_out(self._server.receive(message, peer, now / 1000), now)
         self._hand_over(now)

@@ -26,7 +26,7 @@ from robotree.protocol.services.heartbeat import HeartbeatSender
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.goals import Goals
 from robotree.sim.firmware.movement import Movement
-from robotree.sim.firmware.outgoing import Herald, Outgoing
+from robotree.sim.firmware.outgoing import Announcer, Outgoing
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.firmware.telemetry import boot_ms
@@ -46,14 +46,14 @@ class Modes:
     """
 
     def __init__(
-        self, movement: Movement, goals: Goals, rights: Rights, herald: Herald, mav_type: MavType
+        self, movement: Movement, goals: Goals, rights: Rights, announcer: Announcer, mav_type: MavType
     ) -> None:
-        self._movement, self._goals, self._rights, self._herald = movement, goals, rights, herald
+        self._movement, self._goals, self._rights, self._announcer = movement, goals, rights, announcer
         self._mav_type = mav_type
         self._heartbeats = HeartbeatSender()
         self._told: tuple[ModeKind, int, int] | None = None
 
-    def hear(self, wish: SetMode, peer: Peer, now: int) -> list[Outgoing]:
+    def receive(self, wish: SetMode, peer: Peer, now: int) -> list[Outgoing]:
         """Take a wish for a mode; answered by the mode, and by the reason where it is not the wished one."""
         out: list[Outgoing] = []
         answer: Reason | None = None
@@ -77,13 +77,13 @@ class Modes:
         if self._movement.stopped:
             return []
         text = "Safe stop: holding, compliant; goals are refused until release."
-        return self._movement.stop(now) + self._herald.tell(MavSeverity.WARNING, text)
+        return self._movement.stop(now) + self._announcer.announce(MavSeverity.WARNING, text)
 
     def release(self) -> list[Outgoing]:
         """End the stop, if one is in force."""
         was_stopped = self._movement.stopped
         self._movement.release()
-        return self._herald.tell(MavSeverity.NOTICE, "Safe stop released.") if was_stopped else []
+        return self._announcer.announce(MavSeverity.NOTICE, "Safe stop released.") if was_stopped else []
 
     def tick(self, now: int) -> list[Outgoing]:
         """End what may not go on: its speaker is silent, or somebody else took control."""
@@ -136,7 +136,7 @@ class Modes:
         if not text:
             return []
         out = self._movement.interrupt(Reason.LINK_SILENT, text, now)
-        return out + self._herald.tell(MavSeverity.WARNING, f"{text} Holding, compliant.")
+        return out + self._announcer.announce(MavSeverity.WARNING, f"{text} Holding, compliant.")
 
     def _control(self, now: int) -> list[Outgoing]:
         """Tell who is in control; what others move ends when somebody takes it."""

@@ -25,13 +25,13 @@ def sends(effects: Iterable[object]) -> list[Outgoing]:
     return [Outgoing(effect.message, effect.via) for effect in effects if isinstance(effect, Send)]
 
 
-class Herald:
+class Announcer:
     """Speaks sentences to people: to everyone, or to one link."""
 
     def __init__(self) -> None:
         self._speaker = Speaker()
 
-    def tell(self, severity: MavSeverity, text: str, via: Hashable | None = None) -> list[Outgoing]:
+    def announce(self, severity: MavSeverity, text: str, via: Hashable | None = None) -> list[Outgoing]:
         """A sentence; `via` None: for all."""
         return [Outgoing(chunk, via) for chunk in self._speaker.say(severity, text)]
 

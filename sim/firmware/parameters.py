@@ -12,10 +12,9 @@ from robotree.protocol.messages import ParamRequestList, ParamRequestRead, Param
 from robotree.protocol.services.parameter import Changed, ParameterServer
 from robotree.protocol.services.parameter import Parameter as OnTheWire
 from robotree.protocol.services.peer import Peer
-from robotree.sim.firmware.device import Device
+from robotree.sim.firmware.device import Device, Tunable
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.firmware.tunable import Tunable
 from robotree.sim.firmware.watchdog import Watchdog
 
 LINK_SILENCE: Final = Tunable(
@@ -48,7 +47,7 @@ class Parameters:
             rights.may_set,
         )
 
-    def hear(
+    def receive(
         self,
         message: ParamRequestRead | ParamRequestList | ParamSet,
         peer: Peer,

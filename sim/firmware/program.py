@@ -65,12 +65,11 @@ from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.goals import Goals
 from robotree.sim.firmware.modes import Modes
 from robotree.sim.firmware.movement import Movement
-from robotree.sim.firmware.outgoing import COMPONENT, Herald, Outgoing
+from robotree.sim.firmware.outgoing import COMPONENT, Announcer, Outgoing
 from robotree.sim.firmware.parameters import Parameters
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.firmware.schedule import Schedule
-from robotree.sim.firmware.streaming import Streaming
-from robotree.sim.firmware.telemetry import Stream
+from robotree.sim.firmware.setpoints import Setpoints
+from robotree.sim.firmware.telemetry import Schedule, Stream
 
 SILENCE: Final = 2.0
 """[s] of controller time after which a silent link makes the robot hold: two heartbeats of who beats once a
@@ -121,17 +120,17 @@ class Firmware:
         self._movement = Movement(device, round(1000 * silence))
         self._rights = Rights(ClaimServer(fence or Fence(), self._identity.life))
         self._goals = Goals(device, self._movement, self._rights)
-        self._streaming = Streaming(device, self._movement, self._rights, self._goals.fence)
+        self._setpoints = Setpoints(device, self._movement, self._rights, self._goals.fence)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
-        herald = Herald()
-        self._claims = Claims(self._movement, self._rights, herald)
-        self._modes = Modes(self._movement, self._goals, self._rights, herald, mav_type)
+        announcer = Announcer()
+        self._claims = Claims(self._movement, self._rights, announcer)
+        self._modes = Modes(self._movement, self._goals, self._rights, announcer, mav_type)
         self._schedule = Schedule((*streams, *self._own_streams()), _FIXED)
         self._commands = Commands(
             device,
             self._movement,
             self._rights,
-            herald,
+            announcer,
             stop=self._modes.stop,
             release=self._modes.release,
             questions=self._questions(),
@@ -143,7 +142,7 @@ class Firmware:
         """What the controller is doing as a whole."""
         return self._movement.mode
 
-    def hear(
+    def receive(
         self, frame: Frame, via: Hashable, now: int, *, arrived: int | None = None, overtaken: bool = False
     ) -> list[Outgoing]:
         """Take one intact frame.
@@ -161,13 +160,13 @@ class Firmware:
         """
         peer = Peer(via, frame.system, frame.component)
         arrived = now if arrived is None else arrived
-        self._movement.watchdog.hear(peer, arrived)
+        self._movement.watchdog.receive(peer, arrived)
         self._rights.heard(peer, now)
         self._schedule.open(via)
-        if (hear := self._hears.get(type(frame.message))) is None:
+        if (receive := self._hears.get(type(frame.message))) is None:
             return []
         self._movement.overtaken = overtaken
-        return hear(frame, peer, now, arrived) + self._modes.news(now)
+        return receive(frame, peer, now, arrived) + self._modes.news(now)
 
     def greet(self, via: Hashable, now: int) -> list[Outgoing]:
         """What to say first over the link `via`: that we are there, and how."""
@@ -201,7 +200,7 @@ class Firmware:
         Returns:
             What to say.
         """
-        self._streaming.tick(now)
+        self._setpoints.tick(now)
         out = self._movement.follow_up(now)
         out += self._goals.tick(now)
         out += self._commands.tick(now)
@@ -216,14 +215,14 @@ class Firmware:
     def _registry(self) -> dict[type[AnyMessage], Hear]:
         """What is understood, to whom it must be addressed, and who takes it."""
         us, all_or_us, any_ = self._is_for_us, self._is_for_all_or_us, _is_for_anybody
-        goals, commands, parameters = self._goals.hear, self._commands.hear, self._set_parameter
+        goals, commands, parameters = self._goals.receive, self._commands.receive, self._set_parameter
         return dict(
             (
                 _route(Goal, us, goals),
                 _route(GoalCancel, us, goals),
-                _dated_route(Setpoint, us, self._streaming.hear),
-                _dated_route(Claim, us, self._claims.hear),
-                _route(SetMode, all_or_us, self._modes.hear),
+                _dated_route(Setpoint, us, self._setpoints.receive),
+                _dated_route(Claim, us, self._claims.receive),
+                _route(SetMode, all_or_us, self._modes.receive),
                 _route(CommandLong, all_or_us, commands),
                 _route(CommandInt, all_or_us, commands),
                 _route(CommandCancel, all_or_us, commands),
@@ -248,7 +247,7 @@ class Firmware:
     def _set_parameter(
         self, message: ParamRequestRead | ParamRequestList | ParamSet, peer: Peer, now: int
     ) -> list[Outgoing]:
-        return self._parameters.hear(message, peer, now, self._schedule.links)
+        return self._parameters.receive(message, peer, now, self._schedule.links)
 
     def _say_absent(self, frame: Frame, peer: Peer, _: int, __: int) -> list[Outgoing]:
         """Say of what is asked for that it is not here."""
@@ -296,7 +295,7 @@ class Firmware:
         }
 
     def _sys_status(self, _: int) -> Message:
-        return description.sys_status(self.gauges, self._streaming.statistics)
+        return description.sys_status(self.gauges, self._setpoints.statistics)
 
 
 def _route(
@@ -311,11 +310,11 @@ def _dated_route(
 ) -> tuple[type[AnyMessage], Hear]:
     """As `_route`; who takes it is told when it arrived, too [ms]."""
 
-    def hear(frame: Frame, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
+    def receive(frame: Frame, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
         message = frame.message
         return take(message, peer, now, arrived) if isinstance(message, kind) and aim(frame) else []
 
-    return kind, hear
+    return kind, receive
 
 
 def _is_for_anybody(_: Frame) -> bool:

@@ -35,7 +35,7 @@ class Watchdog:
     def silence(self, seconds: float) -> None:
         self.patience = round(1000 * seconds)
 
-    def hear(self, voice: Hashable, arrived: int) -> None:
+    def receive(self, voice: Hashable, arrived: int) -> None:
         """A word is heard that arrived at a moment [ms]; a stop may be heard before older words."""
         self._latest = voice, arrived
         if voice == self._commander:

@@ -61,8 +61,8 @@ def jpeg(picture: Picture, quality: int) -> bytes:
     return out.getvalue()
 
 
-class Studio:
-    """Draws one world. Belongs to one thread.
+class Renderer:
+    """Renders one world. Belongs to one thread.
 
     Args:
         model: the world's model; it is only read.

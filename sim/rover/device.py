@@ -9,16 +9,35 @@ import numpy as np
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.errors import BadArgument, OutOfReach
-from robotree.sim.firmware.device import Plan, Progress, Start, ended, planned, pursuing
-from robotree.sim.firmware.limits import or_now, require
-from robotree.sim.firmware.tunable import Tunable
+from robotree.sim.firmware.device import (
+    Plan,
+    Progress,
+    Start,
+    Tunable,
+    ended,
+    or_now,
+    planned,
+    pursuing,
+    require,
+)
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.motion.pursuit import Group, Pursuit
 from robotree.sim.physics.vectors import Vector
 from robotree.sim.rover.model import RoverPorts
-from robotree.sim.rover.tuning import ARENA, PARAMETERS, SLOWEST, RoverTuning
 
+ARENA: Final = 1.5
+"""[m] the rover's centre may go this far from the origin along x and y."""
+FORCE_LIMIT: Final = 30.0
+"""[N] of the drive."""
+SPEED: Final = 0.4
+"""[m/s] of a goal that names no speed."""
+SLOWEST: Final = 0.01
+"""[m/s] that a goal may ask for."""
+TOP_SPEED: Final = 1.0
+"""[m/s] that a goal may ask for."""
+ACCELERATION: Final = 1.0
+"""[m/s2]"""
 STIFFNESS: Final = 800.0
 """[N/m] of the drive servo; 1 N of friction leaves 1.3 mm."""
 DAMPING: Final = 110.0
@@ -31,6 +50,25 @@ SETTLED: Final = 0.005
 """[m/s] that counts as standing."""
 SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a path by which the rover must be there, or something holds it."""
+
+
+@dataclass(slots=True)
+class RoverTuning:
+    """What can be tuned on the rover while it runs; see `PARAMETERS`."""
+
+    speed: float = SPEED
+    top_speed: float = TOP_SPEED
+    acceleration: float = ACCELERATION
+    force_limit: float = FORCE_LIMIT
+
+
+PARAMETERS: Final = (
+    Tunable("BASE_SPEED", "speed", SLOWEST, TOP_SPEED, "m/s, of a goal that names no speed"),
+    Tunable("BASE_SPEED_MAX", "top_speed", SLOWEST, TOP_SPEED, "m/s, that a goal or set-point may ask for"),
+    Tunable("BASE_ACCEL", "acceleration", 0.1, ACCELERATION, "m/s2, of the next movement"),
+    Tunable("DRIVE_FORCE_MAX", "force_limit", 5.0, FORCE_LIMIT, "N, of the drive at most"),
+)
+"""What people can tune."""
 
 
 @dataclass(frozen=True, slots=True)

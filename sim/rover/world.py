@@ -3,15 +3,17 @@
 World frame W: x forward, y left, z up, its origin the middle of the floor.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from robotree.protocol.messages import LocalPositionNed, Message
+from robotree.sim.firmware.telemetry import HOT, Stream
 from robotree.sim.physics import scenery
 from robotree.sim.physics.cell import Cell
 from robotree.sim.physics.engine import mujoco
 from robotree.sim.rover import model as rover_model
-from robotree.sim.rover.device import Rover
-from robotree.sim.rover.tuning import ARENA
+from robotree.sim.rover.device import ARENA, Rover
 
 CRATE: Final = (0.80, -0.90)
 """[m] x, y of a crate in the rover's arena."""
@@ -57,3 +59,14 @@ def build() -> RoverWorld:
     mujoco.mj_forward(model, data)
     rover = Rover(rover_model.bind(model, data))
     return RoverWorld(Cell(model, data, rover), rover)
+
+
+def streams(world: RoverWorld) -> tuple[Stream, ...]:
+    """LOCAL_POSITION_NED: W is x forward, y left, z up, the message's frame x forward, y right, z down."""
+
+    def pose(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+        state = world.rover.state()
+        (x, y), (vx, vy) = state.position.tolist(), state.velocity.tolist()
+        return (LocalPositionNed(now, x, -y, 0.0, vx, -vy, 0.0),)
+
+    return (Stream(LocalPositionNed, HOT, pose),)

@@ -1,7 +1,7 @@
-"""One client of the controller: what it says is heard, what it asks to see is drawn.
+"""One client of the controller: its frames go to the inbox, the pictures that it requests come back.
 
-It has at most one picture in the making; of further requests the newest per camera waits, and pieces go out
-no faster than the client reads them.
+At most one picture is rendered at a time; of further requests the newest per camera waits. Pieces of a
+picture are sent no faster than the client reads them.
 """
 
 import asyncio
@@ -19,22 +19,22 @@ from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
 from robotree.protocol.services.picture import split
 from robotree.protocol.services.statustext import Speaker
+from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Outgoing
 from robotree.sim.firmware.stops import stop_asked_by
-from robotree.sim.serving.controller import Controller
-from robotree.sim.serving.darkroom import Darkroom
+from robotree.sim.serving.render_thread import RenderThread
 
 _log = logging.getLogger(__name__)
 
 WINDOW: Final = 2048
-"""Bytes that may wait for a client before a piece of a picture waits, too: so a slow line delays what else is
-said by no more than these."""
+"""[bytes] that may wait for a client before a piece of a picture waits, too. This bounds how long a slow line
+delays other messages."""
 BREATH: Final = 0.005
-"""Between two looks whether they still wait [s]."""
+"""[s] between two checks of what still waits."""
 
 
 class Connection:
-    """One client: what it says goes to the controller, the pictures it asks for come back.
+    """One client: its frames go to the controller, its pictures come back.
 
     Args:
         link: to the client.
@@ -42,8 +42,9 @@ class Connection:
         controller: hears the client.
         darkroom: draws for it.
         leave: told when the client has gone.
-        rotated: told when the client has changed a key: who it was, whose links, and the client's system id.
-        security: signs what we say, and decides whom we hear.
+        rotated: called when the client has changed a key: who it was, whose links, and the client's system
+            id.
+        security: signs our frames, and checks theirs.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class Connection:
         link: Link,
         system: int,
         controller: Controller,
-        darkroom: Darkroom,
+        render_thread: RenderThread,
         leave: Callable[["Connection"], None],
         rotated: Callable[["Connection", str, int], None],
         security: Sealing = UNSIGNED,
@@ -65,7 +66,12 @@ class Connection:
             on_closed=self._closed,
             **self._seals,
         )
-        self._controller, self._darkroom, self._leave, self._rotated = controller, darkroom, leave, rotated
+        self._controller, self._render_thread, self._leave, self._rotated = (
+            controller,
+            render_thread,
+            leave,
+            rotated,
+        )
         self._stops: int | None = None
         self.heard = -inf
         """When the last intact frame came, [s] on the loop's clock."""
@@ -78,7 +84,7 @@ class Connection:
 
     @property
     def garbled(self) -> int:
-        """What it said in vain: no frame, no message that we know, not signed as it must be, or a key."""
+        """How much was not accepted: bad, unknown or wrongly signed frames, and refused keys."""
         heard = self.endpoint.statistics
         return heard.bad_crc + heard.unknown + heard.incompatible + heard.refused + self._keys_refused
 
@@ -88,7 +94,7 @@ class Connection:
         return self._security.pattern(self.endpoint.link.address)
 
     def received(self, data: bytes, stops: int | None) -> None:
-        """Bytes came; where they waited, how many stops had arrived when they began to."""
+        """Bytes came; `stops`: how many stops had arrived when they began to wait; None: they did not."""
         self._stops = stops
         self.endpoint.received(data)
         if (refused := self.endpoint.statistics.refused) > self._refused:
@@ -105,7 +111,7 @@ class Connection:
         self.endpoint.reseal(**self._seals)
 
     def send(self, outgoing: Outgoing) -> None:
-        """Say something to this client."""
+        """Send something to this client."""
         self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
 
     def refuse(self, text: str) -> None:
@@ -119,7 +125,7 @@ class Connection:
             self.endpoint.send(chunk)
 
     def _explain(self) -> None:
-        """Tell the client once why its frames are refused: it may hear us, though we do not hear it."""
+        """Tell the client once per cause why its frames are refused."""
         verifier = self._seals["verifier"]
         why = None if verifier is None else cause(verifier)
         if why is not None and why.kind not in self._said:
@@ -129,7 +135,7 @@ class Connection:
     def _hear(self, frame: Frame) -> None:
         self.heard = asyncio.get_running_loop().time()
         message = frame.message
-        if self._over and not stop_asked_by(message):  # the rest of a piece whose first part ended the link
+        if self._over and not stop_asked_by(message):  # rest of a piece whose first part ended the link
             return
         if isinstance(message, SetupSigning):
             self._set_up(frame, message)
@@ -149,9 +155,9 @@ class Connection:
                 )
 
     def _set_up(self, frame: Frame, message: SetupSigning) -> None:
-        """Take a key from who has the present one; the message is neither logged nor passed on.
+        """Take a key from a client that has the present one; the message is neither logged nor passed on.
 
-        MAVLink answers it with nothing; why a key is not taken is said once.
+        MAVLink has no answer to it; the reason of a refusal is sent once.
         """
         if not frame.is_for(self.endpoint.system, COMPONENT):
             return
@@ -172,7 +178,7 @@ class Connection:
             while self._wanted:
                 await self._room()
                 request = self._wanted.pop(next(iter(self._wanted)))
-                data, width, height = await self._darkroom.develop(request)
+                data, width, height = await self._render_thread.render(request)
                 for message in split(data, width=width, height=height, quality=request.quality):
                     await self._room()
                     self.endpoint.send(message, component=request.target_component)
@@ -180,8 +186,8 @@ class Connection:
             self._drawing = None
 
     async def _room(self) -> None:
-        """Wait until a piece of a picture would leave soon. What else is said goes in between."""
-        while self.endpoint.link.statistics.waiting > WINDOW:  # noqa: ASYNC110  links do not tell
+        """Wait until a piece of a picture would leave soon. Other messages go in between."""
+        while self.endpoint.link.statistics.waiting > WINDOW:  # noqa: ASYNC110  links have no event for it
             await asyncio.sleep(BREATH)
 
     def _closed(self, _: LinkError) -> None:

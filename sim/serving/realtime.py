@@ -1,8 +1,8 @@
-"""Keeping a controller in step with the wall clock, in a thread of its own.
+"""Real time: runs a controller in a thread, in step with the wall clock.
 
-Deadlines are absolute, one per batch (`pacer`). Physics and control run in lock step on simulated time, so
-jitter of the thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is
-dropped and counted, not caught up.
+Deadlines are absolute, one per batch. Physics and control run in lock step on simulated time, so jitter of
+the thread cannot disturb the contact. A debt of more than a quarter second (a suspended laptop) is dropped
+and counted, not made up.
 """
 
 import threading
@@ -11,13 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import Outgoing
 from robotree.sim.physics.cell import BATCH
-from robotree.sim.serving.controller import Controller
-from robotree.sim.serving.pacer import Pacer
 
 LOAD_SHARE: Final = 0.01
-"""Share of the latest batch in the load that is told: a time constant of half a second."""
+"""Share of the latest batch in the reported load: a time constant of half a second."""
+
+
+LARGEST_DEBT: Final = 0.25
+"""[s] behind the wall clock that is still made good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,30 @@ class Pace:
     dropped: float
 
 
+class Pacer:
+    """Counts deadlines: they are absolute, so a late wake-up is made good by the next batches.
+
+    Args:
+        period: of one batch [s].
+        now: the wall clock [s].
+    """
+
+    def __init__(self, period: float, now: float) -> None:
+        self._period = period
+        self._due = now
+        self.dropped = 0.0
+        """[s] of debt that was dropped so far."""
+
+    def wait(self, now: float) -> float:
+        """After a batch: how long to sleep before the next one [s], not below 0."""
+        self._due += self._period
+        debt = now - self._due
+        if debt > LARGEST_DEBT:
+            self.dropped += debt
+            self._due = now
+        return max(-debt, 0.0)
+
+
 class RealTime:
     """Runs a controller in a thread until it is closed.
 
@@ -35,7 +62,7 @@ class RealTime:
         controller: from now on touched by that thread alone, but for `post`.
         tell: called in that thread with what there is to say after a batch.
         fail: called in that thread with what ended it, if something did.
-        hurry: seconds of the world in a second.
+        speedup: seconds of the world in a second.
     """
 
     def __init__(
@@ -43,11 +70,11 @@ class RealTime:
         controller: Controller,
         tell: Callable[[list[Outgoing]], None],
         fail: Callable[[Exception], None],
-        hurry: float = 1.0,
+        speedup: float = 1.0,
     ) -> None:
         self._controller, self._tell, self._fail = controller, tell, fail
         self._over = threading.Event()
-        self._period = period = BATCH * float(controller.cell.model.opt.timestep) / hurry
+        self._period = period = BATCH * float(controller.cell.model.opt.timestep) / speedup
         self._pacer = Pacer(period, time.monotonic())
         self._thread = threading.Thread(target=self._run, name="cell", daemon=True)
         self._thread.start()
@@ -73,5 +100,5 @@ class RealTime:
                 gauges.load += LOAD_SHARE * ((now - began) / self._period - gauges.load)
                 began = now
                 time.sleep(self._pacer.wait(time.monotonic()))
-        except Exception as error:  # noqa: BLE001  the thread's last fence: whoever owns it must hear
+        except Exception as error:  # noqa: BLE001  outermost handler of the thread; its owner is told
             self._fail(error)

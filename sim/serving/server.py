@@ -1,6 +1,6 @@
 """The controller's socket: several connections, each answered where it asked, none forwarded to another.
 
-The loop carries frames, the cell's own thread computes (`realtime`), one more thread draws (`darkroom`).
+The loop carries frames, the cell's own thread computes (`realtime`), one more thread draws (`render_thread`).
 """
 
 import asyncio
@@ -17,26 +17,25 @@ from robotree.protocol.links.link import Handler, Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import MavSeverity
+from robotree.sim.controller.controller import Controller
+from robotree.sim.controller.fence_file import FenceFile
 from robotree.sim.errors import CannotListen
 from robotree.sim.firmware import SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
-from robotree.sim.serving.allowance import Allowance
-from robotree.sim.serving.bystander import LARGEST_WORD, Bystander
 from robotree.sim.serving.connection import Connection
-from robotree.sim.serving.controller import Controller
-from robotree.sim.serving.darkroom import Darkroom
-from robotree.sim.serving.fence_file import FenceFile
 from robotree.sim.serving.realtime import Pace, RealTime
-from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE, TOTAL, Throttled
+from robotree.sim.serving.refused_client import MAX_REFUSED_BYTES, RefusedClient
+from robotree.sim.serving.render_thread import RenderThread
+from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE, TOTAL, Throttled, TokenBucket
 
 _log = logging.getLogger(__name__)
 
-LARGEST_CROWD: Final = 32
-"""Clients that are served at a time; each costs its telemetry."""
-LINGER: Final = 3.0
-"""[s] that a silent client keeps a place that another one needs: three heartbeats missed."""
-LARGEST_ROW: Final = 32
-"""Bystanders at a time; who comes when there are as many is not even told."""
+MAX_CLIENTS: Final = 32
+"""Clients that are served at a time; each costs processor time for its telemetry."""
+SILENT_AFTER: Final = 3.0
+"""[s] of silence after which a client may lose its place: three heartbeats."""
+MAX_REFUSED: Final = 32
+"""Refused clients at a time; beyond that, links are closed without a message."""
 SWITCH: Final = 0.001
 """[s] after which a thread that computes lets another one go on. CPython's own 5 ms are a whole batch of the
 physics, which would be late whenever the loop has much to read."""
@@ -47,23 +46,23 @@ SYSTEM: Final = 1
 class Server:
     """A controller on the wire. Made by `serving`."""
 
-    def __init__(self, controller: Controller, hurry: float, security: Sealing = UNSIGNED) -> None:
+    def __init__(self, controller: Controller, speedup: float, security: Sealing = UNSIGNED) -> None:
         self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
-        self._bystanders: dict[Endpoint, Bystander] = {}
+        self._refused_clients: dict[Endpoint, RefusedClient] = {}
         self._garbled = self._lost = 0
-        self._store = Allowance(STORE, self._loop.time())
-        self._darkroom = Darkroom(controller)
+        self._store = TokenBucket(STORE, self._loop.time())
+        self._render_thread = RenderThread(controller)
         self.address = ""
         """Where it listens, with the port that was really taken."""
         self.rotations = 0
         """Keys that were changed over the wire."""
         self.unsaid: Counter[str] = Counter()
-        """What could not be said, by the kind of message; the first of each is logged."""
+        """Messages that could not be sent, by their kind; the first of each is logged."""
         self.failure: asyncio.Future[None] = self._loop.create_future()
-        """Raises what ended the physics, if something does."""
-        self._realtime = RealTime(controller, self._tell, self._fail, hurry)
+        """Gets the error that ended the physics, if one did."""
+        self._realtime = RealTime(controller, self._tell, self._fail, speedup)
 
     @property
     def pace(self) -> Pace:
@@ -71,19 +70,20 @@ class Server:
         return self._realtime.pace
 
     def accept(self, link: Link) -> Handler:
-        """A client has come.
+        """Serve a new client.
 
-        Where `LARGEST_CROWD` are served already, the one that has been silent for the longest time makes
-        room: at once if it never spoke, else after `LINGER`. Where all speak, the newcomer is told so and
+        Where `MAX_CLIENTS` are served already, the one that has been silent for the longest time makes
+        room: at once if it never spoke, else after `SILENT_AFTER`. Where all speak, the newcomer is told so
+            and
         sent away; only its stops are heard.
         """
-        if len(self._connections) >= LARGEST_CROWD and not self._make_room():
-            return self._turn_away(link)
+        if len(self._connections) >= MAX_CLIENTS and not self._make_room():
+            return self._refuse(link)
         connection = Connection(
             link,
             self._controller.firmware.system,
             self._controller,
-            self._darkroom,
+            self._render_thread,
             self._left,
             self._rotated,
             self._security,
@@ -93,29 +93,29 @@ class Server:
         return Throttled(link, connection, self._share, stops, self._lose, burst)
 
     def _make_room(self) -> bool:
-        """Whether who has been silent for the longest time has made room."""
+        """Whether the client with the longest silence could be removed."""
         silent = min(self._connections.values(), key=lambda each: each.heard)
-        if self._loop.time() - silent.heard < LINGER:
+        if self._loop.time() - silent.heard < SILENT_AFTER:
             return False
         del self._connections[silent.endpoint]
         silent.refuse("Somebody else came, and you said nothing; send a heartbeat at once and every second.")
         return True
 
-    def _turn_away(self, link: Link) -> Handler:
-        """Refuse a newcomer."""
+    def _refuse(self, link: Link) -> Handler:
+        """Refuse a new client."""
         system = self._controller.firmware.system
-        word = max(round(self._at_once(LARGEST_WORD)), PIECE)
-        bystander = Bystander(link, system, self._controller, self._forget, word, self._security)
-        self._bystanders[bystander.endpoint] = bystander
-        if len(self._bystanders) > LARGEST_ROW:
+        word = max(round(self._at_once(MAX_REFUSED_BYTES)), PIECE)
+        refused = RefusedClient(link, system, self._controller, self._forget, word, self._security)
+        self._refused_clients[refused.endpoint] = refused
+        if len(self._refused_clients) > MAX_REFUSED:
             self._lost += 1
             link.close()
         else:
-            bystander.say(f"{LARGEST_CROWD} clients are served already; end one of them.")
-        return bystander
+            refused.say(f"{MAX_CLIENTS} clients are served already; end one of them.")
+        return refused
 
-    def _forget(self, bystander: Bystander) -> None:
-        del self._bystanders[bystander.endpoint]
+    def _forget(self, refused: RefusedClient) -> None:
+        del self._refused_clients[refused.endpoint]
 
     def _share(self) -> float:
         """[bytes/s] that one of the clients may send for long."""
@@ -128,7 +128,7 @@ class Server:
     def close(self) -> None:
         """End the threads."""
         self._realtime.close()
-        self._darkroom.close()
+        self._render_thread.close()
 
     def _lose(self) -> None:
         self._lost += 1
@@ -138,9 +138,9 @@ class Server:
         self._garbled += connection.garbled
 
     def _rotated(self, by: Connection, pattern: str, system: int) -> None:
-        """A key was changed: all who had it are told so with it, and need the new one from now on.
+        """A key was changed: its other clients are told under the old key, and need the new one from now on.
 
-        Who changed it is told with the new one, and so knows that it is obeyed.
+        The client that changed it is told under the new key, and so knows that it is in force.
         """
         self.rotations += 1
         text = f"The signing key was changed by system {system}."
@@ -161,21 +161,21 @@ class Server:
         gauges.garbled, gauges.lost = self._garbled + now, self._lost
         for outgoing in out:
             if outgoing.via is None:
-                for connection in [*self._connections.values()]:  # one that is told may leave at once
+                for connection in [*self._connections.values()]:  # a client may leave because of it
                     self._say(outgoing, connection)
             elif isinstance(outgoing.via, Endpoint):
-                hearer = self._connections.get(outgoing.via) or self._bystanders.get(outgoing.via)
-                if hearer is not None:
-                    self._say(outgoing, hearer)
+                receiver = self._connections.get(outgoing.via) or self._refused_clients.get(outgoing.via)
+                if receiver is not None:
+                    self._say(outgoing, receiver)
 
-    def _say(self, outgoing: Outgoing, hearer: Connection | Bystander) -> None:
-        """Tell one client one thing; where that fails, the others are told theirs nevertheless."""
+    def _say(self, outgoing: Outgoing, receiver: Connection | RefusedClient) -> None:
+        """Send one message to one client; a failure does not stop the messages to the others."""
         try:
-            hearer.send(outgoing)
-        except Exception:  # noqa: BLE001  the batch's last fence: acknowledgements are in it, too
+            receiver.send(outgoing)
+        except Exception:  # noqa: BLE001  outermost handler of a batch; the other clients still get theirs
             kind = type(outgoing.message).__name__
             if kind not in self.unsaid:  # telemetry would say it fifty times in a second
-                _log.exception("%s could not be told to %s", kind, hearer.endpoint.link.address)
+                _log.exception("%s could not be told to %s", kind, receiver.endpoint.link.address)
             self.unsaid[kind] += 1
 
     def _fail(self, error: Exception) -> None:
@@ -193,7 +193,7 @@ async def serving(
     *,
     system: int = SYSTEM,
     silence: float = SILENCE,
-    hurry: float = 1.0,
+    speedup: float = 1.0,
     exposed: bool = False,
     security: Sealing = UNSIGNED,
     memory: FenceFile | None = None,
@@ -205,7 +205,7 @@ async def serving(
         url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
         system: MAVLink system id.
         silence: of the link after which the robot holds by itself [s].
-        hurry: seconds of the world in a second; 1 is real time.
+        speedup: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
         security: the keys of our links.
         memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
@@ -218,7 +218,7 @@ async def serving(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    server = Server(kind_of(kind).build(system, silence, memory), hurry, security)
+    server = Server(kind_of(kind).build(system, silence, memory), speedup, security)
     try:
         try:
             listener = await listen(url, server.accept, exposed=exposed)

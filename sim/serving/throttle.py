@@ -1,10 +1,11 @@
-"""Not reading more than a share of what clients send, so that a flood costs the flooder and not the arm.
+"""Reads no more than a share of what each client sends, so that a flood slows the flooder and not the arm.
 
-Parsing takes the interpreter from the thread of the physics: 350 000 frames in a second, as one client can
-send, left the arm with 44 % of its real-time rate. So what a link brings is parsed in small pieces, and
-beyond its allowance it waits: on a stream the client is not read until then, of datagrams the excess is lost
-and counted. What waits when its link ends is lost, too, but for the stops in it. What a new link may bring at
-once comes from a store that all share, so that nobody has more of it by coming again and again.
+Parsing takes the interpreter from the physics thread: 350 000 frames per second, which one client can send,
+left the arm with 44 % of its real-time rate. So the bytes of a link are parsed in small pieces, and beyond
+its allowance (a token bucket) they wait: a stream is not read until then, of datagrams the excess is dropped
+and counted. Bytes that wait when their link ends are dropped, except for the stops in them. The first burst
+of a new link comes from a store that all links share, so that a client gains nothing by connecting again and
+again.
 """
 
 import asyncio
@@ -13,13 +14,12 @@ from typing import Final, Protocol
 
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.link import Link, Pausable
-from robotree.sim.serving.allowance import Allowance
-from robotree.sim.serving.last_words import LONGEST, last_words
+from robotree.sim.serving.stop_scan import LONGEST_FRAME, stops_in
 
 TOTAL: Final = 512 * 1024.0
 """[bytes/s] that all links together may bring for long."""
 BURST: Final = 64 * 1024.0
-"""[bytes] that a link may bring at once; a new one, if the store has them."""
+"""[bytes] that a link may bring at once; a new link only if the store has them."""
 STORE: Final = 8 * BURST
 """[bytes] that new links together may bring at once."""
 RESTOCK: Final = BURST
@@ -32,8 +32,39 @@ KEPT: Final = 0.1
 """[s] after a link is read again in which what the system had kept of it has come."""
 
 
-class Hearer(Protocol):
-    """Takes what a link brings, and is told how long it has waited."""
+class TokenBucket:
+    """A token bucket; `now` comes from the caller.
+
+    Args:
+        burst: that may be spent at once.
+        now: the clock [s].
+        credit: that there is at the beginning; None: a whole burst.
+    """
+
+    def __init__(self, burst: float, now: float, credit: float | None = None) -> None:
+        self._burst, self._since = burst, now
+        self._credit = burst if credit is None else credit
+
+    def wait(self, rate: float, now: float) -> float:
+        """How long to wait before more may be spent [s], at a `rate` [1/s] at which credit grows."""
+        self._credit = min(self._credit + rate * (now - self._since), self._burst)
+        self._since = now
+        return max(-self._credit / rate, 0.0)
+
+    def take(self, most: float, rate: float, now: float) -> float:
+        """Spend at most so much at once, and no more than there is; returns how much."""
+        self.wait(rate, now)
+        taken = max(min(most, self._credit), 0.0)
+        self.spend(taken)
+        return taken
+
+    def spend(self, amount: float) -> None:
+        """Spend; the last piece may be more than there is."""
+        self._credit -= amount
+
+
+class Receiver(Protocol):
+    """Takes the bytes of a link, and the number of stops when they began to wait."""
 
     def received(self, data: bytes, stops: int | None) -> None:
         """Bytes came.
@@ -50,31 +81,31 @@ class Hearer(Protocol):
 class Throttled:
     """Stands between a link and its hearer.
 
-    What waits here, or in the system's buffers while the link is not read, may be older than a stop that
-    somebody else asks for meanwhile. So it is handed on with the number of stops at the moment from which
-    on the link lags behind, until what the system had kept was read, too.
+    Bytes that wait here, or in the system's buffers while the link is not read, may be older than a stop from
+    another link. So they are handed on with the number of stops at the time when the link began to lag, until
+    the system's buffers have been read, too.
 
     Args:
         link: whose bytes.
         hearer: takes them.
         share: [bytes/s] that the link may bring for long, now.
         stops: how many stops have arrived, now.
-        lose: told each time that something was lost.
+        lose: called each time that something was dropped.
         burst: [bytes] that it may bring at once in the beginning; one piece is always parsed.
     """
 
     def __init__(
         self,
         link: Link,
-        hearer: Hearer,
+        receiver: Receiver,
         share: Callable[[], float],
         stops: Callable[[], int],
         lose: Callable[[], None],
         burst: float = BURST,
     ) -> None:
-        self._link, self._hearer, self._share, self._stops, self._lose = link, hearer, share, stops, lose
+        self._link, self._receiver, self._share, self._stops, self._lose = link, receiver, share, stops, lose
         self._loop = asyncio.get_running_loop()
-        self._allowance = Allowance(BURST, self._loop.time(), burst)
+        self._bucket = TokenBucket(BURST, self._loop.time(), burst)
         self._backlog = b""
         self._later: asyncio.TimerHandle | None = None
         self._lagging: int | None = None
@@ -82,7 +113,7 @@ class Throttled:
         self._over = False
 
     def received(self, data: bytes) -> None:
-        """The link tells: bytes came."""
+        """Bytes came over the link."""
         if self._later is None:
             if self._loop.time() > self._caught_up + KEPT:
                 self._lagging = None
@@ -94,20 +125,20 @@ class Throttled:
             self._lose()
 
     def closed(self, reason: LinkError) -> None:
-        """The link tells: it has ended; a stop among what waited is heard nevertheless."""
+        """The link has ended; a stop among the waiting bytes is still obeyed."""
         self._over = True
         if self._later is not None:
             self._later.cancel()
         data, self._backlog = self._backlog, b""
         if data:
-            self._hearer.received(last_words(data, PIECE), self._lagging)
-        if len(data) > LONGEST:
+            self._receiver.received(stops_in(data, PIECE), self._lagging)
+        if len(data) > LONGEST_FRAME:
             self._lose()
-        self._hearer.closed(reason)
+        self._receiver.closed(reason)
 
     def _feed(self) -> None:
         while self._backlog:  # empty, too, when the link has ended because of what its hearer answered
-            wait = self._allowance.wait(self._share(), self._loop.time())
+            wait = self._bucket.wait(self._share(), self._loop.time())
             if wait > 0.0:
                 if self._lagging is None:
                     self._lagging = self._stops()
@@ -116,8 +147,8 @@ class Throttled:
                     self._link.pause_reading()
                 return
             piece, self._backlog = self._backlog[:PIECE], self._backlog[PIECE:]
-            self._allowance.spend(len(piece))
-            self._hearer.received(piece, self._lagging)
+            self._bucket.spend(len(piece))
+            self._receiver.received(piece, self._lagging)
 
     def _go_on(self) -> None:
         self._later = None

@@ -19,7 +19,7 @@ from robotree.proxy.motion import Motion
 from robotree.proxy.rover import Move, check_arrival
 from robotree.sim.arm import gripper, planner
 from robotree.sim.arm import tuning as arm_tuning
-from robotree.sim.rover import tuning as sim_rover
+from robotree.sim.rover import device as sim_rover
 from robotree.sim.testing import ArmBench, RoverBench
 from robotree.vr.errors import BadArgument
 

@@ -51,7 +51,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.ping import Pinger
-from robotree.sim.serving.pacer import LARGEST_DEBT
+from robotree.sim.serving.realtime import LARGEST_DEBT
 from robotree.tui.processes.crew import Crew, Member
 from tests.withheld import Withheld
 

@@ -159,7 +159,7 @@ class Trial:
         rights = self.firmware._rights  # pyright: ignore[reportPrivateUsage]  the wire tells it late
         claims, said = rights.claims, frame.message
         before = claims.holding
-        self._tell(self.firmware.hear(frame, self._via(i), self.time))
+        self._tell(self.firmware.receive(frame, self._via(i), self.time))
         after = claims.holding
         if not isinstance(said, Claim) or after is None or after.holder != said.holder:
             return

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from robotree.sim.physics.camera import LARGEST, SMALLEST, Studio, fit, jpeg
+from robotree.sim.physics.camera import LARGEST, SMALLEST, Renderer, fit, jpeg
 from robotree.sim.physics.vectors import Picture
 from robotree.sim.testing import ArmBench, RoverBench
 
@@ -20,7 +20,7 @@ SIZE = (160, 90)
 
 
 def draw(bench: ArmBench | RoverBench, camera: str, *, shadows: bool = True) -> Picture:
-    studio = Studio(bench.world.cell.model, shadows=shadows)
+    studio = Renderer(bench.world.cell.model, shadows=shadows)
     return studio.picture(bench.world.cell.published, camera, *SIZE)
 
 
@@ -82,7 +82,7 @@ def test_a_picture_that_cannot_keep_its_shape_is_still_within_bounds(width: int,
 @given(width=st.integers(16, 90), height=st.integers(16, 60), quality=st.integers(-5, 300))
 @settings(max_examples=10, deadline=None)
 def test_a_jpeg_has_the_size_asked_for_at_any_quality(width: int, height: int, quality: int) -> None:
-    studio = Studio(WORLD.cell.model)
+    studio = Renderer(WORLD.cell.model)
     data = jpeg(studio.picture(WORLD.cell.published, "rover/front", width, height), quality)
     with Image.open(io.BytesIO(data)) as picture:
         assert picture.format == "JPEG"
@@ -92,8 +92,8 @@ def test_a_jpeg_has_the_size_asked_for_at_any_quality(width: int, height: int, q
 def test_no_opengl_is_asked_for_and_the_users_choice_is_left_alone() -> None:
     code = (
         "import os; os.environ['MUJOCO_GL'] = 'egl'\n"
-        "from robotree.sim.testing import RoverBench; from robotree.sim.physics.camera import Studio\n"
-        "w = RoverBench().world; Studio(w.cell.model).picture(w.cell.published, 'cell', 32, 18)\n"
+        "from robotree.sim.testing import RoverBench; from robotree.sim.physics.camera import Renderer\n"
+        "w = RoverBench().world; Renderer(w.cell.model).picture(w.cell.published, 'cell', 32, 18)\n"
         "import sys; print(os.environ['MUJOCO_GL'], any('OpenGL' in name for name in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

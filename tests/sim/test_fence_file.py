@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from robotree.protocol.services.fence import LAST_EPOCH
-from robotree.sim.serving.fence_file import FenceFile
+from robotree.sim.controller.fence_file import FenceFile
 
 
 def reopened(path: Path, *, reset: bool = False) -> FenceFile:

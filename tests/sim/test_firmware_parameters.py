@@ -21,8 +21,8 @@ from robotree.protocol.messages import (
 )
 from robotree.sim.arm.tuning import PARAMETERS, ArmTuning
 from robotree.sim.firmware.parameters import LINK_SILENCE
-from robotree.sim.rover.tuning import PARAMETERS as ROVER_PARAMETERS
-from robotree.sim.rover.tuning import RoverTuning
+from robotree.sim.rover.device import PARAMETERS as ROVER_PARAMETERS
+from robotree.sim.rover.device import RoverTuning
 from robotree.sim.testing import ArmBench, Operator, RoverBench
 
 NAMES = [*(each.name for each in PARAMETERS), LINK_SILENCE.name]

@@ -148,7 +148,7 @@ def test_what_does_not_say_when_it_was_made_is_as_old_as_its_wait_in_a_queue(
     firmware, now = rover.controller.firmware, round(1000 * rover.operator.now)
     setpoint = Setpoint(0, 1, 1, (0.3, 0.0, *(NAN,) * 5), 200, 1, 1, SetpointKind.BASE_VELOCITY)
     frame = Frame.of(setpoint, system=254, component=190)
-    firmware.hear(frame, "link", now, arrived=now - round(1000 * waited))
+    firmware.receive(frame, "link", now, arrived=now - round(1000 * waited))
     assert firmware.mode == mode
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.limits import require
+from robotree.sim.firmware.device import require
 
 
 def on_the_wire(value: float) -> float:

@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol.messages import Heartbeat, LocalPositionNed
+from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import Outgoing
 from robotree.sim.kinds import kind
-from robotree.sim.serving.controller import Controller
-from robotree.sim.serving.pacer import LARGEST_DEBT, Pacer
-from robotree.sim.serving.realtime import RealTime
+from robotree.sim.serving.realtime import LARGEST_DEBT, Pacer, RealTime
 
 PERIOD = 0.005
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robotree.protocol.messages import GoalState, LocalPositionNed, Reason, Verb
-from robotree.sim.rover.tuning import ARENA
+from robotree.sim.rover.device import ARENA
 from robotree.sim.testing import NAN, RoverBench
 
 

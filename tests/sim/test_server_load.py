@@ -38,8 +38,8 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.testing import until
 from robotree.sim.serving import server as server_module
-from robotree.sim.serving.pacer import LARGEST_DEBT
-from robotree.sim.serving.server import LARGEST_CROWD, LARGEST_ROW, Server, serving
+from robotree.sim.serving.realtime import LARGEST_DEBT
+from robotree.sim.serving.server import MAX_CLIENTS, MAX_REFUSED, Server, serving
 from tests.withheld import Withheld
 
 ANY = "tcp:127.0.0.1:0"
@@ -178,18 +178,18 @@ async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
             await last.ping()
             await first.ping()
             await asyncio.sleep(1.0)
-            assert len(server._connections) <= LARGEST_CROWD
+            assert len(server._connections) <= MAX_CLIENTS
 
 
 async def test_where_all_places_are_taken_by_speakers_the_newcomer_is_told_so() -> None:
     async with serving("rover", ANY) as server:
-        crowd = [await Client(1 + i).dial(server.address) for i in range(LARGEST_CROWD)]
+        crowd = [await Client(1 + i).dial(server.address) for i in range(MAX_CLIENTS)]
         for each in crowd:
             await each.ping()
         newcomer = await Client(250).dial(server.address)
         told = await newcomer.until(Statustext)
         assert isinstance(told, Statustext)
-        assert f"{LARGEST_CROWD} clients" in told.text
+        assert f"{MAX_CLIENTS} clients" in told.text
         async with asyncio.timeout(PATIENCE):
             await newcomer.ended
         crowd[0].link.close()
@@ -227,7 +227,7 @@ async def clients(address: str, count: int, first: int = 1) -> AsyncIterator[lis
 @contextlib.asynccontextmanager
 async def full_house(address: str) -> AsyncIterator[list[Client]]:
     """As many clients as are served, all served."""
-    async with clients(address, LARGEST_CROWD) as crowd:
+    async with clients(address, MAX_CLIENTS) as crowd:
         for each in crowd:
             await each.ping()
         yield crowd
@@ -265,10 +265,10 @@ async def test_a_flood_of_datagrams_of_who_is_not_served_costs_nobody_anything_t
                 await asyncio.sleep(0.002)
         told = [each for each in newcomer.heard if isinstance(each, Statustext)]
         assert 1 <= len(told) <= 2 * (1 + time.monotonic() - began), "once a second, in two pieces at most"
-        await until(lambda: not server._bystanders)
+        await until(lambda: not server._refused_clients)
         await crowd[0].ping()
         links = server._controller.firmware._schedule.links
-        await until(lambda: len(links) == LARGEST_CROWD)
+        await until(lambda: len(links) == MAX_CLIENTS)
 
 
 async def test_short_clients_over_datagrams_leave_their_places_to_those_who_come_after_them(
@@ -281,7 +281,7 @@ async def test_short_clients_over_datagrams_leave_their_places_to_those_who_come
         async with clients(server.address, 1, first=250) as (newcomer,), beating([newcomer]):
             await newcomer.until(Mode)
             await newcomer.ping()
-            assert len(server._connections) == LARGEST_CROWD
+            assert len(server._connections) == MAX_CLIENTS
 
 
 async def test_more_who_are_not_served_than_can_be_told_so_leave_nothing_behind() -> None:
@@ -289,13 +289,13 @@ async def test_more_who_are_not_served_than_can_be_told_so_leave_nothing_behind(
         serving("rover", ANY) as server,
         full_house(server.address) as crowd,
         beating(crowd),
-        clients(server.address, LARGEST_ROW + 8, first=200) as others,
+        clients(server.address, MAX_REFUSED + 8, first=200) as others,
     ):
         async with asyncio.timeout(PATIENCE):
             for each in others:
                 await each.ended
-        await until(lambda: not server._bystanders)
-        assert len(server._connections) == LARGEST_CROWD
+        await until(lambda: not server._refused_clients)
+        assert len(server._connections) == MAX_CLIENTS
 
 
 async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -> None:

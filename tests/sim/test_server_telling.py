@@ -23,9 +23,9 @@ from robotree.protocol.messages import (
     Statustext,
 )
 from robotree.sim.firmware import Outgoing
-from robotree.sim.serving.bystander import LARGEST_WORD
 from robotree.sim.serving.connection import Connection
-from robotree.sim.serving.server import LARGEST_CROWD, Server, serving
+from robotree.sim.serving.refused_client import MAX_REFUSED_BYTES
+from robotree.sim.serving.server import MAX_CLIENTS, Server, serving
 from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE
 
 ANY = "tcp:127.0.0.1:0"
@@ -113,13 +113,13 @@ async def test_who_comes_again_and_again_is_not_heard_more_for_it() -> None:
 
 async def test_of_a_client_without_a_place_no_more_is_parsed_than_it_may_say() -> None:
     async with serving("rover", ANY) as server:
-        wires = [Wire(server, str(number)) for number in range(LARGEST_CROWD)]
+        wires = [Wire(server, str(number)) for number in range(MAX_CLIENTS)]
         for wire in wires:
             wire.bring(PING)
         late = Wire(server, "late")
-        (bystander,) = server._bystanders.values()
-        late.bring(bytes(10 * LARGEST_WORD))
-        assert bystander.endpoint.statistics.bytes <= LARGEST_WORD
+        (refused,) = server._refused_clients.values()
+        late.bring(bytes(10 * MAX_REFUSED_BYTES))
+        assert refused.endpoint.statistics.bytes <= MAX_REFUSED_BYTES
         late.close()
 
 

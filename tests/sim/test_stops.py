@@ -26,8 +26,8 @@ from robotree.protocol.messages import (
     SetpointKind,
     Verb,
 )
+from robotree.sim.controller.inbox import Inbox, Received
 from robotree.sim.firmware.stops import stop_asked_by
-from robotree.sim.serving.intake import Heard, Intake
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 
 STOP, READY = ModeKind.SAFE_STOP, ModeKind.READY
@@ -64,10 +64,10 @@ def test_every_way_to_ask_for_a_stop_is_one(message: AnyMessage, stops: bool) ->
 
 
 def test_a_stop_for_another_robot_overtakes_nothing() -> None:
-    intake = Intake(1)
-    intake.put(Frame.of(Heartbeat(0, 0, 0, 0, 0)), "link")
-    intake.put(Frame.of(SetMode(0, 7, 0, STOP)), "link")
-    heard = [event for event in intake.take() if isinstance(event, Heard)]
+    inbox = Inbox(1)
+    inbox.put(Frame.of(Heartbeat(0, 0, 0, 0, 0)), "link")
+    inbox.put(Frame.of(SetMode(0, 7, 0, STOP)), "link")
+    heard = [event for event in inbox.take() if isinstance(event, Received)]
     assert [type(event.frame.message) for event in heard] == [Heartbeat, SetMode]
     assert not any(event.overtaken for event in heard)
 
@@ -80,18 +80,18 @@ ARRIVALS = st.lists(st.tuples(st.sampled_from(LINKS), st.sampled_from((STOP, REA
 def test_what_is_heard_after_a_later_stop_is_marked_and_nothing_else_is(
     arrivals: list[tuple[str, ModeKind | None]],
 ) -> None:
-    intake, order, stops, heard = Intake(1), dict[Frame, int](), list[int](), list[Heard]()
+    inbox, order, stops, heard = Inbox(1), dict[Frame, int](), list[int](), list[Received]()
     for number, (via, word) in enumerate(arrivals):
         if word is None:
-            heard += [event for event in intake.take() if isinstance(event, Heard)]
+            heard += [event for event in inbox.take() if isinstance(event, Received)]
             continue
         frame = Frame.of(SetMode(number, 1, 1, word))
         order[frame] = number
         if word == STOP:
             stops.append(number)
-        intake.put(frame, via)
+        inbox.put(frame, via)
     for _ in range(100):
-        heard += [event for event in intake.take() if isinstance(event, Heard)]
+        heard += [event for event in inbox.take() if isinstance(event, Received)]
     newest = -1
     for event in heard:
         arrived = order[event.frame]

@@ -27,9 +27,8 @@ from robotree.protocol.messages import (
 from robotree.protocol.testing import until
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.kinds import kind
-from robotree.sim.serving.allowance import Allowance
-from robotree.sim.serving.last_words import LONGEST, last_words
-from robotree.sim.serving.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled
+from robotree.sim.serving.stop_scan import LONGEST_FRAME, stops_in
+from robotree.sim.serving.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled, TokenBucket
 
 
 class Listener:
@@ -115,16 +114,16 @@ def test_of_what_waited_when_the_link_ended_the_stops_are_heard_and_little_else(
     waited = (PING * before)[cut if before else 0 :] + stop + (PING * 200 + RELEASE) * (10 - before // 200)
     parser = Parser()
     parser.feed(PING[:cut] if before else b"")
-    words = last_words(waited, PIECE)
+    words = stops_in(waited, PIECE)
     assert len(words) <= PIECE
     messages = [frame.message for frame in parser.feed(words)]
     assert any(map(stop_asked_by, messages))
-    assert len(messages) < 2 + LONGEST / len(PING)
+    assert len(messages) < 2 + LONGEST_FRAME / len(PING)
 
 
-@given(st.binary(max_size=3 * LONGEST))
+@given(st.binary(max_size=3 * LONGEST_FRAME))
 def test_last_words_of_anything_are_bounded_and_leave_no_frame_waiting(data: bytes) -> None:
-    words = last_words(data * 20, PIECE)
+    words = stops_in(data * 20, PIECE)
     assert len(words) <= PIECE
     parser = Parser()
     parser.feed(data)
@@ -247,10 +246,10 @@ def test_an_allowance_never_lets_more_through_than_burst_and_rate(
     amounts: list[int], pauses: list[float]
 ) -> None:
     burst, rate, now, spent = 4000.0, 1000.0, 0.0, 0
-    allowance = Allowance(burst, now)
+    bucket = TokenBucket(burst, now)
     for amount, pause in zip(amounts, pauses, strict=False):
         now += pause
-        now += allowance.wait(rate, now)
+        now += bucket.wait(rate, now)
         assert spent <= burst + rate * now + 1e-6
-        allowance.spend(amount)
+        bucket.spend(amount)
         spent += amount

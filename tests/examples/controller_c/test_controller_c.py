@@ -306,7 +306,7 @@ def test_its_rules_are_those_of_the_simulated_controller(
 
     def reference(message: AnyMessage) -> list[AnyMessage]:
         (frame,) = parser.feed(encode(message, sequence=0, system=255, component=190))
-        return [each.message for each in firmware.hear(frame, "wire", 0)]
+        return [each.message for each in firmware.receive(frame, "wire", 0)]
 
     def polled(key: int) -> Goal:
         return Goal(key, 0, 0, (0.0,) * 7, Verb.STATUS, 1, 1)

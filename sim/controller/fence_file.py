@@ -1,11 +1,11 @@
-"""What a controller must know after its restart, in one small file: fence, holder and the number of its life.
+"""What a controller keeps over a restart, in one file: epoch fence, holder, and the number of its life.
 
-The file is replaced, never changed in place, before what it says is obeyed: a process that is killed at any
-moment finds the old or the new one. A thread then brings it to the disk (fsync), so that the physics does not
-wait for that; a power cut within those milliseconds may lose the newest epoch, and ends the motion, too.
+The file is replaced, never changed in place, before the new epoch is obeyed: a process that is killed at any
+time leaves the old or the new one. A thread then syncs it to the disk, so that the physics does not wait; a
+power cut within those milliseconds may lose the newest epoch, but it ends the motion, too.
 
-A file that cannot be understood is reported, and the fence starts from the present time: what was granted
-before is refused, and whoever commands next is granted a larger epoch.
+A file that cannot be understood is reported, and the fence starts from the present time: earlier leases are
+refused, and the next holder is granted a larger epoch.
 """
 
 from __future__ import annotations

@@ -1,17 +1,16 @@
-"""Frames on their way from the links to the physics: bounded, fair, and never in the way of a stop.
+"""The inbox of a controller: frames that wait for the physics, bounded and fair, stops first.
 
-Each link has a queue of its own, and credit that grows with every batch: a frame costs 1, one for which a
-way has to be planned `PLANNED`, a set-point `FOLLOWED`, as their processor time does. Of what a link brings
-beyond `LARGEST_QUEUE` the newest is dropped and counted, so a client that floods costs itself. A stop goes
-before everything. When several of a link wait already, one more says nothing new: it is not queued, but
-counts as dropped, since nobody answers it.
+Each link has its own queue, and credit that grows with every batch. A frame costs 1, one that needs a planned
+path `PLANNED`, a set-point `FOLLOWED`, like their processor time. Beyond `LARGEST_QUEUE` the newest frames of
+a link are dropped and counted, so a client that floods harms only itself. A stop goes before everything. When
+several stops of a link wait, further ones are not queued but counted as dropped, since they are not answered.
 
-A link that has ended has one more turn: what it has no credit for then is dropped and counted. What waits on
-a link that stands is heard late. So every arrival is stamped with controller time, from which silence and the
-age of set-points are counted.
+A link that has ended has one more turn; what its credit does not cover is dropped and counted. Frames of a
+slow link are handled late. So every arrival is stamped with controller time, from which silence and the age
+of set-points are counted.
 
-What a stop has overtaken must not undo it. So every arrival is stamped with the number of stops that arrived
-before it, on whatever link: what is heard with an older stamp than the newest stop is marked as overtaken.
+A frame that arrived before a stop must not undo it. So every arrival is stamped with the number of stops that
+arrived before it on any link; a frame with an older stamp than the newest stop is marked as overtaken.
 """
 
 import threading
@@ -26,17 +25,17 @@ from robotree.sim.firmware.outgoing import COMPONENT
 from robotree.sim.firmware.stops import stop_asked_by
 
 LARGEST_QUEUE: Final = 256
-"""Frames of one link that wait."""
+"""Waiting frames of one link."""
 CREDIT: Final = 16
-"""By which each link's credit grows before a batch of 5 ms, never beyond: 3200 in a second."""
+"""Credit of each link per batch of 5 ms, not saved up: 3200 per second."""
 ALL_CREDIT: Final = 64
-"""By which the credit of all links together grows, when there are many."""
+"""Credit of all links together per batch, when there are many."""
 PLANNED: Final = 64
-"""Cost of a goal or a command that moves: its way takes 1 to 5 ms to plan, so a link gets 50 in a second."""
+"""Cost of a goal or a command that moves: its path takes 1 to 5 ms to plan, so a link gets 50 per second."""
 FOLLOWED: Final = 8
-"""Cost of a set-point: its posture takes 0.1 to 1 ms to find, so a link gets 400 in a second."""
+"""Cost of a set-point: its posture takes 0.1 to 1 ms to find, so a link gets 400 per second."""
 LARGEST_STOPS: Final = 8
-"""Stops of one link that wait; each is answered."""
+"""Waiting stops of one link; each is answered."""
 
 
 class Opened(NamedTuple):
@@ -45,7 +44,7 @@ class Opened(NamedTuple):
     via: Hashable
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """A frame came over a link.
 
     Attributes:
@@ -69,21 +68,21 @@ class Closed(NamedTuple):
     via: Hashable
 
 
-Event = Opened | Heard | Closed
+Event = Opened | Received | Closed
 
 
-class Intake:
+class Inbox:
     """The queues of one controller. Filled from any thread, emptied by the thread of the physics.
 
     Args:
-        system: the controller's MAVLink system id; a stop for another one is none.
+        system: the controller's MAVLink system id; stops for other systems are ordinary frames.
     """
 
     def __init__(self, system: int) -> None:
         self._system = system
         self._lock = threading.Lock()
         self._arrived = 0
-        self._stops: dict[Hashable, deque[Heard]] = {}
+        self._stops: dict[Hashable, deque[Received]] = {}
         self._queues: dict[Hashable, deque[Event]] = {}
         self._debts: dict[Hashable, int] = {}
         self.dropped = 0
@@ -114,17 +113,17 @@ class Intake:
             self._arrived += stop
             queue = (self._stops if stop else self._queues).setdefault(via, deque())
             if len(queue) < (LARGEST_STOPS if stop else LARGEST_QUEUE):
-                queue.append(Heard(frame, via, stamp, now))
+                queue.append(Received(frame, via, stamp, now))
             else:
                 self.dropped += 1
 
     def close(self, via: Hashable) -> None:
-        """A link has ended; it comes after what is still heard on it."""
+        """A link has ended; this comes after its waiting frames."""
         with self._lock:
             self._queues.setdefault(via, deque()).append(Closed(via))
 
     def take(self) -> list[Event]:
-        """What is heard before the next batch: all stops, then what each link has credit for."""
+        """The events for the next batch: all stops, then as many frames of each link as its credit covers."""
         if not self._stops and not self._queues:
             return []
         with self._lock:
@@ -132,7 +131,7 @@ class Intake:
             self._stops.clear()
             credit = min(CREDIT, max(ALL_CREDIT // max(len(self._queues), 1), 1))
             for via, queue in self._queues.items():
-                events += map(self._judge, self._pop(via, queue, credit))
+                events += map(self._marked, self._pop(via, queue, credit))
                 if queue and isinstance(end := queue[-1], Closed):
                     self.dropped += len(queue) - 1
                     queue.clear()
@@ -140,13 +139,13 @@ class Intake:
             self._queues = {via: queue for via, queue in self._queues.items() if queue or via in self._debts}
         return events
 
-    def _judge(self, event: Event) -> Event:
-        if isinstance(event, Heard) and event.stops < self._arrived:
+    def _marked(self, event: Event) -> Event:
+        if isinstance(event, Received) and event.stops < self._arrived:
             return event._replace(overtaken=True)
         return event
 
     def _pop(self, via: Hashable, queue: deque[Event], credit: int) -> Iterator[Event]:
-        """What a link has credit for; the last frame may cost more, which it pays back before the next."""
+        """The events that a link's credit covers; the last one may cost more, which is deducted next time."""
         credit -= self._debts.pop(via, 0)
         while queue and credit > 0:
             event = queue.popleft()
@@ -157,7 +156,7 @@ class Intake:
 
 
 def _cost(event: Event) -> int:
-    if not isinstance(event, Heard):
+    if not isinstance(event, Received):
         return 1
     message = event.frame.message
     if isinstance(message, Setpoint):

@@ -22,7 +22,7 @@ KEY: Final = "set-points"
 """Of the one job that all streams are."""
 
 
-class Streaming:
+class Setpoints:
     """The set-points of one controller.
 
     Args:
@@ -43,7 +43,7 @@ class Streaming:
         """How many were obeyed, and why others were not."""
         return self._receiver.statistics
 
-    def hear(self, setpoint: Setpoint, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
+    def receive(self, setpoint: Setpoint, peer: Peer, now: int, arrived: int) -> list[Outgoing]:
         """Take a set-point that arrived at a moment [ms]; never answered."""
         job, seconds, voice = self._movement.job, now / 1000, self._rights.voice(peer)
         speaker = (peer.system, peer.component)

@@ -1,7 +1,7 @@
-"""A client for whom there is no place: it is told so, and heard for a moment, for it may ask for a stop.
+"""A client that is not served, because there are too many: it is told so, and its stops are still obeyed.
 
-Its link stays open for `STAY` seconds. So who goes on speaking over datagrams, which open a new link, is told
-once in that time and not once per datagram, and nothing of it stays behind.
+Its link stays open for `REFUSED_STAY` seconds. So a client that goes on sending datagrams (which would open a
+new link) is told once in that time, not once per datagram.
 """
 
 import asyncio
@@ -15,26 +15,26 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import UNSIGNED, Sealing
 from robotree.protocol.messages import MavSeverity
 from robotree.protocol.services.statustext import Speaker
+from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Outgoing
 from robotree.sim.firmware.stops import stop_asked_by
-from robotree.sim.serving.controller import Controller
 
-STAY: Final = 1.0
-"""[s] for which it is heard: time enough for a stop that is said after the first word."""
-LARGEST_WORD: Final = 16 * 1024
-"""[bytes] that it may say meanwhile, about as much as one that is served beside a full house."""
+REFUSED_STAY: Final = 1.0
+"""[s] for which it is heard: enough for a stop after its first message."""
+MAX_REFUSED_BYTES: Final = 16 * 1024
+"""[bytes] that are parsed of it, about as much as of each client when all places are taken."""
 
 
-class Bystander:
+class RefusedClient:
     """One client that is not served.
 
     Args:
         link: to the client.
         system: our MAVLink system id.
-        controller: hears its stops.
-        leave: told when the client has gone.
-        word: [bytes] that it may say; the rest is not even parsed.
-        security: signs what we say, and decides whom we hear.
+        controller: receives its stops.
+        leave: called when the client has gone.
+        most: [bytes] that are parsed; the rest is dropped.
+        security: signs our frames, and checks theirs.
     """
 
     def __init__(
@@ -42,8 +42,8 @@ class Bystander:
         link: Link,
         system: int,
         controller: Controller,
-        leave: Callable[["Bystander"], None],
-        word: int = LARGEST_WORD,
+        leave: Callable[["RefusedClient"], None],
+        most: int = MAX_REFUSED_BYTES,
         security: Sealing = UNSIGNED,
     ) -> None:
         self.endpoint = Endpoint(
@@ -55,9 +55,9 @@ class Bystander:
             **security.seals(link.address),
         )
         self._controller, self._leave = controller, leave
-        self._left = word
+        self._left = most
         self._known = False
-        self._end = asyncio.get_running_loop().call_later(STAY, link.close)
+        self._end = asyncio.get_running_loop().call_later(REFUSED_STAY, link.close)
 
     def say(self, text: str) -> None:
         """Tell the client a sentence."""
@@ -65,18 +65,18 @@ class Bystander:
             self.endpoint.send(chunk)
 
     def send(self, outgoing: Outgoing) -> None:
-        """Answer its stop; telemetry is for who is served."""
+        """Answer its stop; telemetry is only for clients that are served."""
         if not outgoing.telemetry:
             self.endpoint.send(outgoing.message)
 
     def received(self, data: bytes) -> None:
-        """The link tells: bytes came."""
+        """Bytes came over the link."""
         if heard := data[: self._left]:
             self._left -= len(heard)
             self.endpoint.received(heard)
 
     def closed(self, reason: LinkError) -> None:
-        """The link tells: it has ended."""
+        """The link has ended."""
         self.endpoint.closed(reason)
 
     def _hear(self, frame: Frame) -> None:

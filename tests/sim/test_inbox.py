@@ -20,8 +20,16 @@ from robotree.protocol.messages import (
     Setpoint,
     Verb,
 )
+from robotree.sim.controller.inbox import (
+    CREDIT,
+    LARGEST_QUEUE,
+    LARGEST_STOPS,
+    Closed,
+    Inbox,
+    Opened,
+    Received,
+)
 from robotree.sim.firmware import Outgoing
-from robotree.sim.serving.intake import CREDIT, LARGEST_QUEUE, LARGEST_STOPS, Closed, Heard, Intake, Opened
 from robotree.sim.testing import NAN, ArmBench, RoverBench
 
 STOP = Frame.of(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
@@ -31,44 +39,44 @@ def ping(number: int) -> Frame:
     return Frame.of(Ping(0, number))
 
 
-def numbers(intake: Intake, via: str) -> list[int]:
+def numbers(inbox: Inbox, via: str) -> list[int]:
     return [
         event.frame.message.seq
-        for event in intake.take()
-        if isinstance(event, Heard) and event.via == via and isinstance(event.frame.message, Ping)
+        for event in inbox.take()
+        if isinstance(event, Received) and event.via == via and isinstance(event.frame.message, Ping)
     ]
 
 
 def test_frames_of_a_link_come_in_their_order_between_its_opening_and_its_end() -> None:
-    intake = Intake(1)
-    intake.open("link")
-    intake.put(ping(1), "link")
-    intake.put(ping(2), "link")
-    intake.close("link")
-    kinds = [type(event) for event in intake.take()]
-    assert kinds == [Opened, Heard, Heard, Closed]
-    assert intake.take() == []
+    inbox = Inbox(1)
+    inbox.open("link")
+    inbox.put(ping(1), "link")
+    inbox.put(ping(2), "link")
+    inbox.close("link")
+    kinds = [type(event) for event in inbox.take()]
+    assert kinds == [Opened, Received, Received, Closed]
+    assert inbox.take() == []
 
 
 @given(flood=st.integers(0, 3 * LARGEST_QUEUE))
 def test_a_flood_is_bounded_and_what_is_dropped_is_counted(flood: int) -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(flood):
-        intake.put(ping(i), "flooder")
-    assert intake.dropped == max(0, flood - LARGEST_QUEUE)
+        inbox.put(ping(i), "flooder")
+    assert inbox.dropped == max(0, flood - LARGEST_QUEUE)
     heard: list[int] = []
-    while turn := numbers(intake, "flooder"):
+    while turn := numbers(inbox, "flooder"):
         assert len(turn) <= CREDIT
         heard += turn
     assert heard == list(range(min(flood, LARGEST_QUEUE)))
 
 
 def test_a_flood_does_not_delay_others() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(10_000):
-        intake.put(ping(i), "flooder")
-    intake.put(ping(7), "other")
-    assert numbers(intake, "other") == [7]
+        inbox.put(ping(i), "flooder")
+    inbox.put(ping(7), "other")
+    assert numbers(inbox, "other") == [7]
 
 
 def goal(key: int, verb: Verb) -> Frame:
@@ -86,86 +94,86 @@ def goal(key: int, verb: Verb) -> Frame:
     ],
 )
 def test_what_takes_long_is_heard_less_often(frame: Frame, per_second: int) -> None:
-    intake, heard = Intake(1), 0
+    inbox, heard = Inbox(1), 0
     for _ in range(200):
         for _ in range(20):
-            intake.put(frame, "flooder")
-        heard += len(intake.take())
+            inbox.put(frame, "flooder")
+        heard += len(inbox.take())
     assert heard == pytest.approx(per_second, rel=0.03)
 
 
 def test_many_flooders_share_what_there_is() -> None:
-    intake, heard = Intake(1), 0
+    inbox, heard = Inbox(1), 0
     for _ in range(200):
         for via in range(32):
-            intake.put(ping(1), via)
-            intake.put(ping(1), via)
-            intake.put(ping(1), via)
-        heard += len(intake.take())
+            inbox.put(ping(1), via)
+            inbox.put(ping(1), via)
+            inbox.put(ping(1), via)
+        heard += len(inbox.take())
     assert heard == 200 * 64
 
 
 def test_a_stop_goes_before_everything_even_of_the_flooder_itself() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(10_000):
-        intake.put(ping(i), "flooder")
-    intake.put(STOP, "flooder")
-    first = intake.take()[0]
-    assert isinstance(first, Heard)
+        inbox.put(ping(i), "flooder")
+    inbox.put(STOP, "flooder")
+    first = inbox.take()[0]
+    assert isinstance(first, Received)
     assert first.frame is STOP
 
 
 def test_a_flood_of_stops_is_bounded_and_still_a_stop() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for _ in range(10_000):
-        intake.put(STOP, "flooder")
-    assert len(intake.take()) == LARGEST_STOPS
-    assert intake.dropped == 10_000 - LARGEST_STOPS, "who is not answered is counted"
+        inbox.put(STOP, "flooder")
+    assert len(inbox.take()) == LARGEST_STOPS
+    assert inbox.dropped == 10_000 - LARGEST_STOPS, "who is not answered is counted"
 
 
 def test_stops_for_others_leave_a_stop_for_us_its_place() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for _ in range(10 * LARGEST_STOPS):
-        intake.put(Frame.of(SetMode(0, 2, 1, ModeKind.SAFE_STOP)), "relay")
-        intake.put(Frame.of(CommandLong(3, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7)), "relay")
-    intake.put(STOP, "relay")
-    first = intake.take()[0]
-    assert isinstance(first, Heard)
+        inbox.put(Frame.of(SetMode(0, 2, 1, ModeKind.SAFE_STOP)), "relay")
+        inbox.put(Frame.of(CommandLong(3, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7)), "relay")
+    inbox.put(STOP, "relay")
+    first = inbox.take()[0]
+    assert isinstance(first, Received)
     assert first.frame is STOP
-    assert intake.dropped == 0
-    assert intake.stops == 1, "a stop for another system is none here"
+    assert inbox.dropped == 0
+    assert inbox.stops == 1, "a stop for another system is none here"
 
 
 def test_the_end_of_a_link_is_never_dropped() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(10_000):
-        intake.put(ping(i), "flooder")
-    intake.close("flooder")
-    events = [event for _ in range(LARGEST_QUEUE) for event in intake.take()]
+        inbox.put(ping(i), "flooder")
+    inbox.close("flooder")
+    events = [event for _ in range(LARGEST_QUEUE) for event in inbox.take()]
     assert events[-1] == Closed("flooder")
 
 
 def test_a_link_that_has_ended_has_one_more_turn() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(100):
-        intake.put(ping(i), "link")
-    intake.put(STOP, "link")
-    intake.close("link")
-    intake.put(ping(7), "other")
-    events = intake.take()
-    assert isinstance(events[0], Heard)
+        inbox.put(ping(i), "link")
+    inbox.put(STOP, "link")
+    inbox.close("link")
+    inbox.put(ping(7), "other")
+    events = inbox.take()
+    assert isinstance(events[0], Received)
     assert events[0].frame is STOP, "a stop goes before everything, also before the end of its link"
-    assert [type(event) for event in events if event.via == "link"] == [Heard] * (1 + CREDIT) + [Closed]
-    assert intake.dropped == 100 - CREDIT
-    assert intake.take() == []
+    assert [type(event) for event in events if event.via == "link"] == [Received] * (1 + CREDIT) + [Closed]
+    assert inbox.dropped == 100 - CREDIT
+    assert inbox.take() == []
 
 
 def test_an_arrival_keeps_its_moment_however_long_it_waits() -> None:
-    intake = Intake(1)
+    inbox = Inbox(1)
     for i in range(3 * CREDIT):
-        intake.put(ping(i), "link", now=10 * i)
-    heard = [event for _ in range(3) for event in intake.take()]
-    assert [event.arrived for event in heard if isinstance(event, Heard)] == [
+        inbox.put(ping(i), "link", now=10 * i)
+    heard = [event for _ in range(3) for event in inbox.take()]
+    assert [event.arrived for event in heard if isinstance(event, Received)] == [
         10 * i for i in range(3 * CREDIT)
     ]
 
