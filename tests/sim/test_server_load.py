@@ -274,7 +274,7 @@ async def test_a_flood_of_datagrams_of_who_is_not_served_costs_nobody_anything_t
 async def test_short_clients_over_datagrams_leave_their_places_to_those_who_come_after_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(server_module, "LINGER", 0.5)
+    monkeypatch.setattr(server_module, "SILENT_AFTER", 0.5)
     async with serving("rover", UDP) as server:
         async with full_house(server.address):
             pass  # that they have left nobody hears

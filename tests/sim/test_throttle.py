@@ -122,7 +122,7 @@ def test_of_what_waited_when_the_link_ended_the_stops_are_heard_and_little_else(
 
 
 @given(st.binary(max_size=3 * LONGEST_FRAME))
-def test_last_words_of_anything_are_bounded_and_leave_no_frame_waiting(data: bytes) -> None:
+def test_stops_in_anything_are_bounded_and_leave_no_frame_waiting(data: bytes) -> None:
     words = stops_in(data * 20, PIECE)
     assert len(words) <= PIECE
     parser = Parser()
