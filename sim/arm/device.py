@@ -13,13 +13,14 @@ import numpy as np
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.arm.compliance import NaturalAdmittance
-from robotree.sim.arm.gripper import WIDEST, Grip, Gripper
+from robotree.sim.arm.gripper import Grip, Gripper
 from robotree.sim.arm.kinematics import Kinematics, twist_of
 from robotree.sim.arm.model import ArmPorts
 from robotree.sim.arm.planner import TWIST, Planner
 from robotree.sim.arm.tuning import PARAMETERS, SLOWEST, ArmTuning
 from robotree.sim.arm.wrist import WristSensor
 from robotree.sim.firmware.device import (
+    WIDEST,
     Plan,
     Progress,
     Start,

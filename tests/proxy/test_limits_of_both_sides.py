@@ -17,8 +17,9 @@ from robotree.proxy.arm import GoTo, Grip
 from robotree.proxy.guard import Span, check
 from robotree.proxy.motion import Motion
 from robotree.proxy.rover import Move, check_arrival
-from robotree.sim.arm import gripper, planner
+from robotree.sim.arm import planner
 from robotree.sim.arm import tuning as arm_tuning
+from robotree.sim.firmware.device import WIDEST
 from robotree.sim.rover import device as sim_rover
 from robotree.sim.testing import ArmBench, RoverBench
 from robotree.vr.errors import BadArgument
@@ -34,7 +35,7 @@ ARM: dict[str, tuple[float, float] | str] = {
     "z": REACH,
     "twist": TURN,
     "speed": (arm_tuning.SLOWEST, arm_tuning.TOP_SPEED),
-    "width": (0.0, gripper.WIDEST),
+    "width": (0.0, WIDEST),
 }
 ROVER: dict[str, tuple[float, float] | str] = {
     "x": (-2 * sim_rover.ARENA, 2 * sim_rover.ARENA),
