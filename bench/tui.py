@@ -123,6 +123,7 @@ class Crowd:
 async def play(count: int, hz: float, *, calm: bool) -> None:
     """Be the supervisor of a crowd."""
     from robotree.tui.screen.app import Supervisor
+    from robotree.tui.screen.promptness import prompt_answers
     from robotree.vr.supervision.fleet import Fleet
 
     crowd = Crowd(count, hz)
@@ -134,7 +135,8 @@ async def play(count: int, hz: float, *, calm: bool) -> None:
         asyncio.get_running_loop().call_later(0.1, count_up)
 
     count_up()
-    await Supervisor(fleet, realm="bench", calm=calm).run_async()
+    with prompt_answers():
+        await Supervisor(fleet, realm="bench", calm=calm).run_async()
 
 
 def play_bare() -> None:

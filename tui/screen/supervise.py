@@ -15,6 +15,7 @@ from robotree.tui import exit_codes
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.screen import keymap
 from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.promptness import prompt_answers
 from robotree.tui.seen.store import Store
 from robotree.tui.terminal import complain
 
@@ -71,7 +72,7 @@ async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: b
     Raises:
         BadKeymap: the operator's file of keys is wrong.
     """
-    with _logging_to_a_file(realm):
+    with _logging_to_a_file(realm), prompt_answers():
         return await _show(fleet, realm, farewell, readonly=readonly)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
@@ -69,6 +70,7 @@ class RobotRow:
         return self.seat.name
 
 
+@lru_cache(maxsize=8192)
 def natural(text: str) -> tuple[tuple[str | tuple[int, str], ...], str]:
     """Return a key that sorts `r2` before `r10`; texts that differ only in case stand together."""
     parts = _DIGITS.split(text.casefold())

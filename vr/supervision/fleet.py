@@ -29,6 +29,11 @@ CALLER = "operator"
 GLANCE = 1.5
 """[s] to wait for each agent when many are asked at once: one that hangs must not hide the others."""
 
+PORTION = 25
+"""Agents that are asked in one go."""
+PAUSE = 0.004
+"""[s] between two portions: the event loop deals with everything else meanwhile."""
+
 OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
@@ -328,7 +333,17 @@ def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:
 
 
 async def _all_that_answer(questions: Iterable[Awaitable[_R]]) -> list[_R]:
-    results = await asyncio.gather(*questions, return_exceptions=True)
+    """Ask all, a portion at a time: a thousand answers at once would hold the event loop for 50 ms."""
+    asked: list[asyncio.Future[_R]] = []
+    try:
+        for number, question in enumerate(questions, 1):
+            asked.append(asyncio.ensure_future(question))
+            if number % PORTION == 0:
+                await asyncio.sleep(PAUSE)
+        results = await asyncio.gather(*asked, return_exceptions=True)
+    finally:
+        for one in asked:
+            one.cancel()
     answers: list[_R] = []
     for result in results:
         if isinstance(result, BaseException):

@@ -64,6 +64,11 @@ class Told:
 class Lines(Still):
     """Draws lines with a label each; what is longer than a line goes on below its beginning."""
 
+    def extent(self, text: Text) -> list[int]:
+        """Return how many lines there are, if none of them is longer than the widget is wide (`Still.extent`)."""
+        lengths = super().extent(text)
+        return [len(lengths)] if max(lengths) <= self.size.width else lengths
+
     def line(self, text: Text, label: str, words: Text) -> None:
         """Append a line, unless it says nothing."""
         if not words:

@@ -17,6 +17,7 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
+from textual.timer import Timer
 
 from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.widgets.marks import MOODS, tint
@@ -29,6 +30,10 @@ HEADER = 1
 """Lines above the first robot."""
 CALM_LINES = 2
 """Lines that are drawn at once on a slow line of those that only make progress."""
+PORTION = 12
+"""Lines that are looked at and drawn in one go; a key waits for no more than that."""
+PAUSE = 0.01
+"""[s] between two portions: time for all that follows from a key."""
 STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
@@ -61,6 +66,8 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         """The last line that was drawn in its turn on a slow line."""
         self._columns: tuple[Column, ...] = ()
         self._theme = ""
+        self._rest: Timer | None = None
+        """Will draw the lines below those that were drawn last."""
         self.wide = False
         """It has more columns."""
 
@@ -136,16 +143,37 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         self.refresh()
 
     def _redraw(self) -> None:
-        """Draw the visible lines again that differ from what stands there."""
-        top, dirty = self.scroll_offset.y, list[Region]()
-        for line in range(HEADER, self.size.height):
-            wanted = self._wanted(top + line - HEADER)
-            if wanted is not None and self._drawn.get(line) != wanted:
-                dirty.append(Region(0, line, self.size.width, 1))
+        """Draw the visible lines that differ from what stands there: the first ones now, the rest soon."""
         if self.app.calm:
-            dirty = self._few(dirty, top)
-        if dirty:
+            if dirty := self._few(self._differing(HEADER, self.size.height), self.scroll_offset.y):
+                self.refresh(*dirty)
+            return
+        after = self._redraw_from(HEADER)
+        if self._rest is None:
+            self._redraw_soon(after)
+
+    def _redraw_from(self, first: int) -> int:
+        """Draw a portion of the lines, from this one on, and return the first line that is left."""
+        end = min(first + PORTION, self.size.height)
+        if dirty := self._differing(first, end):
             self.refresh(*dirty)
+        return end
+
+    def _redraw_soon(self, first: int) -> None:
+        """Draw the lines from this one on, a portion after the other; a key that comes is dealt with between."""
+        used = HEADER + len(self._seats) - self.scroll_offset.y
+
+        def go_on() -> None:
+            self._redraw_soon(self._redraw_from(first))
+
+        more = first < min(self.size.height, used)
+        self._rest = self.set_timer(PAUSE, self.fenced(go_on)) if more else None
+
+    def _differing(self, first: int, end: int) -> list[Region]:
+        """Return the lines from `first` to before `end` that differ from what stands there."""
+        top, width = self.scroll_offset.y, self.scrollable_content_region.width
+        wanted = ((line, self._wanted(top + line - HEADER)) for line in range(first, end))
+        return [Region(0, line, width, 1) for line, one in wanted if one and self._drawn.get(line) != one]
 
     def _few(self, dirty: list[Region], top: int) -> list[Region]:
         """Choose what is drawn now on a slow line: other moods at once, the rest in turn."""
@@ -195,7 +223,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         if under_cursor:
             cursor = self.get_component_rich_style("robot-table--cursor")
             base += Style(bgcolor=cursor.bgcolor, bold=cursor.bold, reverse=self.app.no_color)
-        return Strip(self._segments(shown, base)).adjust_cell_length(width, base)
+        return Strip(self._segments(shown, base)).simplify().adjust_cell_length(width, base)
 
     def _segments(self, shown: RobotRow, base: Style) -> list[Segment]:
         muted = base + tint(self.app, "muted")
@@ -203,6 +231,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         strong = base + tint(self.app, colour, bold=shown.mood == "hangs")
         plain = muted if shown.old else base
         cells: list[Segment] = []
+        gap = " " * GAP  # of the style before it: what is the same to the terminal is sent as one
         for column in self._columns:
             room = column.room
             match column.title:
@@ -212,7 +241,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                     name = muted if shown.old else fresh if shown.fresh else base + Style(bold=True)
                     cells.append(Segment("*" if shown.marked else " ", fresh))
                     cells.append(Segment(lead, muted))
-                    cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)), name))
+                    cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)) + gap, name))
                 case "STATE":
                     words = strong if shown.mood not in CALM else plain
                     tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
@@ -220,9 +249,9 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                     tail = f" ({self.app.keymap.spelled('enslave')})" if shown.mood == "needs" else tail
                     told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
-                    cells += [Segment(fit(told, max(room - 2, 0)), words)]
+                    cells += [Segment(fit(told, max(room - 2, 0)) + gap, words)]
                 case "KIND":
-                    cells.append(Segment(fit(shown.kind, room), plain))
+                    cells.append(Segment(fit(shown.kind, room) + gap, plain))
                 case title:
                     told = {
                         "BY": shown.by,
@@ -231,8 +260,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
                         "LEASE": shown.lease or "-",
                         "LIFE": shown.life or "-",
                     }.get(title, shown.about)
-                    cells.append(Segment(fit(told, room), muted))
-            cells.append(Segment(" " * GAP, base))
+                    cells.append(Segment(fit(told, room) + gap, muted))
         return cells
 
     # -- the cursor --------------------------------------------------------------------------------

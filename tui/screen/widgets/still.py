@@ -27,9 +27,13 @@ class Still(Fenced, Static):
         """Show a text, unless it is shown already; the page is laid out anew only where that may matter."""
         if text == self._shown:
             return
-        moved = _lengths(text) != _lengths(self._shown)
+        moved = self.extent(text) != self.extent(self._shown)
         self._shown = text
         self.update(text, layout=moved)
+
+    def extent(self, text: Text) -> list[int]:
+        """Return what of a text decides how much room it takes: the lengths of its lines [characters]."""
+        return [len(line) for line in text.plain.split("\n")]
 
 
 def entitle(widget: Widget, title: str, below: str = "") -> None:
@@ -39,7 +43,3 @@ def entitle(widget: Widget, title: str, below: str = "") -> None:
         widget.border_title = Text(title)
     if (widget.border_subtitle or "") != under:
         widget.border_subtitle = Text(below)
-
-
-def _lengths(text: Text) -> list[int]:
-    return [len(line) for line in text.plain.split("\n")]
