@@ -1,9 +1,9 @@
 """How the interpreter runs while a screen answers keys: threads take turns often, collections are short.
 
-Textual writes to the terminal in a thread of its own. When that thread wants to run, CPython lets it wait for up to
-5 ms, and then the event loop waits as long to run again; measured with 1,000 robots, the 95th percentile from a key
-to its first byte fell from 12.7 to 6.9 ms with a shorter turn (docs/performance.md). A full garbage collection looks
-at every object of the program, most of which are modules that never go: 25 to 43 ms.
+Textual writes to the terminal in a thread of its own. Where two threads want to run, CPython changes between
+them every 5 ms, so that the event loop may wait that long for the writer. With 1,000 robots, shorter turns
+took the 95th percentile from a key to its first byte from 12.7 to 6.9 ms (docs/performance.md). A full
+garbage collection looks at every object of the program, most of which are modules that never go: 25 to 43 ms.
 """
 
 from __future__ import annotations

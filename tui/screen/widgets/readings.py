@@ -65,7 +65,7 @@ class Lines(Still):
     """Draws lines with a label each; what is longer than a line goes on below its beginning."""
 
     def extent(self, text: Text) -> list[int]:
-        """Return how many lines there are, if none of them is longer than the widget is wide (`Still.extent`)."""
+        """Return how many lines there are, if all of them fit into the width (`Still.extent`)."""
         lengths = super().extent(text)
         return [len(lengths)] if max(lengths) <= self.size.width else lengths
 

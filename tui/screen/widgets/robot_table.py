@@ -160,7 +160,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
         return end
 
     def _redraw_soon(self, first: int) -> None:
-        """Draw the lines from this one on, a portion after the other; a key that comes is dealt with between."""
+        """Draw the lines from this one on, a portion after the other; keys are dealt with in between."""
         used = HEADER + len(self._seats) - self.scroll_offset.y
 
         def go_on() -> None:
