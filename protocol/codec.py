@@ -17,6 +17,7 @@ from math import isfinite
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 from msgspec.structs import astuple
 
 from robotree.protocol.errors import InvalidMessage
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from robotree.protocol.dialect.table import Definition, Field
-    from robotree.protocol.messages.base import Message
 
 Value = int | float | str | bytes | tuple[int, ...] | tuple[float, ...]
 Values = tuple[Any, ...]
@@ -91,7 +91,7 @@ class Codec:
         self.read = _reader(self.definition, build)
         """From bytes and the place of the payload, which goes to their end, to the message."""
 
-    def content(self, message: Message) -> bytes:
+    def content(self, message: msgspec.Struct) -> bytes:
         """The full payload of a message, zeros at its end included; equal when every bit is.
 
         Raises:

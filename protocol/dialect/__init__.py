@@ -1,6 +1,6 @@
-"""The dialect: robotree.xml is the source of truth, table.json what the codec loads.
+"""The dialect: robotree.xml is the source of truth; table.json and the typed messages are generated from it.
 
-Regenerate the table with `python -m robotree.protocol.dialect`.
+Generate both with `python -m robotree.protocol.dialect` after each change of the XML.
 """
 
 from robotree.protocol.dialect.table import Definition, Field, by_name, definitions

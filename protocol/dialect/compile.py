@@ -148,10 +148,15 @@ def build(xml: Path = DIALECT) -> list[Definition]:
     Raises:
         DialectError: the XML is wrong, or a message is too long for the wire.
     """
-    return _table(parse(xml), xml)
+    return table_of(parse(xml), xml)
 
 
-def _table(parsed: list[MAVXML], xml: Path) -> list[Definition]:
+def table_of(parsed: list[MAVXML], xml: Path = DIALECT) -> list[Definition]:
+    """The table of a dialect that was parsed, by id.
+
+    Raises:
+        DialectError: a message is too long for the wire.
+    """
     messages = (message for file in parsed for message in file.message)
     table = sorted((_definition(message) for message in messages), key=lambda each: each.id)
     for each in table:
@@ -200,7 +205,7 @@ def generate(output: Path, *, xml: Path = DIALECT, language: str = "Python3") ->
     from pymavlink.generator import mavgen
 
     parsed = parse(xml)
-    _table(parsed, xml)
+    table_of(parsed, xml)
     said, failure, done = io.StringIO(), "", False
     with workspace(xml) as copy, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         options = mavgen.Opts(str(output.absolute()), wire_protocol="2.0", language=language, validate=True)

@@ -1,14 +1,16 @@
-"""What all messages have in common, and the one registry of them.
+"""What all messages have in common, and their registry. Everything about messages that is written by hand.
 
 A message that robotree speaks is a class below `Message`, decorated with its name on the wire; its fields are
-the XML's, in the XML's order. Every other message of the dialect is an `Untyped`.
+those of the XML, in the same order. The classes of the dialect are generated (`messages/__init__.py`); a kind
+of robot may add classes for its own dialect in the same way. Every other message is an `Untyped`.
 
-The registry is the process's: the dialect, what `wire` and `extend` add to it, and the codecs made of both.
+There is one registry in a process: the dialect, what `wire` and `extend` add to it, and the codecs of both.
 """
 
 from __future__ import annotations
 
 import sys
+from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
@@ -32,6 +34,27 @@ class Message(msgspec.Struct, frozen=True, gc=False):
     codec: ClassVar[Codec]
     finite: ClassVar[bool] = False
     """Whether NaN and infinity are forbidden when we send it. Only for messages of nothing but numbers."""
+
+
+class SecretMessage(Message, frozen=True, gc=False):
+    """A typed message with a secret: its text never shows the fields in `SECRETS`."""
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name}={value!r}" for name, value in self.__rich_repr__())
+        return f"{type(self).__name__}({shown})"
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:  # msgspec's would show every field
+        secrets = self.codec.definition.secrets
+        return [(name, ... if name in secrets else getattr(self, name)) for name in self.__struct_fields__]
+
+
+class GoalStateBase(IntEnum):
+    """What the generated `GoalState` has beside its values."""
+
+    @property
+    def final(self) -> bool:
+        """Whether the goal has ended."""
+        return self >= type(self)["SUCCEEDED"]
 
 
 class Untyped(msgspec.Struct, frozen=True, gc=False):

@@ -9,12 +9,12 @@ from typing import Final
 
 from robotree.protocol.messages import (
     AutopilotVersion,
+    MavProtocolCapability,
     Message,
     ProtocolVersion,
     SysStatus,
     SystemTime,
 )
-from robotree.protocol.messages.system import MavProtocolCapability
 from robotree.protocol.services import version
 from robotree.protocol.services.setpoint import SetpointStatistics
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import struct
-from enum import EnumType
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from robotree.protocol import messages
-from robotree.protocol.dialect import by_name, definitions
+from robotree.protocol.dialect import by_name, classes, definitions
 from robotree.protocol.dialect import compile as compiler
-from robotree.protocol.dialect.__main__ import main
+from robotree.protocol.dialect.__main__ import CLASSES, main
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.dialect.table import FIRST_OWN_ID, LARGEST_ID, TABLE
 from robotree.protocol.errors import DialectError
@@ -56,59 +54,49 @@ def test_hot_messages_fit_one_can_fd_frame(name: str) -> None:
     assert by_name()[name].length <= ONE_CAN_FD_FRAME
 
 
-def test_the_classes_have_the_fields_of_the_xml_in_its_order() -> None:
-    ours = {each.id for each in definitions().values() if each.name.startswith("ROBOTREE_")}
-    assert ours <= TYPED.keys()
-    for msgid, kind in TYPED.items():
-        definition = definitions()[msgid]
-        assert list(kind.__struct_fields__) == [field.name for field in definition.fields]
-        hints = inspect.get_annotations(kind, eval_str=True)
-        for field in definition.fields:
-            assert hints[field.name] == _python_type(field.type, field.length, is_bytes=field.is_bytes)
+def test_the_classes_are_what_the_xml_says() -> None:
+    generated = classes.source(compiler.parse())
+    assert CLASSES.read_text(encoding="utf-8") == generated, "run python -m robotree.protocol.dialect"
 
 
-def _python_type(kind: str, length: int, *, is_bytes: bool) -> object:
-    if kind == "char":
-        return str
-    if is_bytes:
-        return bytes
-    if kind in ("float", "double"):
-        return tuple[float, ...] if length else float
-    return tuple[int, ...] if length else int
+def test_all_our_messages_and_those_that_are_listed_have_a_class() -> None:
+    names = {definitions()[msgid].name for msgid in TYPED}
+    assert names == {each for each in by_name() if each.startswith("ROBOTREE_")} | classes.MESSAGES.keys()
 
 
-def _enumerations() -> list[EnumType]:
-    return [kind for kind in vars(messages).values() if isinstance(kind, EnumType)]
+def test_a_class_has_the_units_the_enumerations_and_the_zeros_of_the_xml() -> None:
+    """One message as its source must read, so that the generator and the test are not the same program."""
+    generated = classes.source(compiler.parse())
+    assert (
+        '''@wire("ROBOTREE_GRIPPER")
+class Gripper(Message, frozen=True, gc=False):
+    """State of the gripper."""
+
+    finite: ClassVar[bool] = True
+
+    time_boot_ms: int
+    """Controller time. [ms]"""
+    width: float
+    """Distance between the fingers. [m]"""
+    commanded: float
+    """Width asked for. [m]"""
+    force: float
+    """Force between the fingers [N]."""
+    state: int | GripperState
+    """State."""
+'''
+        in generated
+    )
+    assert messages.GoalStatus(1, 2, 0.5, 3, 0, 1, 1, 4).text == ""
+    assert messages.Heartbeat(0, 0, 0, 0, 4).mavlink_version == 3
+    assert messages.GoalState.SUCCEEDED.final
+    assert not messages.GoalState.ACTIVE.final
 
 
-def test_our_enumerations_are_those_of_the_xml() -> None:
-    declared = {enum.name: enum for file in compiler.parse() for enum in file.enum}
-    ours = {name: enum for name, enum in declared.items() if name.startswith("ROBOTREE_")}
-    ours_by_name = {_snake(kind.__name__): kind for kind in _enumerations()}
-    for name, enum in ours.items():
-        kind = ours_by_name[name.removeprefix("ROBOTREE_")]
-        entries = {
-            each.name.removeprefix(f"{name}_"): each.value for each in enum.entry if not each.end_marker
-        }
-        assert entries == {name: member.value for name, member in kind.__members__.items()}
-    assert len(ours) >= 5
-
-
-def test_the_parts_of_common_enumerations_have_their_values() -> None:
-    declared = {enum.name: enum for file in compiler.parse() for enum in file.enum}
-    common = [kind for kind in _enumerations() if kind.__module__.endswith(".common")]
-    for kind in common:
-        name = _snake(kind.__name__)
-        (enum,) = (declared[each] for each in (name, f"MAVLINK_{name}") if each in declared)
-        for member in kind.__members__.values():
-            assert member.value in {
-                each.value for each in enum.entry if each.name.endswith(f"_{member.name}")
-            }
-    assert len(common) >= 5
-
-
-def _snake(name: str) -> str:
-    return "".join(f"_{letter}" if letter.isupper() else letter.upper() for letter in name).lstrip("_")
+def test_an_entry_that_the_base_lacks_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(classes.ENUMS, "MAV_STATE", ("States.", "BOOT ASLEEP"))
+    with pytest.raises(KeyError, match="MAV_STATE has no ASLEEP"):
+        classes.source(compiler.parse())
 
 
 def test_the_table_is_plain_data() -> None:
@@ -266,14 +254,16 @@ def test_the_dialect_compiles_for_wireshark(tmp_path: Path) -> None:
     assert "WLua" in compiler.languages()
 
 
-def test_regenerating_writes_the_committed_table(
+def test_regenerating_writes_the_committed_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    copy = tmp_path / "table.json"
-    monkeypatch.setattr("robotree.protocol.dialect.__main__.TABLE", copy)
+    copies = {"TABLE": tmp_path / "table.json", "CLASSES": tmp_path / "__init__.py"}
+    for name, copy in copies.items():
+        monkeypatch.setattr(f"robotree.protocol.dialect.__main__.{name}", copy)
     assert main() == 0
-    assert copy.read_bytes() == TABLE.read_bytes()
-    assert capsys.readouterr().out == f"table.json: {len(definitions())} messages\n"
+    assert copies["TABLE"].read_bytes() == TABLE.read_bytes()
+    assert copies["CLASSES"].read_bytes() == CLASSES.read_bytes()
+    assert capsys.readouterr().out.startswith(f"table.json: {len(definitions())} messages\n")
 
 
 @pytest.mark.parametrize(

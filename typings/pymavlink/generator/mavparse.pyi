@@ -1,3 +1,5 @@
+from collections.abc import Collection
+
 PROTOCOL_1_0: str
 PROTOCOL_2_0: str
 
@@ -12,6 +14,8 @@ class MAVField:
     enum: str
     units: str
     description: str
+    invalid: str
+    const_value: int | None
 
 class MAVType:
     name: str
@@ -27,14 +31,22 @@ class MAVType:
     target_system_ofs: int
     target_component_ofs: int
 
+class MAVEnumParam:
+    index: str | int
+    label: str
+    units: str
+    description: str
+
 class MAVEnumEntry:
     name: str
     value: int
     description: str
     end_marker: bool
+    param: Collection[MAVEnumParam]
 
 class MAVEnum:
     name: str
+    description: str
     entry: list[MAVEnumEntry]
     bitmask: bool
 
