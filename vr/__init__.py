@@ -3,7 +3,7 @@
 What an author of a robot needs is here, in pure files; every error is in `errors.py`. From the bottom up:
 `running/` carries out an author's code, `bundle/` loads it from a page, `network/` leads to other processes;
 `exchange/` asks and answers, `lookup/` knows who is where, `space/` keeps counts; `agents/` live by all of
-these, `supervision/` sees them all by name, and `rehearsal/` is for tests.
+these, `supervision/` sees them all by name, and `world/` runs it all in virtual time, for tests.
 """
 
 from robotree.vr.child import Child, Record

@@ -5,10 +5,10 @@ Call them from the tests of a new implementation; a broken promise is an `Assert
 
 from __future__ import annotations
 
-from robotree.vr.rehearsal.examine_lookup import LOOKUP_CHECKS, Open, check_lookup
-from robotree.vr.rehearsal.examine_transport import TRANSPORT_CHECKS, check_transport
-from robotree.vr.rehearsal.promises import Join, promise, until
-from robotree.vr.rehearsal.virtual_time import in_virtual_time, run_in_virtual_time
+from robotree.vr.world.examine_lookup import LOOKUP_CHECKS, Open, check_lookup
+from robotree.vr.world.examine_transport import TRANSPORT_CHECKS, check_transport
+from robotree.vr.world.promises import Join, promise, until
+from robotree.vr.world.virtual_loop import in_virtual_time, run_in_virtual_time
 
 __all__ = [
     "LOOKUP_CHECKS",

@@ -2,7 +2,7 @@
 
 Four verbs: ask (`request`), answer (`serve`), tell everybody (`publish`, `subscribe`), and be seen to be
 alive (`announce`, `watch`). `network/` has one for the processes of a machine and one for
-several machines, `rehearsal/` one within a process for tests. `testing.py` examines any implementation
+several machines, `world/` one within a process, in virtual time. `testing.py` examines any implementation
 (`check_transport`).
 
 All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them

@@ -19,8 +19,8 @@ from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0

@@ -20,8 +20,9 @@ from robotree.vr.description import Listing, Template
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
-from robotree.vr.rehearsal.virtual_time import VirtualTimeLoop
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.virtual_loop import VirtualLoop
+from robotree.vr.world.virtual_runner import VirtualRunner
 
 SETTLED = 20.0
 """[s] Longer than retry, renewal and comparison together."""
@@ -53,8 +54,8 @@ class LookupMachine(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.loop = VirtualTimeLoop()
-        self.network = self.run(self.make_network())
+        self.loop = VirtualLoop(VirtualRunner())
+        self.network = self.make_network()
         self.number = 0
         self.living_lookups: list[LookupService] = []
         self.living_agents: list[Agent] = []
@@ -62,8 +63,8 @@ class LookupMachine(RuleBasedStateMachine):
         self.onlooker = Directory(self.onlooker_transport)
         self.run(self.onlooker.start())
 
-    async def make_network(self) -> MemoryNetwork:
-        return MemoryNetwork(delay=0.002)
+    def make_network(self) -> MemoryNetwork:
+        return MemoryNetwork(delay=0.002, loop=self.loop)
 
     def run(self, work: Coroutine[Any, Any, R]) -> R:
         asyncio.set_event_loop(self.loop)

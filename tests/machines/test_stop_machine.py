@@ -17,9 +17,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import NotConfirmed, VrError
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
-from robotree.vr.rehearsal.virtual_time import VirtualTimeLoop
 from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.virtual_loop import VirtualLoop
+from robotree.vr.world.virtual_runner import VirtualRunner
 
 SETTLED = 30.0
 """[s] Longer than all orders, leases and silences together."""
@@ -64,7 +65,7 @@ class Given(NamedTuple):
 class StopMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
-        self.loop = VirtualTimeLoop()
+        self.loop = VirtualLoop(VirtualRunner())
         self.stops: list[Given] = []
         self.resumes: list[Given] = []
         self.orders = 0

@@ -23,9 +23,9 @@ from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
 from robotree.vr.transport import Transport
+from robotree.vr.world.network import MemoryNetwork
 
 
 @pytest.fixture

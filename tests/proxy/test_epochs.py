@@ -21,8 +21,8 @@ from robotree.proxy.arm import Arm
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.errors import CommandFailed, StaleEpoch
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 
 @asynccontextmanager

@@ -30,9 +30,9 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.confirmation import Budget, unmeasured
 from robotree.vr.errors import CommandFailed, NotConfirmed
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.supervision.orders import CONFIRM
 from robotree.vr.testing import in_virtual_time
+from robotree.vr.world.network import MemoryNetwork
 
 BEAT = Heartbeat(0, 0, 0, 0, 4)
 

@@ -31,8 +31,8 @@ from robotree.vr.errors import (
     Stopped,
 )
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 Controller = Any
 IN_STOP = "its controller is in safe stop: somebody asked for it"

@@ -20,9 +20,9 @@ from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

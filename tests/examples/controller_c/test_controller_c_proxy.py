@@ -16,8 +16,8 @@ from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, Stopped
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 Operator = Any
 Power = Callable[..., AbstractContextManager[int]]

@@ -17,8 +17,8 @@ from robotree.proxy.agent import running_proxy
 from robotree.proxy.rover import Rover
 from robotree.vr.errors import CommandCancelled, Stopped
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 pytestmark = pytest.mark.e2e
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_py" / "controller.py"

@@ -338,8 +338,8 @@ async def test_the_palette_offers_the_registry(realm: Realm, operate: Operate) -
 
 
 async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
-    from robotree.vr.rehearsal.memory import MemoryNetwork
     from robotree.vr.supervision.fleet import Fleet
+    from robotree.vr.world.network import MemoryNetwork
 
     fleet = Fleet(MemoryNetwork().join("operator"))
     await fleet.start()

@@ -24,8 +24,8 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.units import read_quantity
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 
 HUNG = 0.3
 """[s] of real time that one thread may compute before the clock goes on without it."""

@@ -26,8 +26,8 @@ from robotree.vr.errors import (
     WrongKind,
 )
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.running.execution import LONGEST_END
+from robotree.vr.world.network import MemoryNetwork
 
 TERM = 5.0
 
@@ -200,7 +200,7 @@ async def test_a_silent_parent_loses_its_child_within_the_term(realm: Any) -> No
     rover, pair = await bound(realm)
     realm.network.freeze(pair.transport)
     assert await realm.until(lambda: rover.description().bond is None) <= TERM
-    assert "rover" in realm.listed()
+    await realm.until(lambda: "rover" in realm.listed(), within=0.1)
     realm.network.thaw(pair.transport)
     await realm.until(lambda: pair.description().slot("left").lost != "", within=TERM)
     rebound = await realm.client(pair).enslave("left", rover.address)
@@ -359,6 +359,7 @@ async def test_a_process_that_ends_in_order_leaves_nothing_behind(realm: Any) ->
     await pair.close()
     assert rover.description().bond is None
     assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
+    await asyncio.sleep(0.01)
     assert await realm.operator.present("robot/*/*") == [rover.address.key]
 
 

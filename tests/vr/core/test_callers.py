@@ -10,8 +10,8 @@ import pytest
 
 from robotree.vr.errors import CommandCancelled
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.rehearsal.memory import MemoryTransport
 from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.world.network import MemoryTransport
 from tests.vr.core.crew import Rover, crew
 
 

@@ -11,8 +11,8 @@ import pytest
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.petition import REUNION
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.rehearsal.memory import MemoryTransport
 from robotree.vr.requests import Petition, decode_request
+from robotree.vr.world.network import MemoryTransport
 
 
 class Rover(Robot):
@@ -41,7 +41,7 @@ class Forgetful(MemoryTransport):
 async def test_a_child_that_its_parent_does_not_know_it_has_is_free_again(realm: Any, how: str) -> None:
     rover = await realm.start(Rover("rover"), term=600.0)
     transport = Forgetful(realm.network, "pair")
-    realm.network.members.append(transport)
+    realm.network.enter(transport)
     pair = await realm.start(Pair("pair"), transport, term=600.0)
     enslaving = asyncio.create_task(pair._bonds.enslave("left", rover.address))
     await realm.until(lambda: rover.description().bond is not None)

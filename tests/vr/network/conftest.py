@@ -13,8 +13,8 @@ import pytest
 
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.network.zenoh.transport import ZenohTransport, connect
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.transport import Transport
+from robotree.vr.world.network import MemoryNetwork
 from tests.vr.network.world import World
 
 
@@ -51,7 +51,7 @@ async def join_zenoh() -> AsyncIterator[Callable[[], Awaitable[ZenohTransport]]]
 
 
 @pytest.fixture
-async def join_memory() -> Callable[[], Awaitable[Transport]]:
+def join_memory() -> Callable[[], Awaitable[Transport]]:
     network = MemoryNetwork()
 
     async def enter() -> Transport:

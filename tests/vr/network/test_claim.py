@@ -9,8 +9,8 @@ import pytest
 from robotree.vr.address import Address, Role
 from robotree.vr.errors import DuplicateName, NameInSilence, VrError
 from robotree.vr.exchange.claim import claim, new_address
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import in_virtual_time
+from robotree.vr.world.network import MemoryNetwork
 
 
 @in_virtual_time

@@ -28,9 +28,9 @@ from robotree.vr.exchange.host_client import HostClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import DescribeView, ViewDescribed
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 HEADER = "import time\nfrom robotree.vr import VirtualRobot, command\n"
 ADDER = f"""{HEADER}

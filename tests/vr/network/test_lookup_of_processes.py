@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.rehearsal.promises import PATIENCE
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from robotree.vr.world.promises import PATIENCE
 
 Start = Callable[[str, str], Awaitable[Any]]
 

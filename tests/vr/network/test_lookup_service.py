@@ -8,9 +8,9 @@ import pytest
 
 from robotree.vr.errors import BadName, DuplicateName
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.testing import LOOKUP_CHECKS, Join, Open, in_virtual_time, run_in_virtual_time
 from robotree.vr.transport import Transport
+from robotree.vr.world.network import MemoryNetwork
 
 Check = Callable[[Join, Open], Awaitable[None]]
 

@@ -14,9 +14,9 @@ from robotree.vr.exchange.claim import new_address
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.transport import Registration, Respond
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 
 
 class Agent:

@@ -15,8 +15,8 @@ from robotree.vr.network.pattern import matches
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.network.zenoh.presence import Presence
-from robotree.vr.rehearsal.promises import replies_of
 from robotree.vr.testing import in_virtual_time
+from robotree.vr.world.promises import replies_of
 
 
 @in_virtual_time

@@ -14,7 +14,7 @@ import pytest
 
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.rehearsal.promises import replies_of, until
+from robotree.vr.world.promises import replies_of, until
 
 Start = Callable[..., Awaitable[Any]]
 Enter = Callable[[], Awaitable[LocalTransport]]

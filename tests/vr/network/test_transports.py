@@ -6,16 +6,19 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr.rehearsal.memory import MemoryNetwork, MemoryTransport
 from robotree.vr.testing import TRANSPORT_CHECKS, Join, check_transport, run_in_virtual_time
 from robotree.vr.transport import PresenceHandler, Registration, Transport
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 
 Check = Callable[[Join], Awaitable[None]]
 
 
 @pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)
-async def test_memory(check: Check, join_memory: Join) -> None:
-    await check(join_memory)
+def test_memory(check: Check, join_memory: Join) -> None:
+    async def examine() -> None:
+        await check(join_memory)
+
+    run_in_virtual_time(examine())
 
 
 @pytest.mark.parametrize("check", TRANSPORT_CHECKS, ids=lambda check: check.__name__)
@@ -28,8 +31,23 @@ async def test_zenoh(check: Check, join_zenoh: Join) -> None:
     await check(join_zenoh)
 
 
-async def test_a_whole_network_can_be_examined_at_once(join_memory: Join) -> None:
-    await check_transport(join_memory)
+@pytest.mark.parametrize("delay", [0.0, 0.003])
+def test_a_whole_network_can_be_examined_at_once(delay: float) -> None:
+    async def examine() -> None:
+        network = MemoryNetwork(delay=delay)
+        network.weather.jitter = delay
+
+        async def join() -> Transport:
+            return network.join()
+
+        await check_transport(join)
+
+    run_in_virtual_time(examine())
+
+
+async def test_a_memory_network_runs_in_real_time_too(join_memory: Join) -> None:
+    for check in TRANSPORT_CHECKS[:4]:
+        await check(join_memory)
 
 
 class Mute(MemoryTransport):
@@ -62,9 +80,7 @@ def test_the_examination_notices_a_broken_promise(broken: type[MemoryTransport])
         network = MemoryNetwork()
 
         async def join() -> Transport:
-            member = broken(network, "broken")
-            network.members.append(member)
-            return member
+            return network.enter(broken(network, "broken"))
 
         await check_transport(join)
 

@@ -17,10 +17,10 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.view_client import ViewClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.requests import DescribeHost, HostDescribed
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.transport import Transport
+from robotree.vr.world.network import MemoryNetwork
 
 
 def picture(width: int, height: int, **options: object) -> bytes:

@@ -13,9 +13,9 @@ from robotree.vr.agents.host import Host
 from robotree.vr.description import RobotDescription
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.rehearsal.memory import MemoryNetwork
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from robotree.vr.world.network import MemoryNetwork
 
 SOURCE = """
 from robotree.vr import Child, VirtualRobot, command

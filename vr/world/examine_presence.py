@@ -6,7 +6,8 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import TransportClosed, VrError
-from robotree.vr.rehearsal.promises import (
+from robotree.vr.transport import Respond
+from robotree.vr.world.promises import (
     PATIENCE,
     Join,
     close_all,
@@ -17,7 +18,6 @@ from robotree.vr.rehearsal.promises import (
     until,
     until_present,
 )
-from robotree.vr.transport import Respond
 
 
 async def samples_reach_whoever_subscribed(join: Join) -> None:

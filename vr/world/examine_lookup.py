@@ -13,7 +13,6 @@ from robotree.vr.description import Listing, Template
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
-from robotree.vr.rehearsal.promises import Join, promise, until
 from robotree.vr.requests import (
     DescribeHost,
     Done,
@@ -28,6 +27,7 @@ from robotree.vr.requests import (
     decode_event,
 )
 from robotree.vr.transport import Transport
+from robotree.vr.world.promises import Join, promise, until
 
 
 class Service(Protocol):

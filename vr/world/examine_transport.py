@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from robotree.vr.rehearsal import examine_presence, examine_requests
-from robotree.vr.rehearsal.promises import Join
+from robotree.vr.world import examine_presence, examine_requests
+from robotree.vr.world.promises import Join
 
 TRANSPORT_CHECKS: tuple[Callable[[Join], Awaitable[None]], ...] = (
     examine_requests.replies_keep_their_order,

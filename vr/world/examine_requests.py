@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.rehearsal.promises import PATIENCE, Join, close_all, promise, replies_of, served
 from robotree.vr.transport import Respond
+from robotree.vr.world.promises import PATIENCE, Join, close_all, promise, replies_of, served
 
 SILENCE = 1.0
 """[s] given to one who does not answer; what it said first comes within it, on a busy machine too."""

@@ -1,0 +1,210 @@
+"""The accidents of the network in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+
+import pytest
+
+from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.testing import in_virtual_time
+from robotree.vr.transport import Respond
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.promises import replies_of
+
+KEY = "robot/a/1"
+
+
+class Echo:
+    """Serves one key and remembers what it was asked."""
+
+    def __init__(self, transport: MemoryTransport) -> None:
+        self.transport = transport
+        self.asked: list[bytes] = []
+
+    async def open(self) -> None:
+        await self.transport.serve(KEY, self._answer)
+        await self.transport.announce(KEY)
+
+    async def _answer(self, body: bytes, respond: Respond) -> None:
+        self.asked.append(body)
+        respond(body)
+
+
+async def pair(delay: float = 0.01) -> tuple[MemoryNetwork, Echo, MemoryTransport, list[tuple[str, bool]]]:
+    """A server, a caller, and what the caller sees come and go."""
+    network = MemoryNetwork(delay=delay, chance=random.Random(1).random)
+    server, caller = Echo(network.join("server")), network.join("caller")
+    seen: list[tuple[str, bool]] = []
+    await caller.watch("robot/**", lambda key, there: seen.append((key, there)))
+    await server.open()
+    await asyncio.sleep(0.1)
+    assert seen == [(KEY, True)]
+    return network, server, caller, seen
+
+
+@in_virtual_time
+async def test_a_paused_process_reads_what_waits_when_it_goes_on_but_begins_nothing_that_is_over() -> None:
+    network, server, caller, seen = await pair()
+    network.pause(server.transport)
+    late = asyncio.create_task(replies_of(caller.request(KEY, b"late", timeout=0.5)))
+    urgent = asyncio.create_task(replies_of(caller.request(KEY, b"urgent", timeout=0.5, urgent=True)))
+    await asyncio.sleep(1.0)
+    assert isinstance((await late)[1], NoAnswer)
+    assert isinstance((await urgent)[1], NoAnswer)
+    assert seen == [(KEY, True)]
+    await asyncio.sleep(network.lease)
+    assert seen[1:] == [(KEY, False)]
+    (silent,) = await caller.silent("**")
+    assert silent.asleep
+    network.resume(server.transport)
+    await asyncio.sleep(0.1)
+    assert seen[2:] == [(KEY, True)]
+    assert server.asked == [b"urgent"]
+
+
+@in_virtual_time
+async def test_one_that_is_heard_no_more_in_one_direction_still_hears() -> None:
+    network, server, caller, seen = await pair()
+    watched: list[bool] = []
+    await caller.announce("caller")
+    await server.transport.watch("caller", lambda _, there: watched.append(there))
+    network.cut_one_way(server.transport, caller)
+    asking = replies_of(caller.request(KEY, b"x", timeout=1.0))
+    assert isinstance((await asking)[1], NoAnswer)
+    assert server.asked == [b"x"]
+    await asyncio.sleep(network.lease + 0.1)
+    assert seen[1:] == [(KEY, False)]
+    assert watched[-1]
+    assert isinstance((await replies_of(caller.request(KEY, b"y", timeout=1.0)))[1], Unreachable)
+    network.heal(server.transport, caller)
+    await asyncio.sleep(0.1)
+    assert await replies_of(caller.request(KEY, b"z", timeout=1.0)) == ([b"z"], None)
+
+
+@in_virtual_time
+async def test_a_connection_that_breaks_loses_the_reply_and_comes_back() -> None:
+    network, server, caller, seen = await pair()
+    asking = asyncio.create_task(replies_of(caller.request(KEY, b"x", timeout=5.0)))
+    await asyncio.sleep(0.015)
+    assert server.asked == [b"x"]
+    network.reset(server.transport, caller)
+    assert isinstance((await asking)[1], Unreachable)
+    await asyncio.sleep(1.0)
+    assert seen[1:] == [(KEY, False), (KEY, True)]
+    assert await replies_of(caller.request(KEY, b"y", timeout=1.0)) == ([b"y"], None)
+
+
+@in_virtual_time
+async def test_a_machine_that_vanishes_is_noticed_after_its_lease_and_a_killed_process_at_once() -> None:
+    network, server, caller, seen = await pair()
+    network.vanish(server.transport)
+    await asyncio.sleep(network.lease - 0.1)
+    assert seen == [(KEY, True)]
+    await asyncio.sleep(0.2)
+    assert seen[1:] == [(KEY, False)]
+    assert await caller.silent("**") == []
+    other = Echo(network.join("other"))
+    await other.open()
+    await asyncio.sleep(0.1)
+    network.kill(other.transport)
+    await asyncio.sleep(0.02)
+    assert seen[2:] == [(KEY, True), (KEY, False)]
+
+
+@in_virtual_time
+async def test_a_request_may_arrive_twice_and_its_reply_is_heard_once() -> None:
+    network, server, caller, _ = await pair()
+    network.weather.duplication = 1.0
+    assert await replies_of(caller.request(KEY, b"x", timeout=1.0)) == ([b"x"], None)
+    await asyncio.sleep(0.1)
+    assert server.asked == [b"x", b"x"]
+
+
+@in_virtual_time
+async def test_messages_are_late_by_chance_and_keep_their_order_on_a_channel() -> None:
+    network, server, caller, _ = await pair()
+    network.weather.jitter = 0.5
+    heard: list[bytes] = []
+    await caller.subscribe("s", lambda _, body: heard.append(body))
+    samples = [bytes([number]) for number in range(50)]
+    for sample in samples:
+        server.transport.publish("s", sample)
+    await asyncio.sleep(1.0)
+    assert heard == samples
+
+
+@in_virtual_time
+async def test_an_urgent_request_may_overtake_a_sample() -> None:
+    network, server, caller, _ = await pair()
+    network.weather.jitter = 0.5
+    overtaken = 0
+    for number in range(20):
+        caller.publish("s", b"")
+        body = bytes([number])
+        order: list[str] = []
+        subscription = await server.transport.subscribe("s", lambda *_, order=order: order.append("sample"))
+        caller.publish("s", b"")
+        await replies_of(caller.request(KEY, body, timeout=2.0, urgent=True))
+        overtaken += "sample" not in order
+        await subscription.close()
+    assert overtaken > 0
+
+
+@in_virtual_time
+async def test_a_request_without_waiting_is_taken_directly_and_can_be_dropped() -> None:
+    network = MemoryNetwork(delay=0.01)
+    server, caller = network.join("server"), network.join("caller")
+    heard: list[bytes | None] = []
+
+    async def slowly(body: bytes, respond: Respond) -> None:
+        respond(b"slow " + body)
+
+    def directly(body: bytes, respond: Respond, end: object) -> bool:
+        assert callable(end)
+        if not body.startswith(b"d"):
+            return False
+        respond(b"direct " + body)
+        end()
+        return True
+
+    await server.serve(KEY, slowly, direct=directly)
+    await asyncio.sleep(0.1)
+    for body in (b"d", b"s"):
+        caller.ask(KEY, body, timeout=1.0, hear=heard.append)
+        await asyncio.sleep(0.1)
+    assert heard == [b"direct d", None, b"slow s", None]
+    caller.ask(KEY, b"d", timeout=1.0, hear=heard.append)()
+    caller.ask("nobody", b"d", timeout=1.0, hear=heard.append)
+    await asyncio.sleep(0.1)
+    assert heard[4:] == [None]
+
+
+@in_virtual_time
+async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
+    network = MemoryNetwork(delay=0.01)
+    server, caller = network.join("server"), network.join("caller")
+    heard: list[bytes | None] = []
+    await server.serve(KEY, lambda _body, _respond: asyncio.sleep(100.0), direct=lambda *_: True)
+    await asyncio.sleep(0.1)
+    caller.ask(KEY, b"", timeout=10.0, hear=heard.append)
+    await asyncio.sleep(0.1)
+    assert heard == []
+    network.kill(server)
+    await asyncio.sleep(0.1)
+    assert heard == [None]
+
+
+@pytest.mark.parametrize("accident", ["kill", "vanish", "pause", "freeze"])
+@in_virtual_time
+async def test_no_accident_harms_the_others(accident: str) -> None:
+    network, server, caller, _ = await pair()
+    victim = network.join("victim")
+    await victim.announce("robot/v/1")
+    getattr(network, accident)(victim)
+    for _ in range(5):
+        await asyncio.sleep(1.0)
+        assert await replies_of(caller.request(KEY, b"x", timeout=1.0)) == ([b"x"], None)
+    assert await caller.present("**") == [KEY]
+    assert server.asked == [b"x"] * 5

@@ -1,1 +1,0 @@
-"""For tests: a network in memory, virtual time, and examinations of what transports and lookups promise."""

@@ -1,0 +1,834 @@
+"""A network within one process of the machine: every member is a transport, every accident can be caused.
+
+It behaves as the mesh of processes does (`network/mesh.py`). Between two members there are two channels,
+urgent and bulk; what is sent on one of them arrives in its order. Each member tells the others what it serves
+and holds, and knows only what it was told.
+
+Accidents: a member dies (`kill`), or its whole machine without a word (`vanish`); it is stopped (`pause`), or
+falls silent while it works (`freeze`); two lose each other (`cut`), in one direction only (`cut_one_way`); a
+connection breaks with what is under way (`reset`); requests arrive twice; messages are late by chance.
+Silence is noticed after `lease` seconds; until then presence stands, and what is sent waits as in a socket.
+
+Time is an `Agenda`: that of a `VirtualRunner`, where all repeats from its seed, or else of an event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import itertools
+import logging
+import threading
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from functools import partial
+from math import inf
+from typing import Protocol, TypeVar
+
+import msgspec
+
+from robotree.vr.errors import TransportClosed
+from robotree.vr.network.pattern import matches
+from robotree.vr.network.replies import Replies
+from robotree.vr.transport import (
+    CutOffHandler,
+    Held,
+    PresenceHandler,
+    Registration,
+    RequestHandler,
+    Respond,
+    SampleHandler,
+    Unlisted,
+)
+from robotree.vr.world.virtual_loop import VirtualLoop
+from robotree.vr.world.virtual_runner import VirtualProcess
+
+RECONNECT = 0.5
+"""[s] at most until a connection that broke is there again: the mesh looks once in this time."""
+
+URGENT, BULK = 0, 1
+"""The two channels between two members."""
+
+Hear = Callable[[bytes | None], None]
+"""Takes one reply to a request; None: there are no more. In any thread; must not block."""
+
+Direct = Callable[[bytes, Respond, Callable[[], None]], bool]
+"""Takes a request in the thread that reads it: its body, how to reply, how to end. False: not taken."""
+
+OnMessage = Callable[[str, str, str, bytes], None]
+"""Told of each message that arrives: source, target, what it is, its body."""
+
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T", bound="MemoryTransport")
+
+
+class Agenda(Protocol):
+    """When something happens."""
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        ...
+
+    def at(self, when: float, action: Callable[[], None]) -> None:
+        """Do something at a time [s], in the order of (time, asking)."""
+        ...
+
+
+class LoopAgenda:
+    """The agenda of an event loop in real time. What comes from other threads is handed over."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Take the clock of this loop."""
+        self._loop = loop
+        self._thread = threading.get_ident()
+        self._actions: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+        self.now = loop.time
+
+    def at(self, when: float, action: Callable[[], None]) -> None:
+        """See `Agenda.at`."""
+        if threading.get_ident() != self._thread:
+            self._loop.call_soon_threadsafe(self.at, when, action)
+            return
+        heapq.heappush(self._actions, (when, next(self._order), action))
+        if when > self.now():
+            self._loop.call_at(when, self._pump, when)
+        else:
+            self._loop.call_soon(self._pump, when)
+
+    def _pump(self, until: float) -> None:
+        while self._actions and self._actions[0][0] <= until:
+            heapq.heappop(self._actions)[2]()
+
+
+class Weather(msgspec.Struct):
+    """What befalls messages by chance. May be changed at any time."""
+
+    jitter: float = 0.0
+    """[s] that a message takes longer at most; on one channel none overtakes another."""
+    duplication: float = 0.0
+    """Probability that a request arrives twice; nobody hears the second one's replies."""
+    loss: float = 0.0
+    """Probability that a published sample does not arrive, as from a sender that is too quick."""
+
+
+class _Way:
+    """What lies between two members, in one direction: it passes on, holds back, or is lost."""
+
+    __slots__ = ("connection", "held", "last", "lost", "network", "silences", "silent", "source", "target")
+
+    def __init__(self, network: MemoryNetwork, source: MemoryTransport, target: MemoryTransport) -> None:
+        self.network, self.source, self.target = network, source, target
+        self.connection = self.silences = 0
+        """How often it was broken, and fell silent: what was under way on a broken connection is gone."""
+        self.silent = self.lost = False
+        self.held: list[tuple[int, Callable[[], None]]] = []
+        self.last = [0.0, 0.0]
+        """When the last message arrives, on each channel."""
+
+    def send(self, action: Callable[[], None], channel: int) -> None:
+        """Let something happen at the far end."""
+        if self.lost:
+            return
+        if self.silent:
+            self.held.append((channel, action))
+            return
+        network, weather = self.network, self.network.weather
+        now = network.agenda.now()
+        delay = network.delay + (weather.jitter * network.chance() if weather.jitter else 0.0)
+        self.last[channel] = when = max(now + delay, self.last[channel])
+        network.agenda.at(when, partial(self._arrive, self.connection, action))
+
+    def know(self, action: Callable[[], None]) -> None:
+        """Let the far end know something: at once, if the network has no delay."""
+        network = self.network
+        if self.lost or self.silent or network.delay or network.weather.jitter:
+            self.send(action, URGENT)
+        else:
+            self.target.take(action)
+
+    def hush(self) -> None:
+        """Fall silent: after a lease the far end counts the source as lost."""
+        self.silent = True
+        self.silences += 1
+        number, network = self.silences, self.network
+
+        def give_up() -> None:
+            if self.silent and self.silences == number and not self.lost:
+                self.lose()
+
+        network.agenda.at(network.agenda.now() + network.lease, give_up)
+
+    def speak(self) -> None:
+        """End the silence."""
+        self.silent = False
+        held, self.held = self.held, []
+        if self.lost:
+            self.connect()
+        for channel, action in held:
+            self.send(action, channel)
+
+    def connect(self) -> None:
+        """Be there again after a loss, and tell the far end everything anew."""
+        self.lost = False
+        source, target = self.source, self.target
+        served, tokens = frozenset(source.served), frozenset(source.tokens)
+        self.know(lambda: target.meet(source, served, tokens))
+
+    def lose(self) -> None:
+        """Count as lost: the far end sees its source no longer, and hears no more replies of it."""
+        self.lost = True
+        self.held.clear()
+        self.target.lose_sight(self.source)
+        # behind what was sent before
+        agenda, target = self.network.agenda, self.target
+        when = max(agenda.now() + self.network.delay, *self.last)
+        for exchange in target.exchanges.pop(self.source, {}):
+            agenda.at(when, partial(target.take, exchange.end))
+
+    def break_off(self) -> None:
+        """Lose it, and what is under way with it."""
+        self.connection += 1
+        self.last = [0.0, 0.0]
+        self.lose()
+
+    def _arrive(self, connection: int, action: Callable[[], None]) -> None:
+        if connection == self.connection:
+            self.target.take(action)
+
+
+class MemoryNetwork:
+    """Joins members; causes accidents."""
+
+    def __init__(
+        self,
+        *,
+        delay: float = 0.0,
+        lease: float = 2.0,
+        agenda: Agenda | None = None,
+        loop: asyncio.AbstractEventLoop | None = None,
+        chance: Callable[[], float] = lambda: 0.5,
+    ) -> None:
+        """Make an empty network.
+
+        Args:
+            delay: [s] one way between members.
+            lease: [s] of silence after which a member counts as gone.
+            agenda: when things happen; None: that of the event loop.
+            loop: on which the handlers of members run; None: the running one.
+            chance: 0 to 1, for the weather.
+        """
+        self.weather = Weather()
+        self.delay, self.lease, self.chance = delay, lease, chance
+        self.members: list[MemoryTransport] = []
+        self.on_message: OnMessage | None = None
+        self.unlisted: set[MemoryTransport] = set()
+        """Those that nobody who comes from now on can reach: see `unlist`."""
+        self._agenda, self._loop = agenda, loop
+        self._ways: dict[tuple[MemoryTransport, MemoryTransport], _Way] = {}
+        self._frozen: set[MemoryTransport] = set()
+        self._cut: set[tuple[MemoryTransport, MemoryTransport]] = set()
+        self._listeners: dict[str, list[MemoryTransport]] = {}
+
+    @property
+    def agenda(self) -> Agenda:
+        """When things happen."""
+        if self._agenda is None:
+            loop = self._loop or asyncio.get_running_loop()
+            runner = loop.runner if isinstance(loop, VirtualLoop) else None
+            if runner is None:
+                self._agenda = LoopAgenda(loop)
+            else:
+                self._agenda = runner.runner if isinstance(runner, VirtualProcess) else runner
+        return self._agenda
+
+    def join(self, name: str = "", *, loop: asyncio.AbstractEventLoop | None = None) -> MemoryTransport:
+        """Return the transport of a new member.
+
+        Args:
+            name: for messages only.
+            loop: on which its handlers run; None: the network's.
+        """
+        return self.enter(
+            MemoryTransport(self, name or f"member-{len(self.members)}", loop=loop or self._loop)
+        )
+
+    def enter(self, member: _T) -> _T:
+        """Let a transport be a member, which knows all that can be known and is known to all."""
+        for other in self.members:
+            if other in self.unlisted:
+                self._cut |= {(member, other), (other, member)}
+            for source, target in ((member, other), (other, member)):
+                way = self._ways[source, target] = _Way(self, source, target)
+                if self._is_silent(source, target):  # they never met
+                    way.silent = way.lost = True
+                else:
+                    target.meet(source, frozenset(source.served), frozenset(source.tokens))
+        self.members.append(member)
+        self.changed_subscriptions()
+        return member
+
+    # -- accidents --------------------------------------------------------------------------------
+
+    def kill(self, member: MemoryTransport) -> None:
+        """End a member as `kill -9` would: others see it at once, itself it does nothing any more."""
+        self._take_out(member)
+        for pair in [pair for pair in self._ways if member in pair]:
+            way = self._ways.pop(pair)
+            if pair[0] is member and not way.lost:
+                way.lose()
+
+    def vanish(self, member: MemoryTransport) -> None:
+        """End a member together with its machine: the others notice that it is silent."""
+        self._take_out(member)
+        for pair in [pair for pair in self._ways if member in pair]:
+            way = self._ways.pop(pair)
+            if pair[0] is member and not way.silent:
+                way.hush()
+
+    def pause(self, member: MemoryTransport) -> None:
+        """Stop a member as SIGSTOP does: what is sent to it waits until it goes on."""
+        member.paused = True
+        self._look_at_ways()
+
+    def resume(self, member: MemoryTransport) -> None:
+        """Let a paused member go on: it reads what waits, and what it held present is present again."""
+        member.paused = False
+        self._look_at_ways()
+        member.read_on()
+
+    def freeze(self, member: MemoryTransport) -> None:
+        """Silence a member in both directions, while it goes on working."""
+        self._frozen.add(member)
+        self._look_at_ways()
+
+    def thaw(self, member: MemoryTransport) -> None:
+        """Let a frozen member be heard: what it held present is present again."""
+        self._frozen.discard(member)
+        self._look_at_ways()
+
+    def cut(self, one: MemoryTransport, other: MemoryTransport) -> None:
+        """Silence between two members."""
+        self._cut |= {(one, other), (other, one)}
+        self._look_at_ways()
+
+    def cut_one_way(self, source: MemoryTransport, target: MemoryTransport) -> None:
+        """One hears the other no longer."""
+        self._cut.add((source, target))
+        self._look_at_ways()
+
+    def heal(self, one: MemoryTransport, other: MemoryTransport) -> None:
+        """End the silence between two members, in both directions."""
+        self._cut -= {(one, other), (other, one)}
+        self._look_at_ways()
+
+    def reset(self, one: MemoryTransport, other: MemoryTransport) -> None:
+        """Break the connection of two members; what is under way is lost. It is made anew soon."""
+        for pair in ((one, other), (other, one)):
+            way = self._ways.get(pair)
+            if way is not None and not way.lost:
+                way.break_off()
+
+        def again() -> None:
+            for pair in ((one, other), (other, one)):
+                way = self._ways.get(pair)
+                if way is not None and way.lost and not way.silent:
+                    way.connect()
+
+        self.agenda.at(self.agenda.now() + RECONNECT * self.chance(), again)
+
+    def unlist(self, member: MemoryTransport) -> None:
+        """Take a member out of the record: who comes from now on never meets it."""
+        self.unlisted.add(member)
+        member.judge_itself()
+
+    # -- for the members --------------------------------------------------------------------------
+
+    def way(self, source: MemoryTransport, target: MemoryTransport) -> _Way | None:
+        """Return the way from one to another one; None: one of them has ended."""
+        return self._ways.get((source, target))
+
+    def held(self, member: MemoryTransport, key: str) -> Held:
+        """Return what the record says of something that a member holds."""
+        asleep = member in self._frozen or member.paused
+        how = "which hangs" if asleep else "which lives and could not be reached from here"
+        return Held(key, member.name, f"thaw {member.name}", how, asleep)
+
+    def listeners(self, key: str) -> list[MemoryTransport]:
+        """Return who subscribes to a key."""
+        known = self._listeners.get(key)
+        if known is None:
+            known = self._listeners[key] = [member for member in self.members if member.hears(key)]
+        return known
+
+    def changed_subscriptions(self) -> None:
+        """Somebody subscribes, or does no longer."""
+        self._listeners.clear()
+
+    def note(self, source: MemoryTransport, target: MemoryTransport, what: str, body: bytes) -> None:
+        """Note a message that arrives."""
+        if self.on_message is not None:
+            self.on_message(source.name, target.name, what, body)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _take_out(self, member: MemoryTransport) -> None:
+        member.fall()
+        self.members.remove(member)
+        self.changed_subscriptions()
+
+    def _is_silent(self, source: MemoryTransport, target: MemoryTransport) -> bool:
+        return (
+            source.paused or (source, target) in self._cut or source in self._frozen or target in self._frozen
+        )
+
+    def _look_at_ways(self) -> None:
+        for (source, target), way in list(self._ways.items()):
+            silent = self._is_silent(source, target)
+            if silent and not way.silent:
+                way.hush()
+            elif way.silent and not silent:
+                way.speak()
+
+
+class _Entry:
+    """A registration: takes itself back by calling `undo` once."""
+
+    def __init__(self, undo: Callable[[], object]) -> None:
+        self._undo: Callable[[], object] | None = undo
+
+    async def close(self) -> None:
+        undo, self._undo = self._undo, None
+        if undo is not None:
+            undo()
+
+
+class _Exchange:
+    """A request whose replies somebody waits for."""
+
+    __slots__ = ("asker", "hear", "server")
+
+    def __init__(self, asker: MemoryTransport, server: MemoryTransport, hear: Hear) -> None:
+        self.asker, self.server = asker, server
+        self.hear: Hear | None = hear
+
+    def reply(self, body: bytes) -> None:
+        """Hear a reply, if anybody still does."""
+        if self.hear is not None:
+            self.hear(body)
+
+    def end(self) -> None:
+        """There are no more."""
+        hear = self.drop()
+        if hear is not None:
+            hear(None)
+
+    def drop(self) -> Hear | None:
+        """Hear no more of it."""
+        hear, self.hear = self.hear, None
+        mine = self.asker.exchanges.get(self.server)
+        if mine is not None:
+            mine.pop(self, None)
+        return hear
+
+
+class MemoryTransport:
+    """One member's transport."""
+
+    def __init__(
+        self, network: MemoryNetwork, name: str, *, loop: asyncio.AbstractEventLoop | None = None
+    ) -> None:
+        """Prepare; `MemoryNetwork.enter` makes it a member."""
+        self.network, self.name = network, name
+        self.loop = loop or asyncio.get_running_loop()
+        self.closed = self.paused = False
+        self.served: dict[str, RequestHandler] = {}
+        self._direct: dict[str, Direct] = {}
+        self.tokens: Counter[str] = Counter()
+        """How often it announces each key."""
+        self.exchanges: dict[MemoryTransport, dict[_Exchange, None]] = {}
+        """Its requests under way, by the one that was asked."""
+        self._known: dict[MemoryTransport, tuple[set[str], set[str]]] = {}
+        """What each other one that is seen serves and holds."""
+        self._where: dict[str, MemoryTransport] = {}
+        self._holders: Counter[str] = Counter()
+        """How many of those that are seen hold a key, this one included."""
+        self._inbox: list[Callable[[], None]] = []
+        """What has arrived while it was paused."""
+        self._subscriptions: dict[int, tuple[str, SampleHandler]] = {}
+        self._watches: dict[int, tuple[str, PresenceHandler]] = {}
+        self._cut_off_handlers: dict[int, CutOffHandler] = {}
+        self._cut_off = False
+        self._numbers = itertools.count()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._asking: dict[Replies, None] = {}
+
+    # -- requests ---------------------------------------------------------------------------------
+
+    async def serve(self, key: str, handler: RequestHandler, *, direct: Direct | None = None) -> Registration:
+        """See `Transport.serve`."""
+        self._check(key)
+        if key in self.served:
+            raise ValueError(f"{key} is served already")
+        self.served[key] = handler
+        if direct is not None:
+            self._direct[key] = direct
+        self._let_know(lambda other: other.learn_server(self, key, there=True))
+        return _Entry(partial(self._end_serving, key))
+
+    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+        """See `Transport.request`."""
+        self._check(key)
+        replies = Replies(key, timeout)
+        self._asking[replies] = None
+
+        def done() -> None:
+            replies.end()
+            self._asking.pop(replies, None)
+
+        def hear(reply: bytes | None) -> None:
+            self._soon(done if reply is None else partial(replies.feed, reply))
+
+        self._ask(key, bytes(memoryview(body)), timeout, hear, urgent=urgent)
+        return replies
+
+    def ask(
+        self, key: str, body: bytes, *, timeout: float, hear: Hear, urgent: bool = False
+    ) -> Callable[[], None]:
+        """Ask without waiting, from any thread.
+
+        Args:
+            key: as served.
+            body: the request.
+            timeout: [s] after which it is not begun any more, unless it is urgent.
+            hear: takes each reply, and None at the end; in any thread, and must not block.
+            urgent: see `Transport.request`.
+
+        Returns:
+            How to hear no more.
+        """
+        self._check(key)
+        return self._ask(key, bytes(memoryview(body)), timeout, hear, urgent=urgent)
+
+    def _ask(self, key: str, body: bytes, timeout: float, hear: Hear, *, urgent: bool) -> Callable[[], None]:
+        network = self.network
+        server = self if key in self.served else self._where.get(key)
+        if server is None:
+            network.agenda.at(network.agenda.now(), lambda: hear(None))
+            return lambda: None
+        exchange = _Exchange(self, server, hear)
+        latest = inf if urgent else network.agenda.now() + timeout
+        channel = URGENT if urgent else BULK
+        arrive = partial(server.asked, self, exchange, key, body, latest, channel)
+        if server is self:
+            network.agenda.at(network.agenda.now(), partial(self.take, arrive))
+            return lambda: exchange.drop() and None
+        self.exchanges.setdefault(server, {})[exchange] = None
+        way = network.way(self, server)
+        if way is not None:
+            way.send(arrive, channel)
+            if network.weather.duplication and network.chance() < network.weather.duplication:
+                way.send(partial(server.asked, self, None, key, body, latest, channel), channel)
+        return lambda: exchange.drop() and None
+
+    def asked(
+        self,
+        asker: MemoryTransport,
+        exchange: _Exchange | None,
+        key: str,
+        body: bytes,
+        latest: float,
+        channel: int,
+    ) -> None:
+        """Take a request that has arrived."""
+        network = self.network
+        network.note(asker, self, f"ask {key}", body)
+
+        def send(action: Callable[[], None]) -> None:
+            if asker is self:
+                network.agenda.at(network.agenda.now(), partial(self.take, action))
+            elif (way := network.way(self, asker)) is not None:
+                way.send(action, channel)
+
+        def respond(reply: bytes) -> None:
+            if exchange is not None and not self.closed:
+                send(partial(asker.replied, self, exchange, bytes(memoryview(reply))))
+
+        def end() -> None:
+            if exchange is not None and not self.closed:
+                send(exchange.end)
+
+        handler, direct = self.served.get(key), self._direct.get(key)
+        if handler is None or network.agenda.now() > latest:
+            end()
+        elif direct is None or not direct(body, respond, end):
+            self._soon(partial(self._handle, handler, key, body, respond, end))
+
+    def replied(self, server: MemoryTransport, exchange: _Exchange, body: bytes) -> None:
+        """Take a reply that has arrived."""
+        self.network.note(server, self, "reply", body)
+        exchange.reply(body)
+
+    def _handle(
+        self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: Callable[[], None]
+    ) -> None:
+        async def run() -> None:
+            try:
+                await handler(body, respond)
+            except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
+                _log.exception("the handler of %s raised", key)
+            finally:
+                end()
+
+        if not self.closed:
+            task = self.loop.create_task(run(), name=f"{self.name} answers {key}")
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    def _end_serving(self, key: str) -> None:
+        self._direct.pop(key, None)
+        if self.served.pop(key, None) is not None:
+            self._let_know(lambda other: other.learn_server(self, key, there=False))
+
+    # -- samples ----------------------------------------------------------------------------------
+
+    def publish(self, key: str, body: bytes) -> None:
+        """See `Transport.publish`."""
+        self._check(key)
+        packed = bytes(memoryview(body))
+        network = self.network
+        for member in network.listeners(key):
+            hear = partial(member.hear, self, key, packed)
+            if member is self:
+                network.agenda.at(network.agenda.now(), hear)
+            elif not network.weather.loss or network.chance() >= network.weather.loss:
+                way = network.way(self, member)
+                if way is not None:
+                    way.send(hear, BULK)
+
+    async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
+        """See `Transport.subscribe`."""
+        self._check(pattern)
+        number = next(self._numbers)
+        self._subscriptions[number] = (pattern, handler)
+        self.network.changed_subscriptions()
+
+        def undo() -> None:
+            self._subscriptions.pop(number, None)
+            self.network.changed_subscriptions()
+
+        return _Entry(undo)
+
+    def hears(self, key: str) -> bool:
+        """Whether anything here subscribes to a key."""
+        return any(matches(pattern, key) for pattern, _ in self._subscriptions.values())
+
+    def hear(self, source: MemoryTransport, key: str, body: bytes) -> None:
+        """Hand a sample to those who subscribed to it."""
+        self.network.note(source, self, f"sample {key}", body)
+        for number, (pattern, _) in list(self._subscriptions.items()):
+            if matches(pattern, key):
+                self._soon(partial(self._hand, number, key, body))
+
+    def _hand(self, number: int, key: str, body: bytes) -> None:
+        _, handler = self._subscriptions.get(number, ("", None))
+        if handler is not None:
+            handler(key, body)
+
+    # -- presence ---------------------------------------------------------------------------------
+
+    async def announce(self, key: str) -> Registration:
+        """See `Transport.announce`."""
+        self._check(key)
+        self.tokens[key] += 1
+        if self.tokens[key] == 1:
+            self._count(key, there=True)
+            self._let_know(lambda other: other.learn_holder(self, key, there=True))
+        return _Entry(lambda: self._unannounce(key))
+
+    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
+        """See `Transport.watch`."""
+        self._check(pattern)
+        number = next(self._numbers)
+        for key in self._visible(pattern):
+            handler(key, True)
+        self._watches[number] = (pattern, handler)
+        return _Entry(partial(self._watches.pop, number, None))
+
+    async def present(self, pattern: str) -> list[str]:
+        """See `Transport.present`."""
+        self._check(pattern)
+        return self._visible(pattern)
+
+    async def silent(self, pattern: str) -> list[Held]:
+        """See `Transport.silent`."""
+        return [one for one in await self.held(pattern) if one.key not in self._holders]
+
+    async def held(self, pattern: str) -> list[Held]:
+        """See `Transport.held`."""
+        self._check(pattern)
+        return [
+            self.network.held(member, key)
+            for member in self.network.members
+            if member not in self.network.unlisted
+            for key in member.tokens
+            if matches(pattern, key)
+        ]
+
+    async def unlisted(self) -> list[Unlisted]:
+        """See `Transport.unlisted`."""
+        self._check("")
+        return [
+            Unlisted(member.name, "its entry is gone", f"list {member.name}")
+            for member in self.network.members
+            if member in self.network.unlisted and member is not self
+        ]
+
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """See `Transport.watch_itself`."""
+        self._check("")
+        number = next(self._numbers)
+        self._cut_off_handlers[number] = handler
+        return _Entry(partial(self._cut_off_handlers.pop, number, None))
+
+    def _unannounce(self, key: str) -> None:
+        if self.tokens[key] > 1:
+            self.tokens[key] -= 1
+        elif self.tokens.pop(key, 0):
+            self._count(key, there=False)
+            self._let_know(lambda other: other.learn_holder(self, key, there=False))
+
+    def _visible(self, pattern: str) -> list[str]:
+        return sorted(key for key in self._holders if matches(pattern, key))
+
+    # -- what the network brings ------------------------------------------------------------------
+
+    def take(self, action: Callable[[], None]) -> None:
+        """Take something that has arrived; a paused process reads it later."""
+        if self.paused:
+            self._inbox.append(action)
+        elif not self.closed:
+            action()
+
+    def read_on(self) -> None:
+        """Read what has arrived during a pause."""
+        inbox, self._inbox = self._inbox, []
+        for action in inbox:
+            self.take(action)
+
+    def meet(self, other: MemoryTransport, served: frozenset[str], tokens: frozenset[str]) -> None:
+        """Hear all that another one serves and holds; it is seen from now on."""
+        if other.closed:
+            return
+        before = self._known.setdefault(other, (set(), set()))
+        for key in sorted(before[0] - served):
+            self.learn_server(other, key, there=False)
+        for key in sorted(served):
+            self.learn_server(other, key, there=True)
+        for key in sorted(before[1] - tokens):
+            self.learn_holder(other, key, there=False)
+        for key in sorted(tokens):
+            self.learn_holder(other, key, there=True)
+        self.judge_itself()
+
+    def lose_sight(self, other: MemoryTransport) -> None:
+        """Another one has died or fallen silent."""
+        if self.closed:
+            return
+        served, tokens = self._known.pop(other, (set[str](), set[str]()))
+        for key in served:
+            if self._where.get(key) is other:
+                del self._where[key]
+        for key in sorted(tokens):
+            self._count(key, there=False)
+        self.judge_itself()
+
+    def learn_server(self, other: MemoryTransport, key: str, *, there: bool) -> None:
+        """Another one serves a key, or does no longer."""
+        if other not in self._known:
+            return
+        (self._known[other][0].add if there else self._known[other][0].discard)(key)
+        if there:
+            self._where[key] = other
+        elif self._where.get(key) is other:
+            del self._where[key]
+
+    def learn_holder(self, other: MemoryTransport, key: str, *, there: bool) -> None:
+        """Another one holds a key present, or does no longer."""
+        if other not in self._known or (key in self._known[other][1]) == there:
+            return
+        (self._known[other][1].add if there else self._known[other][1].discard)(key)
+        self._count(key, there=there)
+
+    def judge_itself(self) -> None:
+        """See whether any other process can reach this one, and say when that changes."""
+        cut_off = self in self.network.unlisted and not self._known
+        if cut_off != self._cut_off:
+            self._cut_off = cut_off
+            reason = "no other process can reach it: its entry is gone" if cut_off else ""
+            for handler in self._cut_off_handlers.values():
+                self._soon(partial(handler, reason))
+
+    def fall(self) -> None:
+        """Stop being there: no handler runs any more, what was asked ends."""
+        self.closed = True
+        self.served.clear()
+        self.tokens.clear()
+        self._subscriptions.clear()
+        self._watches.clear()
+        self._inbox.clear()
+        for task in self._tasks - {_current_task()}:
+            task.cancel()
+        for replies in list(self._asking):
+            replies.shut()
+
+    async def close(self) -> None:
+        """See `Transport.close`."""
+        if self.closed:
+            return
+        self.network.kill(self)
+        await asyncio.gather(*self._tasks - {asyncio.current_task()}, return_exceptions=True)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _check(self, key: str) -> None:
+        if self.closed:
+            raise TransportClosed(key=key)
+
+    def _soon(self, action: Callable[[], object]) -> None:
+        """Do something on the event loop of the member, unless that has ended."""
+        if not self.loop.is_closed():
+            self.loop.call_soon_threadsafe(self._on_the_loop, action)
+
+    def _on_the_loop(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except Exception:  # noqa: BLE001 # one handler's fault must not hide a sample from the next
+            _log.exception("a handler raised")
+
+    def _let_know(self, news: Callable[[MemoryTransport], None]) -> None:
+        for member in self.network.members:
+            if member is not self and (way := self.network.way(self, member)) is not None:
+                way.know(partial(news, member))
+
+    def _count(self, key: str, *, there: bool) -> None:
+        before = self._holders[key]
+        self._holders[key] = before + (1 if there else -1)
+        if not self._holders[key]:
+            del self._holders[key]
+        if bool(before) != (key in self._holders):
+            for number, (pattern, _) in list(self._watches.items()):
+                if matches(pattern, key):
+                    self._soon(partial(self._notify, number, key, there))
+
+    def _notify(self, number: int, key: str, there: bool) -> None:  # noqa: FBT001 # as the handler takes it
+        _, handler = self._watches.get(number, ("", None))
+        if handler is not None:
+            handler(key, there)
+
+
+def _current_task() -> asyncio.Task[None] | None:
+    try:
+        return asyncio.current_task()
+    except RuntimeError:  # no loop runs here
+        return None
