@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import BY_VERB, shapes
 from robotree.tui.line.grammar import Line
+from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
 from robotree.tui.screen.pages.help import help_text
-from robotree.tui.screen.pages.main import PANES
+from robotree.tui.screen.pages.main import PANES, main_page
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen.store import Store
 
-if TYPE_CHECKING:
-    from robotree.tui.screen.app import Supervisor
-
-Ask = Callable[["Supervisor", Place], None]
+Ask = Callable[[OperatorApp, Place], None]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
 
 MADE = "VirtualRobot"
 """Kind of the robots that can be deleted from here: the others are processes of their own."""
 
 
-def _panel(app: Supervisor, place: Place) -> None:
+def _panel(app: OperatorApp, place: Place) -> None:
     name = place.name
     if place.slot and not name:  # what one wants of an empty slot is to fill it
         _enslave(app, place)
@@ -49,7 +46,7 @@ def _panel(app: Supervisor, place: Place) -> None:
         app.push_screen(PanelPage(robot))
 
 
-def _rebond(app: Supervisor, parent: str, slot: str, child: str) -> None:
+def _rebond(app: OperatorApp, parent: str, slot: str, child: str) -> None:
     """Offer to bind a child again that was lost and is back; who declines is not asked again."""
     places = [one for one in openings(app.store, parent) if one.slot == slot]
 
@@ -62,11 +59,11 @@ def _rebond(app: Supervisor, parent: str, slot: str, child: str) -> None:
     app.push_screen(EnslaveDialog(app.store, places, child), answered)
 
 
-def _create(app: Supervisor, _place: Place) -> None:
+def _create(app: OperatorApp, _place: Place) -> None:
     app.push_screen(NewPage())
 
 
-def _enslave(app: Supervisor, place: Place) -> None:
+def _enslave(app: OperatorApp, place: Place) -> None:
     name, slot = place.name, ""
     if place.slot and not name:
         name, slot = place.parent, place.slot
@@ -79,7 +76,7 @@ def _enslave(app: Supervisor, place: Place) -> None:
     _offer(app, places, "" if any(one.parent == name for one in places) else name)
 
 
-def _offer(app: Supervisor, places: list[Opening], child: str) -> None:
+def _offer(app: OperatorApp, places: list[Opening], child: str) -> None:
     def answered(line: Line | None) -> None:
         if line:
             app.perform(line)
@@ -87,7 +84,7 @@ def _offer(app: Supervisor, places: list[Opening], child: str) -> None:
     app.push_screen(EnslaveDialog(app.store, places, child), answered)
 
 
-def _release(app: Supervisor, place: Place) -> None:
+def _release(app: OperatorApp, place: Place) -> None:
     name, slot = place.name, ""
     if place.slot and name:
         name, slot = place.parent, place.slot
@@ -105,7 +102,7 @@ def _release(app: Supervisor, place: Place) -> None:
         app.tell(f"{name} holds nobody" if name else "no robot is selected", "warning")
 
 
-def _delete(app: Supervisor, place: Place) -> None:
+def _delete(app: OperatorApp, place: Place) -> None:
     if app.marks:
         _delete_marked(app)
         return
@@ -126,7 +123,7 @@ def _delete(app: Supervisor, place: Place) -> None:
         confirm_line(app, Line("delete", {"NAME": name}))
 
 
-def _delete_marked(app: Supervisor) -> None:
+def _delete_marked(app: OperatorApp) -> None:
     """Ask back once for all marked robots; those of which none can be deleted are left out."""
     robots = [app.store.descriptions.get(name) for name in sorted(app.marks)]
     names = [one.name for one in robots if one and MADE in one.kinds and not one.bond]
@@ -134,28 +131,28 @@ def _delete_marked(app: Supervisor) -> None:
     if not names:
         app.tell(f"none of {', '.join(left)} can be deleted: they are no free virtual robots", "warning")
         return
-    hidden = sorted(set(names) - {seat.name for seat in app.main.shown})
+    hidden = sorted(set(names) - {seat.name for seat in main_page(app).shown})
     consequence = f"They end for good: {', '.join(names)}."
     consequence += f" Hidden by the filter: {', '.join(hidden)}." if hidden else ""
     consequence += f" Left as they are: {', '.join(left)}." if left else ""
 
     def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
         if answer:
-            app.main.unmark()
+            main_page(app).unmark()
             for name in names:
                 app.do("delete", NAME=name)
 
     app.push_screen(Confirm(f"delete {len(names)} marked robots?", consequence, "Delete"), answered)
 
 
-def _cancel(app: Supervisor, place: Place) -> None:
+def _cancel(app: OperatorApp, place: Place) -> None:
     names = sorted(app.marks) or [place.name]
     for name in names:
         _about_robot("cancel")(app, Place(name))
-    app.main.unmark()
+    main_page(app).unmark()
 
 
-def _quit(app: Supervisor, _place: Place) -> None:
+def _quit(app: OperatorApp, _place: Place) -> None:
     if not app.farewell:
         app.exit(0)
         return
@@ -167,16 +164,16 @@ def _quit(app: Supervisor, _place: Place) -> None:
     app.push_screen(Confirm("Leave?", app.farewell, "Leave"), answered)
 
 
-def _stop(app: Supervisor, _place: Place) -> None:
+def _stop(app: OperatorApp, _place: Place) -> None:
     app.tell("protective stop is on its way to every robot", "warning")
     app.do("stop")
 
 
-def _help(app: Supervisor, _place: Place) -> None:
+def _help(app: OperatorApp, _place: Place) -> None:
     app.push_screen(Reading("help", help_text(app)))
 
 
-def _resume(app: Supervisor, _place: Place) -> None:
+def _resume(app: OperatorApp, _place: Place) -> None:
     if not app.store.stopped:
         app.tell("no robot is in protective stop", "plain")
     else:
@@ -184,7 +181,7 @@ def _resume(app: Supervisor, _place: Place) -> None:
 
 
 def _about_robot(verb: str) -> Ask:
-    def ask(app: Supervisor, place: Place) -> None:
+    def ask(app: OperatorApp, place: Place) -> None:
         if place.name:
             app.do(verb, NAME=place.name)
         else:
@@ -193,7 +190,7 @@ def _about_robot(verb: str) -> Ask:
     return ask
 
 
-def confirm_line(app: Supervisor, line: Line) -> None:
+def confirm_line(app: OperatorApp, line: Line) -> None:
     """Ask back, then carry out."""
     written, outlived = grammar.form(line, shapes(Where.PROMPT)), _outlived(app.store, line)
 
@@ -264,7 +261,7 @@ def _child(store: Store, parent: str, slot: str) -> str:
     )
 
 
-def _consequence(app: Supervisor, line: Line) -> str:
+def _consequence(app: OperatorApp, line: Line) -> str:
     store = app.store
     match line.verb:
         case "delete":
@@ -284,7 +281,7 @@ def _consequence(app: Supervisor, line: Line) -> str:
             return BY_VERB[line.verb].help
 
 
-def _dismiss(app: Supervisor, place: Place) -> None:
+def _dismiss(app: OperatorApp, place: Place) -> None:
     if app.store.dismiss(place.name):
         app.tell(f"{place.name} is off the list; it is back as soon as it answers")
     else:
@@ -297,11 +294,11 @@ def _dismiss(app: Supervisor, place: Place) -> None:
 
 
 def _pane(name: str) -> Ask:
-    return lambda app, _place: app.main.show_pane(name)
+    return lambda app, _place: main_page(app).show_pane(name)
 
 
 def _line(kind: Kind) -> Ask:
-    return lambda app, _place: app.main.open_line(kind)
+    return lambda app, _place: main_page(app).open_line(kind)
 
 
 ASK: Mapping[str, Ask] = {
@@ -318,15 +315,15 @@ ASK: Mapping[str, Ask] = {
     "quit": _quit,
     "filter": _line("filter"),
     "prompt": _line("verb"),
-    "tree": lambda app, _place: app.main.sort("tree"),
-    "sort": lambda app, _place: app.main.sort(),
-    "joints": lambda app, _place: app.main.unfold(),
-    "wide": lambda app, _place: app.main.widen(),
-    "mark": lambda app, place: app.main.mark(place.name),
-    "unmark": lambda app, _place: app.main.unmark(),
+    "tree": lambda app, _place: main_page(app).sort("tree"),
+    "sort": lambda app, _place: main_page(app).sort(),
+    "joints": lambda app, _place: main_page(app).unfold(),
+    "wide": lambda app, _place: main_page(app).widen(),
+    "mark": lambda app, place: main_page(app).mark(place.name),
+    "unmark": lambda app, _place: main_page(app).unmark(),
     "dismiss": _dismiss,
-    "level": lambda app, _place: app.main.raise_level(),
-    "camera": lambda app, _place: app.main.turn(),
+    "level": lambda app, _place: main_page(app).raise_level(),
+    "camera": lambda app, _place: main_page(app).turn(),
     **{name: _pane(name) for name in PANES},
 }
 """By verb: what each key of the registry does first (a test compares)."""

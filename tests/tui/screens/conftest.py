@@ -138,6 +138,6 @@ def operate() -> Operate:
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")
             yield operator
         assert app.fatal is None
-        assert mended or app.mended == []
+        assert mended or app.errors == []
 
     return sit_down

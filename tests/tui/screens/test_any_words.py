@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
-from robotree.tui.screen.app import Supervisor
+from robotree.tui.screen.app import HARMLESS, Supervisor
 from robotree.tui.screen.pages.dialogs import Confirm, Modal, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog
 from robotree.tui.screen.pages.page import Page
@@ -100,10 +100,10 @@ async def look(words: tuple[str, ...]) -> None:
         await pilot.pause()
         app.screen.query_one(Branch).draw(app.store, words[0], 0.0)
         for form in app.screen.query(CommandForm):
-            form.began()
-            form.went_on(0.5, words[0])
+            form.started()
+            form.progressed(0.5, words[0])
             form.failed(words[-1])
-            form.returned({words[0]: words[-1]}, 1.0)
+            form.succeeded({words[0]: words[-1]}, 1.0)
             form.send()
         await pilot.pause()
         check(app)
@@ -121,14 +121,14 @@ async def look(words: tuple[str, ...]) -> None:
                 assert asked in text, "the question is shown as it is"
             app.pop_screen()
             await pilot.pause()
-        assert app.mended == []
+        assert app.errors == []
         assert app.fatal is None
 
 
 def check(app: Bare) -> str:
     """Return what is on the screen; nothing in it steers a terminal."""
     strips = app.screen._compositor.render_strips()
-    filtered = [[app._harmless.apply(list(strip), app.screen.background_colors[1])] for strip in strips]
+    filtered = [[HARMLESS.apply(list(strip), app.screen.background_colors[1])] for strip in strips]
     text = "\n".join("".join(segment.text for segment in line) for (line,) in filtered)
     assert not STEERING.search(text.replace("\n", ""))
     return text

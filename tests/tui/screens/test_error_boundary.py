@@ -34,7 +34,7 @@ async def test_an_error_in_a_handler_is_told_and_the_screen_goes_on(
         monkeypatch.undo()
         await operator.press("S")
         await operator.sees("robots by name")
-        assert len(operator.app.mended) == 1
+        assert len(operator.app.errors) == 1
 
 
 async def test_an_error_at_every_drawing_is_told_once(
@@ -46,7 +46,7 @@ async def test_an_error_at_every_drawing_is_told_once(
     async with operate(realm.fleet, mended=True) as operator:
         await operator.sees("● free")
         monkeypatch.setattr(Store, "attend", trips)
-        await operator.until(lambda: len(operator.app.mended) > 3, "several drawings")
+        await operator.until(lambda: len(operator.app.errors) > 3, "several drawings")
         monkeypatch.undo()
         assert sum("at every drawing" in one.text for one in operator.app.store.happenings) == 1
         await operator.press("space")

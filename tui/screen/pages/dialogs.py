@@ -14,8 +14,8 @@ from textual.screen import ModalScreen, ScreenResultType
 from textual.widgets import Button, Static
 
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.key_line import KeyLine
 
 LOW = [(0, "-tight"), (20, "-roomy")]
@@ -25,7 +25,7 @@ LOOK = 0.25
 """[s] between two looks whether a question is still one."""
 
 
-class Modal(Fenced, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
+class Modal(Part, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
     """A box over a page: it dims the page, and has its own keys in the line at the bottom."""
 
     VERTICAL_BREAKPOINTS = LOW
@@ -79,7 +79,7 @@ class Confirm(Modal[bool]):
     def on_mount(self) -> None:
         """Focus the harmless answer."""
         self.query_one("#no", Button).focus()
-        self.set_interval(LOOK, self.fenced(self._look))
+        self.set_interval(LOOK, self.guarded(self._look))
 
     def _look(self) -> None:
         """Close when the question has been answered elsewhere."""

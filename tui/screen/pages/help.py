@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from rich.text import Text
 from textual.binding import Binding
@@ -13,18 +12,16 @@ from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.line.page_keys import page_keys
 from robotree.tui.screen.keymap import Keymap
+from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.marks import MOODS, tint
-
-if TYPE_CHECKING:
-    from robotree.tui.screen.app import Supervisor
 
 ROOM = 11
 """Columns that the keys of a line take."""
 
 
-def help_text(app: Supervisor) -> Text:
+def help_text(app: OperatorApp) -> Text:
     """Return the help page."""
     strong, muted = tint(app, "primary", bold=True), tint(app, "muted")
     text = Text()
@@ -74,7 +71,7 @@ def _own(page: type[Page]) -> list[tuple[str, str]]:
     return [(spell(one.key), one.tooltip) for one in bound if one.tooltip not in told]
 
 
-def _stop(app: Supervisor, text: Text) -> None:
+def _stop(app: OperatorApp, text: Text) -> None:
     strong, stop = tint(app, "primary", bold=True), BY_VERB["stop"]
     text.append("Protective stop\n", tint(app, "error", bold=True))
     text.append(f"  {spell(stop.key):<{ROOM}}", strong)
@@ -84,7 +81,7 @@ def _stop(app: Supervisor, text: Text) -> None:
     text.append(f"stops every robot even then. {resume} resumes; nothing moves by itself.\n\n")
 
 
-def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:
+def _actions(app: OperatorApp, scope: Scope) -> Iterable[tuple[str, str]]:
     """Return keys and meanings of the actions of a scope; the stop has been told."""
     for action in app.keyboard.actions:
         if action.key and action.scope is scope and not action.typing_key:
@@ -93,5 +90,5 @@ def _actions(app: Supervisor, scope: Scope) -> Iterable[tuple[str, str]]:
         yield spell(app.COMMAND_PALETTE_BINDING), "Palette: everything by name, colours, a screenshot."
 
 
-def _meaning(app: Supervisor, action: Action) -> str:
+def _meaning(app: OperatorApp, action: Action) -> str:
     return f"Leave. {app.farewell}" if action.verb == "quit" and app.farewell else action.help

@@ -14,6 +14,7 @@ from textual.widgets import ContentSwitcher
 
 from robotree.tui.line.action import About, Scope, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
+from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.widgets.cameras import PictureBox
@@ -268,7 +269,7 @@ class MainPage(Page):
 
     @on(Prompt.Entered)
     def _typed(self, event: Prompt.Entered) -> None:
-        self.app.obey(event.text)
+        self.app.run_typed(event.text)
 
     @on(Prompt.Filtered)
     def _filtered(self) -> None:
@@ -320,7 +321,7 @@ class MainPage(Page):
         table.point(self.selected)
         self.paint(table)
         if self._following is None:
-            self._following = self.set_timer(SOON, self.fenced(self._followed))
+            self._following = self.set_timer(SOON, self.guarded(self._followed))
 
     def _followed(self) -> None:
         self._following = None
@@ -351,3 +352,8 @@ class MainPage(Page):
 
 def _pane_id(name: str) -> str:
     return f"pane-{name}"
+
+
+def main_page(app: OperatorApp) -> MainPage:
+    """Return the main page of an app."""
+    return next(screen for screen in app.screen_stack if isinstance(screen, MainPage))

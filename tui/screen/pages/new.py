@@ -19,8 +19,8 @@ from robotree.files import text as text_of
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import Form
-from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.pages.page import Page
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.marks import tint
@@ -32,7 +32,7 @@ from robotree.vr.errors import BadName
 ANY_HOST = "*"
 
 
-class SourceTree(Fenced, DirectoryTree):
+class SourceTree(Part, DirectoryTree):
     """Folders and Python files, without what nobody wants to run."""
 
     ICON_NODE = "▸ "

@@ -8,8 +8,8 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.widget import Widget
 
-from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.leaving import Leaving
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
@@ -21,7 +21,7 @@ TICK = 0.25
 """[s] between two drawings of a page: tables cost too much for more."""
 
 
-class Page(Fenced, Leaving[None]):
+class Page(Part, Leaving[None]):
     """A full page."""
 
     PAGE: ClassVar[str] = ""
@@ -51,7 +51,7 @@ class Page(Fenced, Leaving[None]):
     def on_mount(self) -> None:
         """Draw now and then regularly."""
         self.draw()
-        self.set_interval(CALM_TICK if self.app.calm else TICK, self.fenced(self._tick))
+        self.set_interval(CALM_TICK if self.app.calm else TICK, self.guarded(self._tick))
 
     def on_screen_resume(self) -> None:
         """Draw what changed while another page was in front."""

@@ -105,7 +105,7 @@ class TeleopPage(Page):
     def on_mount(self) -> None:
         """Draw the gauges more often than the rest, and look at the workspace."""
         self.query_one("#gauges").border_title = "readings"
-        self.set_interval(GAUGES, self.fenced(self._draw_gauges))
+        self.set_interval(GAUGES, self.guarded(self._draw_gauges))
         self.query_one(Cameras).attach(self.query_one(PictureView))
         self.jog.choice = self.app.steps.get(self.robot.name, self.jog.choice)
         self.draw()

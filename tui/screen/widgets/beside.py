@@ -5,13 +5,13 @@ from __future__ import annotations
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.branch import Branch
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
 
 
-class Beside(Fenced, Vertical):
+class Beside(Part, Vertical):
     """Branch above, picture below. It asks for pictures only where it can be seen."""
 
     def compose(self) -> ComposeResult:

@@ -9,7 +9,7 @@ from textual import work
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.still import Still, entitle
@@ -99,7 +99,7 @@ class Cameras(Still):
         return await self.app.fleet.look(view, camera=camera, width=width, height=height, quality=QUALITY)
 
 
-class PictureBox(Fenced, Vertical):
+class PictureBox(Part, Vertical):
     """A picture with its camera's name in the frame, beside the selected robot."""
 
     def __init__(self, *, id: str | None = None, rate: float) -> None:  # noqa: A002 # Textual's name for it

@@ -18,7 +18,7 @@ from textual.widgets import Button, Label, Static
 
 from robotree.tui.screen import entry, unasked
 from robotree.tui.screen.busy import Form
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.still import Still
@@ -30,7 +30,7 @@ CELLS = 20
 """Of the bar that shows how far a command is."""
 
 
-class CommandForm(Form, Fenced, VerticalScroll):
+class CommandForm(Form, Part, VerticalScroll):
     """Draws one command; asks the screen to run or to cancel it."""
 
     class Run(Message):
@@ -171,9 +171,9 @@ class CommandForm(Form, Fenced, VerticalScroll):
     def _cancel(self) -> None:
         self.post_message(self.Cancel())
 
-    # -- what comes of it (`app.Hearer`) -----------------------------------------------------------
+    # -- what comes of it (`operator_app.CallListener`)  ---------------------------------------------------
 
-    def began(self) -> None:
+    def started(self) -> None:
         """The command was sent."""
         if self._left:
             return
@@ -187,7 +187,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
         """Whether the panel was left meanwhile and the form has gone with it."""
         return not self.query("#outcome")
 
-    def went_on(self, fraction: float, text: str) -> None:
+    def progressed(self, fraction: float, text: str) -> None:
         """The command tells how far it is."""
         if self._left:
             return
@@ -207,7 +207,7 @@ class CommandForm(Form, Fenced, VerticalScroll):
         line.append(f"  {self._told}" if self._told else "")
         self.query_one("#progress", Still).show(line)
 
-    def returned(self, value: Any, seconds: float) -> None:
+    def succeeded(self, value: Any, seconds: float) -> None:
         """The command succeeded."""
         if self._left:
             return

@@ -13,7 +13,7 @@ from textual.widget import Widget
 from textual.widgets import Input, Label
 
 from robotree.tui.screen import entry
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.seen import wording
 from robotree.vr.description import FieldSpec
@@ -21,7 +21,7 @@ from robotree.vr.description import FieldSpec
 YES_NO = ("yes", "no")
 
 
-class Hint(Fenced, Widget):
+class Hint(Part, Widget):
     """Shows the parts of a hint for which there is room, each whole."""
 
     def __init__(self, parts: Sequence[str]) -> None:
@@ -40,7 +40,7 @@ class Hint(Fenced, Widget):
         return Text(entry.fitting(self._parts, self.content_size.width), no_wrap=True, overflow="ellipsis")
 
 
-class FieldRow(Fenced, Vertical):
+class FieldRow(Part, Vertical):
     """Draws one parameter of a command."""
 
     class Changed(Message):

@@ -9,7 +9,7 @@ from rich.text import Text
 from textual.events import Resize
 from textual.widgets import RichLog
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint, weigh
 from robotree.tui.seen import matching
 from robotree.tui.seen.cells import seen
@@ -21,7 +21,7 @@ LEVELS: Mapping[Weight, int] = {"good": 0, "plain": 0, "warning": 1, "error": 2}
 """How important a happening is."""
 
 
-class HappeningLog(Fenced, RichLog):
+class HappeningLog(Part, RichLog):
     """Appends what is new since it was drawn last.
 
     Textual scrolls to the end when a line is written, as far as that is for the size of that moment; a log

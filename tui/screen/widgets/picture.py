@@ -15,9 +15,9 @@ from textual.geometry import Size
 from textual.strip import Strip
 from textual.widget import Widget
 
-from robotree.tui.screen.error_boundary import Fenced
 from robotree.tui.screen.halfblocks import BLOCK, Colour, Run, decode
 from robotree.tui.screen.palette import reduced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.mood import span
@@ -58,7 +58,7 @@ def _few(rows: list[list[Run]]) -> list[list[Run]]:
     return [[(count, reduced(upper), reduced(lower)) for count, upper, lower in row] for row in rows]
 
 
-class PictureView(Fenced, Widget):
+class PictureView(Part, Widget):
     """Draws the pictures that `fetch` brings, one after the other; None: nothing to look at."""
 
     DEFAULT_CSS = "PictureView { width: 1fr; height: 1fr; }"
@@ -84,7 +84,7 @@ class PictureView(Fenced, Widget):
 
     def on_mount(self) -> None:
         """Look at the age of the picture once a second."""
-        self.set_interval(1.0, self.fenced(self._grow_old))
+        self.set_interval(1.0, self.guarded(self._grow_old))
 
     def show(self, fetch: Fetch | None, message: str = "no view is selected") -> None:
         """Look through another view from now on; `message` stands there until its first picture comes."""

@@ -14,7 +14,7 @@ from textual.suggester import Suggester
 from textual.widgets import Input, Label
 
 from robotree.tui.line import completion
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.still import Still
 
@@ -48,7 +48,7 @@ class VerbSuggester(Suggester):
         return completion.complete(value, self._known.words())
 
 
-class Prompt(Fenced, Vertical):
+class Prompt(Part, Vertical):
     """One line of input, and above it what the last word may become; hidden while nobody types."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

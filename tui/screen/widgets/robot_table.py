@@ -19,7 +19,7 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 from textual.timer import Timer
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import MOODS, tint
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
@@ -38,7 +38,7 @@ STATES = 26
 """Cells that states like to have: their words change all the time, and no column may move with them."""
 
 
-class RobotTable(Fenced, ScrollView, can_focus=True):
+class RobotTable(Part, ScrollView, can_focus=True):
     """One line for each robot; the cursor is the app's selection."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -167,7 +167,7 @@ class RobotTable(Fenced, ScrollView, can_focus=True):
             self._redraw_soon(self._redraw_from(first))
 
         more = first < min(self.size.height, used)
-        self._rest = self.set_timer(PAUSE, self.fenced(go_on)) if more else None
+        self._rest = self.set_timer(PAUSE, self.guarded(go_on)) if more else None
 
     def _differing(self, first: int, end: int) -> list[Region]:
         """Return the lines from `first` to before `end` that differ from what stands there."""

@@ -7,10 +7,10 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 
 
-class Still(Fenced, Static):
+class Still(Part, Static):
     """Shows a text. Pages draw themselves a few times a second; most of it is the same as before."""
 
     def __init__(

@@ -9,7 +9,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
-from robotree.tui.screen.error_boundary import Fenced
+from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
@@ -20,7 +20,7 @@ INSTRUMENTS = 0.5
 """[s] between two looks at the instruments."""
 
 
-class ViewsPane(Fenced, Horizontal):
+class ViewsPane(Part, Horizontal):
     """Cameras on the left, the picture on the right."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
@@ -42,7 +42,7 @@ class ViewsPane(Fenced, Horizontal):
         self.query_one("#cameras").border_title = "cameras"
         self.query_one("#instruments").border_title = "instruments"
         self.query_one(Cameras).attach(self.query_one(PictureView))
-        self.set_interval(INSTRUMENTS, self.fenced(self._tick))
+        self.set_interval(INSTRUMENTS, self.guarded(self._tick))
 
     def draw(self) -> None:
         """Draw the list of cameras."""

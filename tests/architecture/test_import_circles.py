@@ -1,0 +1,73 @@
+"""No two modules import each other, directly or through others; imports for types alone count, too.
+
+A circle means that none of its files can be read, tested or replaced without all the others.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import grimp
+import pytest
+
+ROOMS = ("files", "protocol", "sim", "vr", "proxy", "tui")
+
+OPEN: frozenset[frozenset[str]] = frozenset(
+    {
+        frozenset({"robotree.vr.child", "robotree.vr.virtual_robot"}),
+    }
+)
+"""Circles that are still to be cut. Nothing may be added here."""
+
+
+def circles(imports: dict[str, set[str]]) -> set[frozenset[str]]:
+    """Return the groups of modules that reach each other (strongly connected components; Tarjan, 1972)."""
+    count = itertools.count()
+    index: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    found: set[frozenset[str]] = set()
+
+    def visit(module: str) -> None:
+        index[module] = lowest[module] = next(count)
+        stack.append(module)
+        for other in sorted(imports.get(module, ())):
+            if other not in index:
+                visit(other)
+                lowest[module] = min(lowest[module], lowest[other])
+            elif other in stack:
+                lowest[module] = min(lowest[module], index[other])
+        if lowest[module] == index[module]:
+            group = set(stack[stack.index(module) :])
+            del stack[stack.index(module) :]
+            if len(group) > 1:
+                found.add(frozenset(group))
+
+    for module in sorted(imports):
+        if module not in index:
+            visit(module)
+    return found
+
+
+@pytest.fixture(scope="module")
+def imports() -> dict[str, set[str]]:
+    """By module of ours: the modules of ours that it imports anywhere."""
+    graph = grimp.build_graph(*(f"robotree.{room}" for room in ROOMS), exclude_type_checking_imports=False)
+    return {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+
+
+def test_no_import_circle_is_new(imports: dict[str, set[str]]) -> None:
+    assert not [sorted(group) for group in circles(imports) - OPEN]
+
+
+def test_circles_that_were_cut_are_listed_no_more(imports: dict[str, set[str]]) -> None:
+    assert not [sorted(group) for group in OPEN - circles(imports)]
+
+
+def test_imports_for_types_alone_are_seen(imports: dict[str, set[str]]) -> None:
+    assert "robotree.tui.screen.operator_app" in imports["robotree.tui.screen.part"]
+
+
+def test_circles_are_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == {frozenset("abc")}
+    assert not circles({"a": {"b", "c"}, "b": {"c"}, "c": set()})

@@ -1,0 +1,281 @@
+"""One operator at one realm: what is known, selected and marked, and how a command is carried out.
+
+Pages and widgets know this class and nothing above it; `app.Supervisor` puts the pages in front of
+the operator.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from textual import work
+
+from robotree.tui.line import completion
+from robotree.tui.line.action import Where
+from robotree.tui.line.carrying import Refusal, carry_out
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.surface import Surface
+from robotree.tui.line.verbs import CALL_LIMIT, Outcome
+from robotree.tui.screen.error_boundary import ErrorBoundary
+from robotree.tui.screen.keymap import Keymap
+from robotree.tui.screen.place import NOWHERE, Place
+from robotree.tui.screen.themes import OURS, REDUCED, chosen
+from robotree.tui.screen.unasked import Unasked
+from robotree.tui.seen import wording
+from robotree.tui.seen.feeding import Feed
+from robotree.tui.seen.mood import took
+from robotree.tui.seen.selection import Selection
+from robotree.tui.seen.store import Store, Weight
+from robotree.vr.errors import NotConfirmed, VrError
+from robotree.vr.network.rendezvous import DEFAULT_REALM
+
+if TYPE_CHECKING:
+    from robotree.vr.description import RobotDescription
+    from robotree.vr.supervision.fleet import Fleet
+
+log = logging.getLogger(__name__)
+
+
+class CallListener(Protocol):
+    """What asked for a command and is told its progress and result; it may be closed meanwhile."""
+
+    def started(self) -> None:
+        """The command was sent."""
+        ...
+
+    def progressed(self, fraction: float, text: str) -> None:
+        """The command reported how far it is."""
+        ...
+
+    def succeeded(self, value: Any, seconds: float) -> None:
+        """It succeeded."""
+        ...
+
+    def failed(self, reason: str) -> None:
+        """It was refused or failed."""
+        ...
+
+
+class OperatorApp(ErrorBoundary, Unasked[int]):
+    """What pages and widgets may ask of the app that they are in."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        *,
+        realm: str,
+        store: Store | None = None,
+        farewell: str = "",
+        readonly: bool = False,
+        keymap: Keymap | None = None,
+        calm: bool = False,
+    ) -> None:
+        """Supervise a fleet that has been joined.
+
+        Args:
+            fleet: the agents of the realm.
+            realm: its name, to be shown.
+            store: what is known already, when the screen is opened anew.
+            farewell: what ends with this screen, as a sentence to ask back with; empty: nothing does.
+            readonly: whether all that changes robots is absent.
+            keymap: the operator's keys; None: those of the registry.
+            calm: whether the line is slow: no pictures, and what changes all the time is drawn seldom.
+        """
+        super().__init__()
+        self.calm = calm
+        self.keymap = keymap or Keymap()
+        self.set_keymap(dict(self.keymap.changed))
+        self.readonly = readonly
+        shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
+        self.prompt = Surface(Where.PROMPT, readonly, shell=shell)
+        """What can be typed."""
+        self.keyboard = Surface(Where.SCREEN, readonly)
+        """What has keys."""
+        for theme in (*OURS, *REDUCED.values()):
+            self.register_theme(theme)
+        wanted = os.environ.get("TEXTUAL_THEME", "")
+        ours = chosen(wanted, self.console.color_system).name
+        self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
+        self.fleet, self.realm, self.farewell = fleet, realm, farewell
+        self.store = store or Store()
+        self.feed = Feed(fleet, self.store, self.now)
+        self.selection = Selection()
+        """The robot that keys are about, whatever page is in front."""
+        self.marks: frozenset[str] = frozenset()
+        """Robots that an action may take together."""
+        self.steps: dict[str, int] = {}
+        """The step of tele-operation that was chosen last, by robot: an index of `jog.STEPS`."""
+        self.errors: list[Exception] = []
+        """Errors that the fence held back."""
+
+    @staticmethod
+    def now() -> float:
+        """[s] on the store's clock, which is that of events."""
+        return time.monotonic()
+
+    # -- telling -----------------------------------------------------------------------------------
+
+    def tell(self, text: str, weight: Weight = "plain", robot: str = "") -> None:
+        """Enter something in the log, of a robot or of none; the flash line shows it."""
+        self.store.tell(text, weight, self.now(), robot)
+
+    def report_error(self, error: Exception) -> None:
+        """Go on after an error that should not have been."""
+        self.errors.append(error)
+        if any(repr(error) in one.text for one in list(self.store.happenings)[-3:]):
+            return  # what goes wrong at every drawing is told once
+        self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
+
+    def tell_dropped(self, what: str, why: str) -> None:
+        """Tell which keys had no effect (`BusyForms.tell_dropped`)."""
+        self.tell(f"{what}: {why}", "warning")
+
+    # -- the selection -----------------------------------------------------------------------------
+
+    @property
+    def asked(self) -> float:
+        """[s] when the key was pressed that is being dealt with; now, where there is none."""
+        return self.now() if self._under_way is None else self._under_way.event.time
+
+    def certain(self) -> bool:
+        """Whether a key is meant for the robot that is selected now; else it is told why nothing is done."""
+        refusal = self.selection.refusal(self.asked)
+        if refusal:
+            self.tell(refusal, "warning")
+        return not refusal
+
+    # -- verbs -------------------------------------------------------------------------------------
+
+    def progress(self, fraction: float, text: str) -> None:
+        """Hear how far a verb is (`verbs.Teller`)."""
+        share = "" if math.isnan(fraction) else f"{fraction:.0%} "
+        self.tell(f"… {share}{text}".rstrip())
+
+    def warn(self, text: str) -> None:
+        """Hear what a person should know before a verb has ended (`verbs.Teller`)."""
+        self.tell(text, "warning")
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Hear one of many outcomes of a verb (`verbs.Teller`)."""
+        self.tell(outcome.text)
+
+    async def attempt(self, line: Line) -> str:
+        """Carry out a verb and tell what came of it.
+
+        Returns:
+            Why it was refused or failed; empty: it was done.
+        """
+        text, refusal = await self._carry_out(line)
+        if text:
+            self.tell(text, "good")
+        return refusal
+
+    async def _carry_out(self, line: Line) -> tuple[str, str]:
+        if line.verb == "stop":
+            self.store.begin_stop(line.text("NAME"), self.now())
+        began, robot = self.now(), line.text("ROBOT.COMMAND").partition(".")[0]
+        try:
+            with self.store.asking(robot):
+                outcome = await carry_out(self.fleet, line, self)
+        finally:
+            self.feed.hint()
+        self._note_stop(line, outcome)
+        if isinstance(outcome, Refusal):
+            self.tell(f"{outcome}{self._took(robot, began)}", "error", robot)
+            return "", str(outcome)
+        if outcome.doubt:
+            self.tell(str(outcome.doubt), "warning")
+        if line.verb == "create":
+            self.selection = self.selection.go_to(line.text("NAME"), self.now())
+        one_line = outcome.text and "\n" not in outcome.text
+        return outcome.text + (self._took(robot, began) if one_line else ""), ""
+
+    def _took(self, robot: str, began: float) -> str:
+        """Say how long a command took that began at this moment [s]; other verbs take no time."""
+        return f" after {took(self.now() - began)}" if robot else ""
+
+    def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
+        """Keep who has confirmed a stop and who has not, until it is resumed."""
+        if line.verb == "stop":
+            if isinstance(outcome, Outcome):
+                self.store.end_stop(outcome.data["stopped"], {}, self.now())
+            elif isinstance(outcome.error, NotConfirmed):
+                data = outcome.error.data
+                self.store.end_stop(data["told"], dict(data["untold"]), self.now())
+            else:
+                self.store.end_stop([], {}, self.now())
+        elif line.verb == "resume" and isinstance(outcome, Outcome) and not line.text("NAME"):
+            self.store.end_resume()
+
+    @work(exit_on_error=False, group="calls")
+    async def call(
+        self, robot: str, command: str, arguments: Mapping[str, Any], listener: CallListener
+    ) -> None:
+        """Have a command carried out beside everything else, and tell the listener."""
+        listener.started()
+        began = self.now()
+        try:
+            with self.store.asking(robot):
+                value = await self.fleet.call(
+                    robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
+                )
+        except VrError as error:
+            self.tell(f"{error}{self._took(robot, began)}", "error", robot)
+            listener.failed(str(error))
+        except Exception as error:  # the last fence of this task
+            log.exception("while calling %s.%s", robot, command)
+            self.report_error(error)
+            listener.failed(repr(error))
+        else:
+            shown = wording.value(value) if value is not None else "done"
+            self.tell(f"{robot}.{command}: {shown}{self._took(robot, began)}", "good", robot)
+            listener.succeeded(value, self.now() - began)
+
+    def do(self, verb: str, **values: str) -> None:
+        """Carry out a verb with these values."""
+        self.perform(Line(verb, values))
+
+    def words(self) -> completion.Words:
+        """Return the names of the moment, for completion (`prompt.Known`)."""
+        robots = sorted({*self.store.robots, *self.store.descriptions})
+        described = [self.store.descriptions[name] for name in robots if name in self.store.descriptions]
+        return completion.Words(
+            {
+                "NAME": robots,
+                "CHILD": sorted(self.store.robots),
+                "VIEW": sorted(self.store.views),
+                "HOST": self.store.hosts,
+                "PARENT.SLOT": [f"{one.name}.{slot.name}" for one in described for slot in one.slots],
+                "ROBOT.COMMAND": [
+                    f"{one.name}.{command.name}" for one in described for command in one.commands
+                ],
+            },
+            self.prompt.shapes,
+        )
+
+    # -- what only the app with its pages can do ----------------------------------------------------
+
+    def choose(self, name: str) -> None:
+        """Select the robot that a person has chosen."""
+        raise NotImplementedError
+
+    def perform(self, line: Line) -> object:
+        """Carry out a verb beside everything else."""
+        raise NotImplementedError
+
+    def ask_for(self, verb: str, place: Place = NOWHERE) -> None:
+        """Do what a key asks for: open a page, ask what is missing, ask back where it is dangerous."""
+        raise NotImplementedError
+
+    def run_typed(self, text: str) -> None:
+        """Carry out a line that was typed at the prompt."""
+        raise NotImplementedError
+
+    def open_teleoperation(self, robot: RobotDescription) -> None:
+        """Open the tele-operation of a robot, if it can be tele-operated."""
+        raise NotImplementedError
