@@ -3,8 +3,8 @@
     python bench/wire_can.py [ROUNDS]
 
 All ways take turns in one run, so that the ratios hold on a noisy machine. The links' round trips are those
-of `robotree.protocol.measure.trips`; here the bus without link and event loop is added. Printed are medians;
-the ratios are to the bare echo of the same round.
+of `robotree.protocol.tools.measure.round_trips`; here the bus without link and event loop is added. Printed
+are medians; the ratios are to the bare echo of the same round.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 
 import can
 
-from robotree.protocol.measure.trips import Way, compare
+from robotree.protocol.tools.measure.round_trips import Way, compare
 
 BUS_PAYLOAD = 60
 """[bytes] for the bus alone."""

@@ -3,8 +3,8 @@
     python bench/wire_codec.py [--rounds N] [--json]
 
 Both sides use fastcrc. Four telemetry messages: one of 40 bytes without an array, and our own joints, tool
-and heartbeat. What is done is in `robotree.protocol.measure.codec`; `robotree wire bench codec` tells whether
-the promises hold.
+and heartbeat. What is done is in `robotree.protocol.tools.measure.codec`; `robotree wire bench codec` tells
+whether the promises hold.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from robotree.protocol.measure import codec, reference
+from robotree.protocol.tools.measure import codec, reference
 
 
 def main() -> None:

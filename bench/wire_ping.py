@@ -2,8 +2,8 @@
 
     python bench/wire_ping.py [--rounds N] [--json]
 
-What is done is in `robotree.protocol.measure.trips`; `robotree wire bench trips clients` tells whether the
-promises hold.
+What is done is in `robotree.protocol.tools.measure.round_trips`; `robotree wire bench trips clients` tells
+whether the promises hold.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import argparse
 import asyncio
 import json
 
-from robotree.protocol.measure.far import CLIENTS, RATE, TELEMETRY
-from robotree.protocol.measure.trips import BYTES, compare, crowd
+from robotree.protocol.tools.measure.far import CLIENTS, RATE, TELEMETRY
+from robotree.protocol.tools.measure.round_trips import BYTES, compare, crowd
 
 
 def main() -> None:

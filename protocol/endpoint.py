@@ -1,14 +1,14 @@
-"""One speaker on one link: gives each message our ids and the number of its turn, and hears frames.
+"""One MAVLink component on one link: sends messages under its ids and sequence numbers, and receives frames.
 
-Pure: the link is handed in. An endpoint is the `Handler` of its link.
+Pure: the link is passed in. An endpoint is the `Handler` of its link.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.protocol.draft import Draft
 from robotree.protocol.parser import Parser, ParserStatistics, Verifier
+from robotree.protocol.unsent import UnsentFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 class Endpoint:
-    """Speaks as one system over one link.
+    """Sends and receives as one system over one link.
 
     Args:
         link: the open link.
-        system: who we are, 1 to 255.
-        component: which part of it speaks when `send` names no other.
-        on_frame: told every frame that comes.
-        on_closed: told once when the link has ended.
+        system: our system id, 1 to 255.
+        component: our component id, unless `send` names another.
+        on_frame: called with every frame that arrives.
+        on_closed: called once when the link has ended.
         signer: signs what we send.
-        verifier: decides which frames pass.
+        verifier: decides which frames are accepted.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Endpoint:
 
     @property
     def statistics(self) -> ParserStatistics:
-        """What was heard; what was sent is in `link.statistics`."""
+        """Statistics of received frames; those of sent ones are in `link.statistics`."""
         return self._parser.statistics
 
     def send(
@@ -66,32 +66,32 @@ class Endpoint:
         """Send a message.
 
         Args:
-            message: what to say.
-            telemetry: a newer one may take its place if the far end does not read.
-            component: which part of us speaks.
+            message: to send.
+            telemetry: a newer one may replace it while the far end does not read.
+            component: our component id; None: the endpoint's.
             instance: tells telemetry of the same message apart, such as the name of a value.
 
         Raises:
             InvalidMessage: a field cannot hold its value.
         """
         speaker = self.component if component is None else component
-        draft = Draft(message, self.system, speaker, self._sequences, self._signer)
-        self.link.send(draft, (speaker, message.codec.definition.id, instance) if telemetry else None)
+        frame = UnsentFrame(message, self.system, speaker, self._sequences, self._signer)
+        self.link.send(frame, (speaker, message.codec.definition.id, instance) if telemetry else None)
 
-    def reseal(self, signer: Signer | None, verifier: Verifier | None) -> None:
-        """From now on sign, and decide which frames pass, in another way.
+    def set_signer_pair(self, signer: Signer | None, verifier: Verifier | None) -> None:
+        """Use another signer and verifier from now on.
 
-        Frames that came with the same bytes as the one that is being told were already decided on; what waits
-        to be sent is signed as it would have been.
+        Frames that came with the same bytes as the present one are already checked; frames that wait to be
+        sent keep their signer.
         """
         self._signer, self._parser.verifier = signer, verifier
 
     def received(self, data: bytes) -> None:
-        """The link tells: bytes came."""
+        """Bytes came over the link."""
         for frame in self._parser.feed(data):
             self._on_frame(frame)
 
     def closed(self, reason: LinkError) -> None:
-        """The link tells: it has ended."""
+        """The link has ended."""
         if self._on_closed is not None:
             self._on_closed(reason)

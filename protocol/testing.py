@@ -66,7 +66,7 @@ def forgetting_messages() -> Generator[None]:
             CODECS.pop(msgid.to_bytes(3, "little"), None)
 
 
-class Recorder:
+class RecordingHandler:
     """A handler that remembers what it was told."""
 
     def __init__(self, link: Link) -> None:
@@ -108,10 +108,10 @@ async def check_link(
     Raises:
         AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
     """
-    recorders: list[Recorder] = []
+    recorders: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        recorders.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        recorders.append(RecordingHandler(link))
         return recorders[-1]
 
     near, far = await make_pair(accept, accept)
@@ -147,10 +147,10 @@ async def check_close_in_accept(dial: Dial, settle: Settle) -> None:
     Raises:
         AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
     """
-    recorders: list[Recorder] = []
+    recorders: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        recorders.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        recorders.append(RecordingHandler(link))
         link.send(b"you are not served")
         link.close()
         link.close()
@@ -177,9 +177,9 @@ async def check_refused(dial: Dial) -> LinkRefused:
     """
     met: list[Link] = []
 
-    def accept(link: Link) -> Recorder:
+    def accept(link: Link) -> RecordingHandler:
         met.append(link)
-        return Recorder(link)
+        return RecordingHandler(link)
 
     refusal: LinkRefused | None = None
     try:
@@ -194,7 +194,7 @@ async def check_refused(dial: Dial) -> LinkRefused:
     return refusal
 
 
-async def _check_bytes(sender: Link, receiver: Recorder, settle: Settle) -> None:
+async def _check_bytes(sender: Link, receiver: RecordingHandler, settle: Settle) -> None:
     frames = [bytes((i,)) * (1 + 40 * i) for i in range(7)]
     topics = [None, "telemetry", None, "telemetry", "other", None, None]
     receiver.data = b""  # a datagram link needs a word to open
@@ -226,7 +226,7 @@ RECOVERY = 10.0
 """[s] that a link may take to deliver what waited."""
 
 
-async def _check_congestion(sender: Link, receiver: Recorder, settle: Settle) -> None:
+async def _check_congestion(sender: Link, receiver: RecordingHandler, settle: Settle) -> None:
     """Nobody reads for a while: telemetry is superseded, all else waits in order, frames stay whole."""
     receiver.data = b""
     before = sender.statistics
@@ -264,7 +264,7 @@ def _numbered(kind: bytes, number: int) -> bytes:
     return kind + b"%0*d" % (_NUMBERED - 1, number)
 
 
-async def _check_pause(sender: Link, receiver: Recorder, settle: Settle, *, pauses: bool) -> None:
+async def _check_pause(sender: Link, receiver: RecordingHandler, settle: Settle, *, pauses: bool) -> None:
     """Who does not read for a while finds everything when it reads on."""
     link = receiver.link
     assert isinstance(link, Pausable) == pauses, "what can wait says so"  # noqa: S101
@@ -283,7 +283,7 @@ async def _check_pause(sender: Link, receiver: Recorder, settle: Settle, *, paus
     assert receiver.data == frame, "what waited is told"  # noqa: S101
 
 
-async def _check_end(link: Link, recorder: Recorder, settle: Settle) -> None:
+async def _check_end(link: Link, recorder: RecordingHandler, settle: Settle) -> None:
     link.close()
     link.close()
     await _settled(lambda: recorder.reasons, settle)

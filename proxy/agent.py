@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from robotree.protocol.errors import BadUrl
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import parse
 from robotree.protocol.messages import Mode
 from robotree.protocol.services.fence import LAST_EPOCH
@@ -41,7 +41,7 @@ async def run_proxy(
     *,
     realm: str | None = None,
     space_path: Path | None = None,
-    security: Sealing = UNSIGNED,
+    security: LinkSecurity = UNSIGNED,
     take_over: bool = False,
     ready: Ready = _ignore,
 ) -> None:
@@ -82,7 +82,7 @@ async def run_view(
     url: str,
     *,
     realm: str | None = None,
-    security: Sealing = UNSIGNED,
+    security: LinkSecurity = UNSIGNED,
     ready: Ready = _ignore,
 ) -> None:
     """Run the view of one workspace in a realm until cancelled. The controller may come and go.

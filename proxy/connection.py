@@ -17,7 +17,7 @@ from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtoco
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Accept, Handler, Link
 from robotree.protocol.links.rejection import rejection
-from robotree.protocol.links.security import UNSIGNED, Sealing, Seals
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity, SignerPair
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
@@ -87,12 +87,12 @@ class Connection:
         on_event: Callable[[Event], None],
         dial: Dial = connect,
         chance: random.Random | None = None,
-        security: Sealing = UNSIGNED,
+        security: LinkSecurity = UNSIGNED,
     ) -> None:
         self.url = url
         self.session = session
         self._security = security
-        self._seals = Seals(signer=None, verifier=None)
+        self._signer_pair = SignerPair(signer=None, verifier=None)
         self._signed = self._believed = self._refused = 0
         self._rejection = ""
         self._on_event = on_event
@@ -168,7 +168,7 @@ class Connection:
         endpoints: list[Endpoint] = []
 
         def accept(link: Link) -> Handler:
-            self._seals = self._security.seals(link.address)
+            self._signer_pair = self._security.signer_pair(link.address)
             self._signed = self._believed = self._refused = 0
             self._rejection = ""
             endpoint = Endpoint(
@@ -177,7 +177,7 @@ class Connection:
                 component=self.session.component,
                 on_frame=self._hear,
                 on_closed=lambda reason: None if ended.done() else ended.set_result(reason),
-                **self._seals,
+                **self._signer_pair,
             )
             endpoints.append(endpoint)
             return endpoint
@@ -216,13 +216,13 @@ class Connection:
     def _rejection_of(self, endpoint: Endpoint) -> str:
         """Why the latest frames on the present link were rejected; empty: they were not, or nothing came."""
         heard = endpoint.statistics
-        if heard.refused and self._security.renewed(endpoint.link.address, self._seals):
+        if heard.refused and self._security.renewed(endpoint.link.address, self._signer_pair):
             return KEY_CHANGED
         believed, refused = heard.received - self._signed, heard.refused + self._signed
         if believed > self._believed:
             self._rejection = ""
         elif refused > self._refused:
-            self._rejection = rejection(self._seals["verifier"], keyless=self._signed)
+            self._rejection = rejection(self._signer_pair["verifier"], keyless=self._signed)
         self._believed, self._refused = believed, refused
         return self._rejection
 
@@ -235,7 +235,7 @@ class Connection:
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
-        if frame.signed and self._seals["verifier"] is None:
+        if frame.signed and self._signer_pair["verifier"] is None:
             # A controller that signs obeys only signed frames, and this link has no key: the robot could not
             # be stopped from here, so it must not be shown as online.
             self._signed += 1

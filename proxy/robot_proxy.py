@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Message
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
@@ -79,7 +79,7 @@ class RobotProxy(Robot):
         *,
         dial: Dial = connect,
         chance: random.Random | None = None,
-        security: Sealing = UNSIGNED,
+        security: LinkSecurity = UNSIGNED,
         take_over: bool = False,
     ) -> None:
         """Prepare the proxy; nothing is opened before `run`.

@@ -49,7 +49,7 @@ from robotree.protocol.services.goal_client import GoalClient, GoalEnded, GoalPr
 from robotree.protocol.services.heartbeat import SILENCE, HeartbeatSender
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture, PictureReceiver
-from robotree.protocol.services.statustext import Listener, Sentence
+from robotree.protocol.services.statustext import Sentence, StatustextReceiver
 from robotree.proxy.desired_mode import HOLDING_MODES, Answer, DesiredMode, ReleaseConfirmed
 from robotree.proxy.motion import Request
 from robotree.proxy.outcome import reason_in_words
@@ -140,7 +140,7 @@ class ControllerSession:
         self._goals = GoalClient(*controller)
         self._heartbeats = HeartbeatSender()
         self._pictures = PictureReceiver()
-        self._listener = Listener()
+        self._listener = StatustextReceiver()
         self._desired = DesiredMode(controller)
         self._held_reported = ""
         self._claim = claim

@@ -11,7 +11,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, Message, PictureRequest, Tool
 from robotree.protocol.services.picture import Picture
@@ -68,7 +68,7 @@ class WorkspaceView:
         answer_within: float = ANSWER_WITHIN,
         dial: Dial = connect,
         chance: random.Random | None = None,
-        security: Sealing = UNSIGNED,
+        security: LinkSecurity = UNSIGNED,
     ) -> None:
         """Prepare the view; nothing is opened before `run`.
 

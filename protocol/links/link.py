@@ -1,4 +1,4 @@
-"""What a link is: a way for bytes to go there and back, told through callbacks.
+"""What a link is: a way for bytes in both directions, with callbacks.
 
 A link neither knows messages nor cuts the incoming stream at frames; a `Handler`, usually an
 `robotree.protocol.endpoint.Endpoint`, does. `check_link` and `check_close_in_accept` of
@@ -33,21 +33,21 @@ class LinkStatistics(msgspec.Struct, frozen=True):
     """Frames that were sent after the end of the link."""
 
 
-class Unsealed(Protocol):
-    """A frame that is finished when it leaves, such as a `robotree.protocol.draft.Draft`."""
+class Unsent(Protocol):
+    """A frame that is completed when it is sent, such as a `robotree.protocol.unsent.UnsentFrame`."""
 
     def __len__(self) -> int:
         """[bytes] that it will have."""
         ...
 
-    def seal(self) -> bytes:
-        """The whole frame. Called once, in the order in which frames leave; never for one that does not."""
+    def encode(self) -> bytes:
+        """The whole frame. Called once, in the order of sending; not called for a frame that is not sent."""
         ...
 
 
-def sealed(frame: bytes | Unsealed) -> bytes:
-    """The bytes of a frame that leaves now."""
-    return frame if isinstance(frame, bytes) else frame.seal()
+def encoded(frame: bytes | Unsent) -> bytes:
+    """The bytes of a frame that is sent now."""
+    return frame if isinstance(frame, bytes) else frame.encode()
 
 
 class Link(Protocol):
@@ -55,7 +55,7 @@ class Link(Protocol):
 
     @property
     def address(self) -> str:
-        """Names the link for people: scheme, and whom it leads to."""
+        """Name of the link for people: scheme, and address of the far end."""
         ...
 
     @property
@@ -68,54 +68,54 @@ class Link(Protocol):
         """The gauges now."""
         ...
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it. Never blocks, never raises; after the end it only counts.
 
         Args:
-            frame: one whole frame, or one that is sealed when it leaves.
+            frame: one whole frame, or one that is completed when it is sent.
             topic: None: must arrive or the link ends. Else telemetry: while it waits, a newer frame of the
                 same topic takes its place.
         """
         ...
 
     def close(self) -> None:
-        """End the link; the handler is told. What waits may be lost. Harmless when repeated."""
+        """End the link; its handler is called. Waiting frames may be lost. May be repeated."""
         ...
 
 
 @runtime_checkable
 class Pausable(Protocol):
-    """A link whose far end can be made to wait. Datagrams and frames on a bus come when they come."""
+    """A link whose far end can be made to wait; datagrams and frames on a bus cannot."""
 
     def pause_reading(self) -> None:
-        """Read no more; what the far end sends waits with it. Harmless when repeated, and after the end."""
+        """Stop reading; what the far end sends waits there. May be repeated, also after the end."""
         ...
 
     def resume_reading(self) -> None:
-        """Read on. Harmless when repeated, and after the end."""
+        """Read again. May be repeated, also after the end."""
         ...
 
 
 class Handler(Protocol):
-    """Hears a link."""
+    """Receives the bytes and the end of a link."""
 
     def received(self, data: bytes) -> None:
         """Some bytes came, cut anywhere."""
         ...
 
     def closed(self, reason: LinkError) -> None:
-        """The link ended; told exactly once, and nothing is told after it."""
+        """The link ended; called exactly once, and last."""
         ...
 
 
 Accept = Callable[[Link], Handler]
-"""Called with every link that opens, before any byte is told; what it returns hears the link.
+"""Called with every link that opens, before its first byte; returns the link's handler.
 
-It may send and close at once; then what it returns is told of the end, once, and of nothing else."""
+It may send and close at once; then only `closed` of the handler is called."""
 
 
 def handler_of(link: Link, accept: Accept) -> Handler:
-    """Return who hears a link that has just opened; nobody is left with an open link that nobody hears."""
+    """The handler of a link that has just opened; the link is closed if `accept` fails."""
     try:
         return accept(link)
     except BaseException:
@@ -124,7 +124,7 @@ def handler_of(link: Link, accept: Accept) -> Handler:
 
 
 class Listener(Protocol):
-    """Waits for links from outside."""
+    """Accepts links from outside."""
 
     @property
     def address(self) -> str:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
-from robotree.protocol.links.link import LinkStatistics, sealed
+from robotree.protocol.links.link import LinkStatistics, encoded
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Unsealed
+    from robotree.protocol.links.link import Accept, Handler, Unsent
 
 
 class Accidents(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,10 +57,10 @@ class LoopbackEnd:
             sent=self._sent, received=self.arrived, waiting=0, superseded=0, dropped=self._dropped
         )
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:  # noqa: ARG002  nothing ever waits
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:  # noqa: ARG002  nothing ever waits
         """Send one whole frame on its way."""
         if self._network.open and self.other is not None:
-            data = sealed(frame)
+            data = encoded(frame)
             self._sent += len(data)
             self._network.carry(data, self.other)
         else:

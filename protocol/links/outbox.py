@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from robotree.protocol.errors import LinkOverrun
-from robotree.protocol.links.link import LinkStatistics, sealed
+from robotree.protocol.links.link import LinkStatistics, encoded
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Unsealed
+    from robotree.protocol.links.link import Unsent
 
 BOUND = 1024 * 1024
 """[bytes] that may wait."""
@@ -28,7 +28,7 @@ class Outbox:
     """
 
     def __init__(self, bound: int = BOUND) -> None:
-        self._frames: dict[Hashable, bytes | Unsealed] = {}
+        self._frames: dict[Hashable, bytes | Unsent] = {}
         self._bound, self._count = bound, 0
         self.waiting = 0
         """[bytes] in the queue."""
@@ -37,7 +37,7 @@ class Outbox:
         self.superseded = self.dropped = 0
         """Frames that were replaced, and frames that nobody wants any longer."""
 
-    def put(self, frame: bytes | Unsealed, topic: Hashable | None) -> None:
+    def put(self, frame: bytes | Unsent, topic: Hashable | None) -> None:
         """Queue a frame, or put it in the place of the waiting one of the same topic."""
         self._count += 1
         key = (self._count,) if topic is None else (topic, None)
@@ -55,9 +55,9 @@ class Outbox:
             return self.leave(frame)
         return None
 
-    def leave(self, frame: bytes | Unsealed) -> bytes:
+    def leave(self, frame: bytes | Unsent) -> bytes:
         """Seal and count a frame that leaves now; what waits must not be overtaken."""
-        data = sealed(frame)
+        data = encoded(frame)
         self.sent += len(data)
         return data
 

@@ -2,7 +2,7 @@
 
 security = Security(Keyring(path), time.time)
 async with persisting(security):
-    endpoint = Endpoint(link, …, **security.seals(link.address))
+    endpoint = Endpoint(link, …, **security.signer_pair(link.address))
 """
 
 from __future__ import annotations
@@ -26,44 +26,44 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 
-class Seals(TypedDict):
-    """What an `Endpoint` needs; both None: the link is not signed."""
+class SignerPair(TypedDict):
+    """Signer and verifier of an `Endpoint`; both None: the link is not signed."""
 
     signer: Signer | None
     verifier: Verifier | None
 
 
-class Sealing(Protocol):
+class LinkSecurity(Protocol):
     """Decides which links are signed."""
 
     @property
     def signed(self) -> bool:
-        """Whether links are signed; else everybody is heard who reaches them."""
+        """Whether links are signed; if not, all frames are accepted."""
         ...
 
-    def seals(self, address: str) -> Seals:
-        """What the link at an address needs."""
+    def signer_pair(self, address: str) -> SignerPair:
+        """Signer and verifier for the link at an address."""
         ...
 
     def pattern(self, address: str) -> str:
-        """Names the links that have their key together with this one; empty: it has none."""
+        """Pattern of the links that share their key with this one; empty: it has no key."""
         ...
 
-    def renewed(self, address: str, seals: Seals) -> bool:
-        """Whether a link that has these seals would get another key now."""
+    def renewed(self, address: str, signer_pair: SignerPair) -> bool:
+        """Whether the key of a link has changed since it got this pair."""
         ...
 
-    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:
-        """Take a key that came over a link, in a frame that was signed with the link's present one.
+    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:
+        """Take a new key that came over a link, in a frame that was signed with the present key.
 
         Args:
             address: of the link.
-            seals: what the link has.
+            signer_pair: of the link.
             secret: of the new key, 32 bytes.
-            moment: the sender's signing time; ours is not behind it afterwards, as far as that harms nobody.
+            moment: the sender's signing time; ours is advanced to it, within safe limits.
 
         Returns:
-            The pattern whose links need new seals; empty: it is the key that the link has.
+            The pattern of the links that need a new pair; empty: the key is the present one.
 
         Raises:
             KeyRefused: it is not taken.
@@ -72,23 +72,23 @@ class Sealing(Protocol):
 
 
 class Unsigned:
-    """No link is signed, and everybody is heard."""
+    """No link is signed, and all frames are accepted."""
 
     signed = False
 
-    def seals(self, address: str) -> Seals:  # noqa: ARG002  all are alike
+    def signer_pair(self, address: str) -> SignerPair:  # noqa: ARG002  all are alike
         """Nothing."""
-        return Seals(signer=None, verifier=None)
+        return SignerPair(signer=None, verifier=None)
 
     def pattern(self, address: str) -> str:  # noqa: ARG002  all are alike
         """None."""
         return ""
 
-    def renewed(self, address: str, seals: Seals) -> bool:  # noqa: ARG002  all are alike
+    def renewed(self, address: str, signer_pair: SignerPair) -> bool:  # noqa: ARG002  all are alike
         """Never."""
         return False
 
-    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:  # noqa: ARG002  without a file none matters
+    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:  # noqa: ARG002  without a file none matters
         """There is no file in which a key could be kept.
 
         Raises:
@@ -102,7 +102,7 @@ UNSIGNED = Unsigned()
 
 
 class Security:
-    """Hands every link its signer and verifier.
+    """Gives each link its signer and verifier.
 
     Args:
         keyring: the keys, and where time is persisted.
@@ -129,7 +129,7 @@ class Security:
         """Of links that no line of the file matches: whoever wants keys wants no other links."""
         self._trouble = ""
 
-    def seals(self, address: str) -> Seals:
+    def signer_pair(self, address: str) -> SignerPair:
         """What the link at an address needs. Every link of ours has an id of its own, modulo 256.
 
         The key is the one that the file has now; if the file cannot be used, the one that it had before. A
@@ -138,7 +138,7 @@ class Security:
         self._refresh()
         key = self._keyring.key_for(address) or self._nobodys
         link_id, self._links = self._links & 0xFF, self._links + 1
-        return Seals(
+        return SignerPair(
             signer=Signer(key, self._time, link_id), verifier=Verifier(key, self._time, self._streams)
         )
 
@@ -146,25 +146,25 @@ class Security:
         """The pattern in the key file that matches a link; empty: none does."""
         return self._keyring.pattern_for(address)
 
-    def renewed(self, address: str, seals: Seals) -> bool:
-        """Whether a link that has these seals would get another key now."""
+    def renewed(self, address: str, signer_pair: SignerPair) -> bool:
+        """Whether the key of a link has changed since it got this pair."""
         self._refresh()
-        key, verifier = self._keyring.key_for(address), seals["verifier"]
+        key, verifier = self._keyring.key_for(address), signer_pair["verifier"]
         return key is not None and (verifier is None or verifier.key.fingerprint != key.fingerprint)
 
-    def rotate(self, address: str, seals: Seals, secret: bytes, moment: int) -> str:
+    def rotate(self, address: str, signer_pair: SignerPair, secret: bytes, moment: int) -> str:
         """Take a key that came over a link, in a frame that was signed with the link's present one.
 
         The file is written before this returns, and nothing else happens meanwhile: the next frame of the one
         who sent the key is signed with it.
 
         Returns:
-            The pattern whose links need new seals; empty: it is the key that the link has.
+            The pattern of the links that need a new pair; empty: the key is the present one.
 
         Raises:
             KeyRefused: it is not taken.
         """
-        verifier = seals["verifier"]
+        verifier = signer_pair["verifier"]
         if not is_private(address):
             raise KeyRefused("A key is taken only over TCP or UDP from this machine; edit the key file.")
         if verifier is None or not self.pattern(address):

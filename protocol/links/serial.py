@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from serial import Serial
 
-    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsealed
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsent
     from robotree.protocol.links.url import Url
 
 _log = logging.getLogger(__name__)
@@ -90,7 +90,7 @@ class SerialLink:
         """The gauges now."""
         return self._outbox.statistics(len(self._rest))
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._reason is not None:
             self._outbox.dropped += 1

@@ -18,7 +18,7 @@ from robotree.protocol.links.url import require_loopback
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsealed
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsent
     from robotree.protocol.links.url import Url
 
 CONNECT_TIMEOUT = 5.0
@@ -67,7 +67,7 @@ class TcpLink(asyncio.Protocol):
         inside = self._transport.get_write_buffer_size() if self._transport is not None else 0
         return self._outbox.statistics(inside)
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._transport is None or not self.open:
             self._outbox.dropped += 1

@@ -19,7 +19,7 @@ from robotree.protocol.links.url import require_loopback
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsealed
+    from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Listener, Unsent
     from robotree.protocol.links.url import Url
 
 SILENCE = 60.0
@@ -65,7 +65,7 @@ class UdpLink:
         """The gauges now."""
         return self._outbox.statistics()
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._reason is not None:
             self._outbox.dropped += 1

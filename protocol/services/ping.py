@@ -73,3 +73,37 @@ class Pinger:
         missing = [number for number in old if not self._questions.pop(number).answered]
         self.lost += len(missing)
         return missing
+
+
+class RoundTrips(msgspec.Struct, frozen=True):
+    """Statistics of some pings. Times are round trips, [s]; None: nothing came back."""
+
+    asked: int
+    answered: int
+    loss: float
+    """Share of the pings without an answer."""
+    shortest: float | None
+    median: float | None
+    late: float | None
+    """99 of 100 took no longer."""
+    longest: float | None
+
+
+def summary(asked: int, times: list[float]) -> RoundTrips:
+    """Statistics of round trips.
+
+    Args:
+        asked: how many pings were sent.
+        times: of those that were answered, [s].
+    """
+    ordered = sorted(times)
+    count = len(ordered)
+    return RoundTrips(
+        asked=asked,
+        answered=count,
+        loss=1 - count / asked if asked else 0.0,
+        shortest=ordered[0] if ordered else None,
+        median=ordered[count // 2] if ordered else None,
+        late=ordered[min(count * 99 // 100, count - 1)] if ordered else None,
+        longest=ordered[-1] if ordered else None,
+    )

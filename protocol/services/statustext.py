@@ -32,7 +32,7 @@ class Sentence(msgspec.Struct, frozen=True):
     text: str
 
 
-class Speaker:
+class StatustextSender:
     """Cuts sentences into chunks, and numbers them."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class _Unfinished:
         return Sentence(peer, self.severity, data.decode("utf-8", "replace"))
 
 
-class Listener:
+class StatustextReceiver:
     """Joins chunks to sentences; tells one with missing chunks after `PATIENCE`."""
 
     def __init__(self) -> None:

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from robotree.protocol.messages import AnyMessage, MavComponent, MavSeverity
 from robotree.protocol.services.peer import Send
-from robotree.protocol.services.statustext import Speaker
+from robotree.protocol.services.statustext import StatustextSender
 
 COMPONENT: Final = MavComponent.AUTOPILOT1
 """The controller's own component, where ground stations look for it."""
@@ -29,7 +29,7 @@ class Announcer:
     """Speaks sentences to people: to everyone, or to one link."""
 
     def __init__(self) -> None:
-        self._speaker = Speaker()
+        self._speaker = StatustextSender()
 
     def announce(self, severity: MavSeverity, text: str, via: Hashable | None = None) -> list[Outgoing]:
         """A sentence; `via` None: for all."""

@@ -15,10 +15,10 @@ from robotree.protocol.errors import KeyRefused, LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.rejection import cause, rejection
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.messages import MavSeverity, PictureRequest, SetupSigning
 from robotree.protocol.services.picture import split
-from robotree.protocol.services.statustext import Speaker
+from robotree.protocol.services.statustext import StatustextSender
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Outgoing
 from robotree.sim.firmware.stops import stop_asked_by
@@ -55,16 +55,16 @@ class Connection:
         render_thread: RenderThread,
         leave: Callable[["Connection"], None],
         rotated: Callable[["Connection", str, int], None],
-        security: Sealing = UNSIGNED,
+        security: LinkSecurity = UNSIGNED,
     ) -> None:
-        self._security, self._seals = security, security.seals(link.address)
+        self._security, self._signer_pair = security, security.signer_pair(link.address)
         self.endpoint = Endpoint(
             link,
             system=system,
             component=COMPONENT,
             on_frame=self._hear,
             on_closed=self._closed,
-            **self._seals,
+            **self._signer_pair,
         )
         self._controller, self._render_thread, self._leave, self._rotated = (
             controller,
@@ -105,10 +105,10 @@ class Connection:
         """The link has ended."""
         self.endpoint.closed(reason)
 
-    def reseal(self) -> None:
+    def set_signer_pair(self) -> None:
         """Sign, and hear, with the key that the link has now."""
-        self._seals = self._security.seals(self.endpoint.link.address)
-        self.endpoint.reseal(**self._seals)
+        self._signer_pair = self._security.signer_pair(self.endpoint.link.address)
+        self.endpoint.set_signer_pair(**self._signer_pair)
 
     def send(self, outgoing: Outgoing) -> None:
         """Send something to this client."""
@@ -121,12 +121,12 @@ class Connection:
 
     def say(self, severity: MavSeverity, text: str) -> None:
         """Tell the client a sentence."""
-        for chunk in Speaker().say(severity, text):
+        for chunk in StatustextSender().say(severity, text):
             self.endpoint.send(chunk)
 
     def _explain(self) -> None:
         """Tell the client once per cause why its frames are refused."""
-        verifier = self._seals["verifier"]
+        verifier = self._signer_pair["verifier"]
         why = None if verifier is None else cause(verifier)
         if why is not None and why.kind not in self._said:
             self._said.add(why.kind)
@@ -163,7 +163,7 @@ class Connection:
             return
         address, secret, moment = self.endpoint.link.address, message.secret_key, message.initial_timestamp
         try:
-            pattern = self._security.rotate(address, self._seals, secret, moment)
+            pattern = self._security.rotate(address, self._signer_pair, secret, moment)
         except KeyRefused as error:
             self._keys_refused += 1
             if (text := str(error)) not in self._said:
@@ -196,5 +196,5 @@ class Connection:
             self._drawing.cancel()
         self._controller.leave(self.endpoint)
         self._leave(self)
-        if cause := rejection(self._seals["verifier"]):
+        if cause := rejection(self._signer_pair["verifier"]):
             _log.warning("%s: %s", self.endpoint.link.address, cause)

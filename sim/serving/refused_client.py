@@ -12,9 +12,9 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.messages import MavSeverity
-from robotree.protocol.services.statustext import Speaker
+from robotree.protocol.services.statustext import StatustextSender
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Outgoing
 from robotree.sim.firmware.stops import stop_asked_by
@@ -44,7 +44,7 @@ class RefusedClient:
         controller: Controller,
         leave: Callable[["RefusedClient"], None],
         most: int = MAX_REFUSED_BYTES,
-        security: Sealing = UNSIGNED,
+        security: LinkSecurity = UNSIGNED,
     ) -> None:
         self.endpoint = Endpoint(
             link,
@@ -52,7 +52,7 @@ class RefusedClient:
             component=COMPONENT,
             on_frame=self._hear,
             on_closed=self._closed,
-            **security.seals(link.address),
+            **security.signer_pair(link.address),
         )
         self._controller, self._leave = controller, leave
         self._left = most
@@ -61,7 +61,7 @@ class RefusedClient:
 
     def say(self, text: str) -> None:
         """Tell the client a sentence."""
-        for chunk in Speaker().say(MavSeverity.ERROR, text):
+        for chunk in StatustextSender().say(MavSeverity.ERROR, text):
             self.endpoint.send(chunk)
 
     def send(self, outgoing: Outgoing) -> None:

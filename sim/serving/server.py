@@ -14,7 +14,7 @@ from typing import Final
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkRefused
 from robotree.protocol.links.link import Handler, Link
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import MavSeverity
 from robotree.sim.controller.controller import Controller
@@ -46,7 +46,7 @@ SYSTEM: Final = 1
 class Server:
     """A controller on the wire. Made by `serving`."""
 
-    def __init__(self, controller: Controller, speedup: float, security: Sealing = UNSIGNED) -> None:
+    def __init__(self, controller: Controller, speedup: float, security: LinkSecurity = UNSIGNED) -> None:
         self._controller, self._security = controller, security
         self._loop = asyncio.get_running_loop()
         self._connections: dict[Endpoint, Connection] = {}
@@ -149,7 +149,7 @@ class Server:
             if each.pattern == pattern:
                 if each is not by:
                     each.say(MavSeverity.NOTICE, text)
-                each.reseal()
+                each.set_signer_pair()
         by.say(MavSeverity.NOTICE, text)
 
     def _tell(self, out: list[Outgoing]) -> None:
@@ -195,7 +195,7 @@ async def serving(
     silence: float = SILENCE,
     speedup: float = 1.0,
     exposed: bool = False,
-    security: Sealing = UNSIGNED,
+    security: LinkSecurity = UNSIGNED,
     memory: FenceFile | None = None,
 ) -> AsyncGenerator[Server]:
     """A simulated controller that is up inside the block.
@@ -240,7 +240,7 @@ async def serve(
     url: str,
     *,
     ready: Callable[[str], None],
-    security: Sealing = UNSIGNED,
+    security: LinkSecurity = UNSIGNED,
     memory: FenceFile | None = None,
 ) -> None:
     """Simulate a controller until cancelled.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import LinkBroken, LinkError
-from robotree.protocol.links.link import Unsealed, sealed
+from robotree.protocol.links.link import Unsent, encoded
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.messages import Gripper, NamedValueFloat, Timesync
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import RecordingHandler
 
 
 class Paper:
@@ -19,8 +19,8 @@ class Paper:
     def __init__(self) -> None:
         self.written: list[tuple[bytes, object]] = []
 
-    def send(self, frame: bytes | Unsealed, topic: object = None) -> None:
-        self.written.append((sealed(frame), topic))
+    def send(self, frame: bytes | Unsent, topic: object = None) -> None:
+        self.written.append((encoded(frame), topic))
 
 
 def _endpoint() -> tuple[Paper, Endpoint]:
@@ -57,13 +57,15 @@ def test_frames_and_the_end_are_told() -> None:
     reasons: list[LinkError] = []
     network = Loopback(
         lambda link: Endpoint(link, system=1, component=1, on_frame=heard.append, on_closed=reasons.append),
-        Recorder,
+        RecordingHandler,
     )
     network.far.send(Frame.of(Timesync(1, 2)).raw + b"noise")
     network.cut("a mouse")
     network.advance()
     assert [type(reason) for reason in reasons] == [LinkBroken]
-    network = Loopback(lambda link: Endpoint(link, system=1, component=1, on_frame=heard.append), Recorder)
+    network = Loopback(
+        lambda link: Endpoint(link, system=1, component=1, on_frame=heard.append), RecordingHandler
+    )
     network.far.send(Frame.of(Timesync(1, 2)).raw + b"noise")
     network.advance()
     assert [frame.message for frame in heard] == [Timesync(1, 2)]

@@ -14,7 +14,13 @@ import pytest
 from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.url import SCHEMES, connect, listen
-from robotree.protocol.testing import Recorder, check_close_in_accept, check_link, check_refused, until
+from robotree.protocol.testing import (
+    RecordingHandler,
+    check_close_in_accept,
+    check_link,
+    check_refused,
+    until,
+)
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Link, Listener
@@ -105,7 +111,7 @@ async def test_a_link_may_be_closed_before_it_is_accepted(
             here, there = cable.url(1), cable.url(0)
 
         async def dial(accept: Accept) -> None:
-            near, far = (Recorder, accept) if end == "who listens" else (accept, Recorder)
+            near, far = (RecordingHandler, accept) if end == "who listens" else (accept, RecordingHandler)
             listener = await listen(here, far)
             stack.push_async_callback(listener.close)
             link = await connect(there or listener.address, near)
@@ -122,7 +128,7 @@ async def test_an_end_of_the_loopback_may_be_closed_before_it_is_accepted() -> N
     networks: list[Loopback] = []
 
     async def dial(accept: Accept) -> None:
-        networks.append(Loopback(Recorder, accept))
+        networks.append(Loopback(RecordingHandler, accept))
 
     async def settle() -> None:
         networks[0].advance()

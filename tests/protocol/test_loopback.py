@@ -6,7 +6,7 @@ import pytest
 
 from robotree.protocol.errors import LinkBroken
 from robotree.protocol.links.loopback import Accidents, Loopback
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import RecordingHandler
 
 
 class Letters:
@@ -77,6 +77,6 @@ def test_a_cut_breaks_both_ends_and_loses_what_is_under_way() -> None:
 
 
 def test_ends_are_told_apart() -> None:
-    network = Loopback(Recorder, Recorder)
+    network = Loopback(RecordingHandler, RecordingHandler)
     assert network.near.address != network.far.address
     assert not network.near.congested

@@ -51,8 +51,8 @@ async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> 
     endpoints: list[Endpoint] = []
 
     def accept(link: Link) -> Endpoint:
-        seals = controller.seals(link.address)
-        endpoints.append(Endpoint(link, system=1, component=1, on_frame=heard.append, **seals))
+        signer_pair = controller.signer_pair(link.address)
+        endpoints.append(Endpoint(link, system=1, component=1, on_frame=heard.append, **signer_pair))
         return endpoints[-1]
 
     listener = await listen("tcp:0", accept)
@@ -60,9 +60,9 @@ async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> 
     clients: list[Endpoint] = []
 
     def client(link: Link) -> Endpoint:
-        seals = (stranger, friend, friend)[len(clients)].seals(link.address)
+        signer_pair = (stranger, friend, friend)[len(clients)].signer_pair(link.address)
         clients.append(
-            Endpoint(link, system=10 + len(clients), component=1, on_frame=lambda _: None, **seals)
+            Endpoint(link, system=10 + len(clients), component=1, on_frame=lambda _: None, **signer_pair)
         )
         return clients[-1]
 
@@ -93,17 +93,17 @@ def test_a_link_that_no_line_matches_hears_nobody_and_nobody_hears_it(keys: Path
     """Whoever gives a file wants no link without a key; that would be one by a slip of the pattern."""
     ours, theirs = (Security(Keyring(keys), lambda: NOW) for _ in range(2))
     for speaker, listener in (("tcp:127.0.0.1:1", "udp:127.0.0.1:1"), ("udp:127.0.0.1:1", "tcp:127.0.0.1:1")):
-        signer = ours.seals(speaker)["signer"]
+        signer = ours.signer_pair(speaker)["signer"]
         said = encode(Timesync(1, 2), sequence=0, system=255, component=1, signer=signer)
         plain = encode(Timesync(1, 2), sequence=1, system=255, component=1)
-        parser = Parser(theirs.seals(listener)["verifier"])
+        parser = Parser(theirs.signer_pair(listener)["verifier"])
         assert parser.feed(said + plain) == []
         assert parser.statistics.refused == 2
 
 
 def test_links_of_one_process_are_different_streams(keys: Path) -> None:
     security = Security(Keyring(keys), lambda: NOW)
-    one, two = (security.seals("tcp:127.0.0.1:5760")["signer"] for _ in range(2))
+    one, two = (security.signer_pair("tcp:127.0.0.1:5760")["signer"] for _ in range(2))
     assert one is not None
     assert two is not None
     assert one.sign(b"")[0] != two.sign(b"")[0]
@@ -113,9 +113,9 @@ def test_programs_that_speak_as_the_same_system_do_not_overtake_each_other(keys:
     """Both have the key and the same wall clock; a frame of one may arrive after a later one of the other."""
     address = "tcp:127.0.0.1:1"
     ours = Security(Keyring(keys), lambda: NOW)
-    verifier = ours.seals(address)["verifier"]
-    one = Security(Keyring(keys), lambda: NOW, first_link=7).seals(address)["signer"]
-    other = Security(Keyring(keys), lambda: NOW + 0.001, first_link=250).seals(address)["signer"]
+    verifier = ours.signer_pair(address)["verifier"]
+    one = Security(Keyring(keys), lambda: NOW, first_link=7).signer_pair(address)["signer"]
+    other = Security(Keyring(keys), lambda: NOW + 0.001, first_link=250).signer_pair(address)["signer"]
     earlier, later = (
         encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=signer)
         for signer in (one, other)
@@ -127,15 +127,15 @@ def test_programs_that_speak_as_the_same_system_do_not_overtake_each_other(keys:
 
 def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recordings(keys: Path) -> None:
     address = "tcp:127.0.0.1:1"
-    long_ago = Security(Keyring(keys), lambda: NOW - 120).seals(address)["signer"]
+    long_ago = Security(Keyring(keys), lambda: NOW - 120).signer_pair(address)["signer"]
     recording = encode(Timesync(1, 2), sequence=0, system=1, component=1, signer=long_ago)
     before = Security(Keyring(keys), lambda: NOW)
     before.persist()
     after = Security(Keyring(keys), lambda: NOW - 86400)
-    signers = before.seals(address)["signer"], after.seals(address)["signer"]
+    signers = before.signer_pair(address)["signer"], after.signer_pair(address)["signer"]
     stamps = [int.from_bytes(each.sign(b"")[1:7], "little") for each in signers if each is not None]
     assert stamps[1] > stamps[0]
-    verifier = after.seals(address)["verifier"]
+    verifier = after.signer_pair(address)["verifier"]
     assert verifier is not None
     assert Parser(verifier).feed(recording) == []
     assert verifier.statistics.late == 1
@@ -144,22 +144,22 @@ def test_a_restart_with_a_clock_that_was_set_back_signs_on_and_refuses_old_recor
 def test_what_was_heard_in_an_earlier_life_is_not_heard_again(keys: Path) -> None:
     """A recording of a release, or of a goal whose key is forgotten, played to a robot that was restarted."""
     address = "tcp:127.0.0.1:1"
-    client = Security(Keyring(keys), lambda: NOW).seals(address)["signer"]
+    client = Security(Keyring(keys), lambda: NOW).signer_pair(address)["signer"]
     recording = encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=client)
     first = Security(Keyring(keys), lambda: NOW)
-    assert len(Parser(first.seals(address)["verifier"]).feed(recording)) == 1
-    again = Parser(Security(Keyring(keys), lambda: NOW + 1.1).seals(address)["verifier"])
+    assert len(Parser(first.signer_pair(address)["verifier"]).feed(recording)) == 1
+    again = Parser(Security(Keyring(keys), lambda: NOW + 1.1).signer_pair(address)["verifier"])
     assert again.feed(recording) == [], "though the first was killed and has persisted nothing"
     late = encode(Timesync(1, 2), sequence=1, system=255, component=190, signer=client)
     assert again.feed(late) == [], "a clock that is late has to come to the time of our start"
-    now = Security(Keyring(keys), lambda: NOW + 1.2).seals(address)["signer"]
+    now = Security(Keyring(keys), lambda: NOW + 1.2).signer_pair(address)["signer"]
     assert len(again.feed(encode(Timesync(1, 2), sequence=2, system=255, component=190, signer=now))) == 1
 
 
 def test_a_clock_that_was_ahead_in_an_earlier_life_locks_nobody_out(keys: Path) -> None:
     address = "tcp:127.0.0.1:1"
     Security(Keyring(keys), lambda: NOW + 20).persist()
-    verifier = Security(Keyring(keys), lambda: NOW).seals(address)["verifier"]
+    verifier = Security(Keyring(keys), lambda: NOW).signer_pair(address)["verifier"]
     key = Keyring(keys).key_for(address)
     assert key is not None
     punctual = Signer(key, SigningTime(lambda: NOW + 0.01), 9)
@@ -276,17 +276,21 @@ PRESENT = int((NOW - EPOCH) * UNITS)
 
 def test_a_new_key_counts_for_the_links_of_its_pattern_from_now_on(keys: Path) -> None:
     controller, proxy = Security(Keyring(keys), lambda: NOW), Security(Keyring(keys), lambda: NOW)
-    ours, theirs = controller.seals(LINK), proxy.seals(LINK)
+    ours, theirs = controller.signer_pair(LINK), proxy.signer_pair(LINK)
     assert not proxy.renewed(LINK, theirs)
     assert controller.rotate(LINK, ours, NEW, 0) == controller.pattern(LINK) == "tcp:127.0.0.1:*"
     assert controller.renewed(LINK, ours)
     assert proxy.renewed(LINK, theirs), "whoever shares the file finds it"
-    said = encode(Timesync(1, 2), sequence=0, system=255, component=1, signer=proxy.seals(LINK)["signer"])
+    said = encode(
+        Timesync(1, 2), sequence=0, system=255, component=1, signer=proxy.signer_pair(LINK)["signer"]
+    )
     old = encode(Timesync(1, 2), sequence=0, system=255, component=2, signer=theirs["signer"])
-    parser = Parser(controller.seals(LINK)["verifier"])
+    parser = Parser(controller.signer_pair(LINK)["verifier"])
     assert len(parser.feed(said)) == 1
     assert parser.feed(old) == []
-    assert controller.rotate(LINK, controller.seals(LINK), NEW, 0) == "", "the same key again changes nothing"
+    assert controller.rotate(LINK, controller.signer_pair(LINK), NEW, 0) == "", (
+        "the same key again changes nothing"
+    )
 
 
 @pytest.mark.parametrize(
@@ -307,30 +311,30 @@ def test_a_key_that_must_not_be_taken_is_refused_in_one_sentence(
         keys.write_text(f"* {'11' * 32}\n")
     security, before = Security(Keyring(keys), lambda: NOW), keys.read_bytes()
     with pytest.raises(KeyRefused, match=sentence) as refused:
-        security.rotate(address, security.seals(address), secret, 0)
+        security.rotate(address, security.signer_pair(address), secret, 0)
     assert str(refused.value).count(".") == 1
     assert keys.read_bytes() == before
 
 
 def test_without_a_key_file_no_key_is_taken() -> None:
     with pytest.raises(KeyRefused, match="start with --key FILE"):
-        UNSIGNED.rotate(LINK, UNSIGNED.seals(LINK), NEW, 0)
+        UNSIGNED.rotate(LINK, UNSIGNED.signer_pair(LINK), NEW, 0)
 
 
 def test_a_link_of_loopback_may_carry_a_key_over_any_of_its_transports(keys: Path) -> None:
     for i, address in enumerate((LINK, "tcp:[::1]:1", "udp:127.0.0.9:1", "loop:near"), 1):
         keys.write_text(f"* {'11' * 32}\n")
         security = Security(Keyring(keys), lambda: NOW)
-        assert security.rotate(address, security.seals(address), bytes([i]) * 32, 0) == "*"
+        assert security.rotate(address, security.signer_pair(address), bytes([i]) * 32, 0) == "*"
 
 
 def test_an_older_key_does_not_undo_what_the_owner_has_put_in(keys: Path) -> None:
     security = Security(Keyring(keys), lambda: NOW)
-    seals = security.seals(LINK)
+    signer_pair = security.signer_pair(LINK)
     keys.write_text(f"* {'33' * 32}\n")
-    security.seals("tcp:127.0.0.1:2")
+    security.signer_pair("tcp:127.0.0.1:2")
     with pytest.raises(KeyRefused, match="the old key stays"):
-        security.rotate(LINK, seals, NEW, 0)
+        security.rotate(LINK, signer_pair, NEW, 0)
     assert keys.read_text() == f"* {'33' * 32}\n"
 
 
@@ -348,14 +352,14 @@ def test_time_goes_on_where_the_sender_of_a_key_is_but_no_further_than_harms_nob
 ) -> None:
     security = Security(Keyring(keys), lambda: NOW)
     for i in range(3):  # nor does it add up
-        security.rotate(LINK, security.seals(LINK), bytes([i + 1]) * 32, named)
+        security.rotate(LINK, security.signer_pair(LINK), bytes([i + 1]) * 32, named)
     assert security.now == expected
     assert Keyring(keys).persisted() == expected
-    signer = security.seals(LINK)["signer"]
+    signer = security.signer_pair(LINK)["signer"]
     assert signer is not None
     assert int.from_bytes(signer.sign(b"")[1:7], "little") > expected
     punctual = Signer(Key(bytes([3]) * 32), SigningTime(lambda: NOW), 9)
-    assert Parser(security.seals(LINK)["verifier"]).feed(
+    assert Parser(security.signer_pair(LINK)["verifier"]).feed(
         encode(Timesync(1, 2), sequence=0, system=9, component=1, signer=punctual)
     )
 
@@ -369,11 +373,11 @@ def test_a_key_file_that_is_broken_is_told_once_and_the_keys_stay(
         keys.write_text(text)
         caplog.clear()
         for _ in range(3):
-            verifier = security.seals(LINK)["verifier"]
+            verifier = security.signer_pair(LINK)["verifier"]
             assert verifier is not None
             assert verifier.key.fingerprint == Key(b"\x11" * 32).fingerprint
         assert caplog.text.count("the keys stay as they were") == 1
     keys.chmod(0o600)
-    verifier = security.seals(LINK)["verifier"]
+    verifier = security.signer_pair(LINK)["verifier"]
     assert verifier is not None
     assert verifier.key.fingerprint == Key(b"\x22" * 32).fingerprint

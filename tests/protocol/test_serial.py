@@ -23,7 +23,7 @@ from robotree.protocol.links.in_thread import opened
 from robotree.protocol.links.link import Link, Listener
 from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
-from robotree.protocol.testing import Recorder, check_refused, until
+from robotree.protocol.testing import RecordingHandler, check_refused, until
 
 MakeCable = Callable[[], Any]
 BEAT = Heartbeat(6, 8, 0, 0, 4)
@@ -33,10 +33,10 @@ class Ends:
     """Remembers who was told of a link."""
 
     def __init__(self) -> None:
-        self.met: list[Recorder] = []
+        self.met: list[RecordingHandler] = []
 
-    def __call__(self, link: Link) -> Recorder:
-        self.met.append(Recorder(link))
+    def __call__(self, link: Link) -> RecordingHandler:
+        self.met.append(RecordingHandler(link))
         return self.met[-1]
 
 
@@ -286,7 +286,7 @@ async def test_on_a_slow_line_telemetry_waits_where_it_is_superseded_not_in_the_
     asyncio.get_running_loop().add_reader(far, lambda: heard.extend(ear.feed(os.read(far, 4096))))
     port = SlowDriver(os.ttyname(near), 57600, timeout=0, write_timeout=0, exclusive=True)
     link = serial.SerialLink(port, serial_port.Setting(os.ttyname(near)))
-    link.begin(Recorder)
+    link.begin(RecordingHandler)
     speaker = Endpoint(link, system=1, component=1, on_frame=lambda _: None)
     ack = GoalStatus(7, 1, 0.0, 0, 0, 1, 1, 2, "there")
     speaker.send(joints(0), telemetry=True)

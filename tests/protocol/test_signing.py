@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
-from robotree.protocol.links.link import sealed
+from robotree.protocol.links.link import encoded
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.rejection import rejection
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
@@ -25,7 +25,7 @@ from robotree.protocol.signing import (
     StreamTable,
     Verifier,
 )
-from robotree.protocol.testing import Recorder, Reference, check_codec
+from robotree.protocol.testing import RecordingHandler, Reference, check_codec
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -266,7 +266,7 @@ def test_two_ends_with_the_same_key_talk_and_a_third_hears_nothing() -> None:
                 signer=Signer(key, time),
                 verifier=Verifier(key, time, StreamTable()),
             ),
-            Recorder,
+            RecordingHandler,
         )
         assert isinstance(network.near.handler, Endpoint)
         return network.near.handler
@@ -274,7 +274,7 @@ def test_two_ends_with_the_same_key_talk_and_a_third_hears_nothing() -> None:
     one, two, stranger = end(KEY), end(KEY), end(FALSE_KEY)
     sent: list[bytes] = []
     for speaker in (one, stranger):
-        speaker.link.send = lambda frame, _=None: sent.append(sealed(frame))  # type: ignore[method-assign,misc]  # tap the wire
+        speaker.link.send = lambda frame, _=None: sent.append(encoded(frame))  # type: ignore[method-assign,misc]  # tap the wire
         speaker.send(Gripper(1, 0.0, 0.0, 0.0, 0))
     two.received(b"".join(sent))
     assert len(sent) == 2

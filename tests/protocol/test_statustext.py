@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from robotree.protocol import Frame
 from robotree.protocol.messages import MavSeverity, Statustext, Timesync
-from robotree.protocol.services.statustext import CHUNK, LARGEST_CROWD, LONGEST, PATIENCE, Listener, Speaker
+from robotree.protocol.services.statustext import (
+    CHUNK,
+    LARGEST_CROWD,
+    LONGEST,
+    PATIENCE,
+    StatustextReceiver,
+    StatustextSender,
+)
 
 if TYPE_CHECKING:
     from robotree.protocol.messages import AnyMessage
@@ -23,7 +30,7 @@ def _frames(messages: list[AnyMessage]) -> list[Frame]:
 
 @given(text=sentences, order=st.randoms(use_true_random=False))
 def test_a_sentence_arrives_in_whatever_order_its_chunks_do(text: str, order: st.random.Random) -> None:  # type: ignore[name-defined]  # Hypothesis' own
-    frames, listener = _frames(Speaker().say(MavSeverity.WARNING, text)), Listener()
+    frames, listener = _frames(StatustextSender().say(MavSeverity.WARNING, text)), StatustextReceiver()
     order.shuffle(frames)
     heard = [each for frame in frames for each in listener.receive(frame, "link", 0.0)]
     assert [(each.severity, each.text) for each in heard] == [(MavSeverity.WARNING, text)]
@@ -31,13 +38,13 @@ def test_a_sentence_arrives_in_whatever_order_its_chunks_do(text: str, order: st
 
 
 def test_a_short_sentence_is_one_message_without_a_number() -> None:
-    (message,) = Speaker().say(MavSeverity.INFO, "x" * CHUNK)
+    (message,) = StatustextSender().say(MavSeverity.INFO, "x" * CHUNK)
     frame = Frame.of(message)
     assert frame.message == Statustext(MavSeverity.INFO, "x" * CHUNK, 0, 0)
 
 
 def test_a_sentence_that_fills_its_last_chunk_ends_with_an_empty_one() -> None:
-    messages = _frames(Speaker().say(MavSeverity.INFO, "x" * 2 * CHUNK))
+    messages = _frames(StatustextSender().say(MavSeverity.INFO, "x" * 2 * CHUNK))
     assert [frame.message for frame in messages] == [
         Statustext(MavSeverity.INFO, "x" * CHUNK, 1, 0),
         Statustext(MavSeverity.INFO, "x" * CHUNK, 1, 1),
@@ -46,20 +53,23 @@ def test_a_sentence_that_fills_its_last_chunk_ends_with_an_empty_one() -> None:
 
 
 def test_sentences_are_numbered_from_1_to_65535_and_cut_at_the_longest() -> None:
-    speaker = Speaker()
+    speaker = StatustextSender()
     numbers = [Frame.of(speaker.say(MavSeverity.INFO, "x" * 60)[0]).message for _ in range(3)]
     assert [message.id for message in numbers if isinstance(message, Statustext)] == [1, 2, 3]
     speaker._id = 65535
     (first, *_) = speaker.say(MavSeverity.INFO, "x" * 2 * LONGEST)
     assert Frame.of(first).message == Statustext(MavSeverity.INFO, "x" * CHUNK, 1, 0)
     frames = _frames(speaker.say(MavSeverity.INFO, "x" * 2 * LONGEST))
-    listener = Listener()
+    listener = StatustextReceiver()
     (heard,) = [each for frame in frames for each in listener.receive(frame, "link", 0.0)]
     assert heard.text == "x" * LONGEST
 
 
 def test_a_missing_chunk_is_marked_when_patience_ends() -> None:
-    frames, listener = _frames(Speaker().say(MavSeverity.ERROR, "a" * 50 + "b" * 50 + "c")), Listener()
+    frames, listener = (
+        _frames(StatustextSender().say(MavSeverity.ERROR, "a" * 50 + "b" * 50 + "c")),
+        StatustextReceiver(),
+    )
     for frame in (frames[0], frames[2]):
         assert listener.receive(frame, "link", 0.0) == []
     assert listener.tick(PATIENCE * 0.9) == []
@@ -68,15 +78,15 @@ def test_a_missing_chunk_is_marked_when_patience_ends() -> None:
 
 
 def test_a_missing_end_is_marked_too() -> None:
-    frames, listener = _frames(Speaker().say(MavSeverity.ERROR, "a" * 60)), Listener()
+    frames, listener = _frames(StatustextSender().say(MavSeverity.ERROR, "a" * 60)), StatustextReceiver()
     listener.receive(frames[0], "link", 0.0)
     (heard,) = listener.tick(PATIENCE)
     assert heard.text == "a" * 50 + "[...]"
 
 
 def test_sentences_of_two_speakers_are_kept_apart_and_forged_ones_do_not_pile_up() -> None:
-    listener = Listener()
-    one, two = (_frames(Speaker().say(MavSeverity.INFO, letter * 60)) for letter in "ab")
+    listener = StatustextReceiver()
+    one, two = (_frames(StatustextSender().say(MavSeverity.INFO, letter * 60)) for letter in "ab")
     heard = [
         each
         for pair in zip(one, two, strict=True)

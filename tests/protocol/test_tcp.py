@@ -15,7 +15,7 @@ from robotree.protocol.links import tcp
 from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import GoalStatus, Gripper, Joints
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 
 if TYPE_CHECKING:
     from robotree.protocol.frame import Frame
@@ -192,25 +192,25 @@ async def test_an_end_waits_for_a_client_that_reads_on_and_not_for_one_that_neve
 
 
 async def test_a_port_where_nobody_listens_is_refused_in_one_sentence() -> None:
-    listener = await listen("tcp:0", Recorder)
+    listener = await listen("tcp:0", RecordingHandler)
     await listener.close()
     with pytest.raises(LinkRefused, match="cannot be opened: Connection refused") as refused:
-        await connect(listener.address, Recorder)
+        await connect(listener.address, RecordingHandler)
     assert refused.value.address == listener.address
 
 
 async def test_a_port_that_is_taken_is_refused_in_one_sentence() -> None:
-    listener = await listen("tcp:0", Recorder)
+    listener = await listen("tcp:0", RecordingHandler)
     with pytest.raises(LinkRefused, match="Address already in use"):
-        await listen(listener.address, Recorder)
+        await listen(listener.address, RecordingHandler)
     await listener.close()
 
 
 async def test_an_ending_listener_ends_its_links_and_says_so() -> None:
-    ends: list[Recorder] = []
+    ends: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        ends.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        ends.append(RecordingHandler(link))
         return ends[-1]
 
     listener = await listen("tcp:0", accept)
@@ -238,7 +238,7 @@ async def test_a_reset_is_told_as_a_break() -> None:
 async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_break(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    loop, ends = asyncio.get_running_loop(), list[Recorder]()
+    loop, ends = asyncio.get_running_loop(), list[RecordingHandler]()
     dial = loop.sock_connect
 
     async def turned_away(near: socket.socket, address: tuple[str, int]) -> None:
@@ -247,8 +247,8 @@ async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_br
         far.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         far.close()
 
-    def accept(link: Link) -> Recorder:
-        ends.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        ends.append(RecordingHandler(link))
         return ends[-1]
 
     monkeypatch.setattr(loop, "sock_connect", turned_away)
@@ -310,7 +310,7 @@ async def test_those_who_were_ended_keep_out_nobody(unread: bytes, monkeypatch: 
 
 
 async def test_a_handler_that_cannot_be_made_ends_the_link() -> None:
-    def accept(_: Link) -> Recorder:
+    def accept(_: Link) -> RecordingHandler:
         raise RuntimeError("out of order")
 
     told: list[str] = []

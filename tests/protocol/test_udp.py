@@ -14,7 +14,7 @@ from robotree.protocol.links import udp
 from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Link
@@ -56,13 +56,13 @@ async def test_a_client_may_come_before_its_controller() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as place:
         place.bind(("127.0.0.1", 0))
         address = f"udp:127.0.0.1:{place.getsockname()[1]}"
-    link = await connect(address, Recorder)
+    link = await connect(address, RecordingHandler)
     link.send(b"anybody there?")
     await asyncio.sleep(0.01)
-    heard: list[Recorder] = []
+    heard: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        heard.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        heard.append(RecordingHandler(link))
         return heard[-1]
 
     listener = await listen(address, accept)
@@ -81,7 +81,7 @@ async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatc
         return Endpoint(link, system=1, component=1, on_frame=lambda _: None, on_closed=reasons.append)
 
     listener = await listen("udp:0", accept)
-    link = await connect(listener.address, Recorder)
+    link = await connect(listener.address, RecordingHandler)
     link.send(b"once")
     await until(lambda: reasons)
     assert isinstance(reasons[0], LinkBroken)
@@ -93,14 +93,14 @@ async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatc
 
 async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
-    heard: list[Recorder] = []
+    heard: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        heard.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        heard.append(RecordingHandler(link))
         return heard[-1]
 
     listener = await listen("udp:0", accept)
-    links = [await connect(listener.address, Recorder) for _ in range(6)]
+    links = [await connect(listener.address, RecordingHandler) for _ in range(6)]
     for link in (*links, links[0]):
         link.send(b"x")
     await until(lambda: heard and heard[0].data == b"xx")  # said last, and so heard after all others
@@ -115,14 +115,14 @@ async def test_an_address_that_is_silent_gives_its_place_to_one_that_speaks(
 ) -> None:
     monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
     monkeypatch.setattr(udp, "LINGER", 0.05)
-    heard: list[Recorder] = []
+    heard: list[RecordingHandler] = []
 
-    def accept(link: Link) -> Recorder:
-        heard.append(Recorder(link))
+    def accept(link: Link) -> RecordingHandler:
+        heard.append(RecordingHandler(link))
         return heard[-1]
 
     listener = await listen("udp:0", accept)
-    first, *others = [await connect(listener.address, Recorder) for _ in range(4)]
+    first, *others = [await connect(listener.address, RecordingHandler) for _ in range(4)]
     for link in (first, *others[:2]):
         link.send(b"x")
     await until(lambda: len(heard) == 3)
@@ -143,11 +143,11 @@ async def test_a_handler_that_cannot_be_made_for_a_newcomer_leaves_no_link() -> 
     failures: list[object] = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context["exception"]))
 
-    def accept(_: Link) -> Recorder:
+    def accept(_: Link) -> RecordingHandler:
         raise RuntimeError("out of order")
 
     listener = await listen("udp:0", accept)
-    link = await connect(listener.address, Recorder)
+    link = await connect(listener.address, RecordingHandler)
     link.send(b"x")
     await until(lambda: failures)
     assert listener.links == frozenset()
@@ -156,7 +156,7 @@ async def test_a_handler_that_cannot_be_made_for_a_newcomer_leaves_no_link() -> 
 
 
 async def test_what_the_system_does_not_take_waits_newest_first_and_is_cut_at_the_bound() -> None:
-    listener = await listen("udp:0", Recorder)
+    listener = await listen("udp:0", RecordingHandler)
     reasons: list[LinkError] = []
     link = await connect(
         listener.address,
@@ -178,16 +178,16 @@ async def test_what_the_system_does_not_take_waits_newest_first_and_is_cut_at_th
 
 
 async def test_a_port_that_is_taken_and_an_address_of_the_world_are_refused() -> None:
-    listener = await listen("udp:0", Recorder)
+    listener = await listen("udp:0", RecordingHandler)
     with pytest.raises(LinkRefused, match="Address already in use"):
-        await listen(listener.address, Recorder)
+        await listen(listener.address, RecordingHandler)
     with pytest.raises(BadUrl, match="can be reached from outside"):
-        await listen("udp:0.0.0.0:0", Recorder)
+        await listen("udp:0.0.0.0:0", RecordingHandler)
     await listener.close()
 
 
 async def test_a_handler_that_cannot_be_made_opens_nothing() -> None:
-    def accept(_: Link) -> Recorder:
+    def accept(_: Link) -> RecordingHandler:
         raise RuntimeError("out of order")
 
     with pytest.raises(RuntimeError, match="out of order"):

@@ -6,7 +6,7 @@ import pytest
 
 from robotree.protocol.errors import BadUrl, LinkRefused
 from robotree.protocol.links.url import SCHEMES, connect, instead, listen, parse, require_loopback
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import RecordingHandler
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ async def test_nobody_listens_to_the_world_by_accident(host: str) -> None:
     require_loopback("tcp:…", host, exposed=True)
     if host:
         with pytest.raises(BadUrl):
-            await listen(f"tcp:[{host}]:0", Recorder)
+            await listen(f"tcp:[{host}]:0", RecordingHandler)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
@@ -79,6 +79,6 @@ def test_the_advice_for_a_taken_address_fits_its_scheme() -> None:
 @pytest.mark.parametrize("host", ["a..b", "x" * 64, "a\0b", "\udcff"], ids=["empty", "long", "nul", "half"])
 async def test_a_host_that_can_have_no_such_name_is_refused(scheme: str, host: str) -> None:
     with pytest.raises(LinkRefused, match="no machine can have that name"):
-        await connect(f"{scheme}:{host}:5760", Recorder)
+        await connect(f"{scheme}:{host}:5760", RecordingHandler)
     with pytest.raises(LinkRefused, match="no machine can have that name"):
-        await listen(f"{scheme}:{host}:0", Recorder, exposed=True)
+        await listen(f"{scheme}:{host}:0", RecordingHandler, exposed=True)

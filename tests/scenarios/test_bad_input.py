@@ -29,7 +29,7 @@ from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import CRC_START
 from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.security import UNSIGNED, Sealing, Security
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import (
     TYPED,
@@ -81,19 +81,19 @@ class Client:
         self.end: LinkError | None = None
         self._news = asyncio.Event()
 
-    async def dial(self, address: str, security: Sealing = UNSIGNED) -> Self:
+    async def dial(self, address: str, security: LinkSecurity = UNSIGNED) -> Self:
         self.link = await connect(address, lambda link: self._accept(link, security))
         self.say(BEAT)
         return self
 
-    def _accept(self, link: Link, security: Sealing) -> Endpoint:
+    def _accept(self, link: Link, security: LinkSecurity) -> Endpoint:
         self.mouth = Endpoint(
             link,
             system=255,
             component=self.component,
             on_frame=self.hear,
             on_closed=self._ended,
-            **security.seals(link.address),
+            **security.signer_pair(link.address),
         )
         return self.mouth
 
@@ -217,7 +217,7 @@ async def dial(bench: Bench) -> AsyncIterator[Dial[Client]]:
     """Lets a client in; all of them leave after the test, whatever became of it."""
     let_in: list[Client] = []
 
-    async def dial(client: C, address: str = bench.address, security: Sealing = UNSIGNED) -> C:
+    async def dial(client: C, address: str = bench.address, security: LinkSecurity = UNSIGNED) -> C:
         let_in.append(await client.dial(address, security))
         return client
 
@@ -299,7 +299,7 @@ async def test_frames_of_another_key_and_of_none_are_counted_and_not_answered(
     create(others)
     arm = await bench.another_arm("--key", str(ours))
     witness = await dial(Witness(), arm.address, Security(Keyring(ours), time.time))
-    stranger = Security(Keyring(others), time.time).seals(arm.address)["signer"]
+    stranger = Security(Keyring(others), time.time).signer_pair(arm.address)["signer"]
     assert stranger is not None
     forged = [
         encode(CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7), sequence=i, system=255,

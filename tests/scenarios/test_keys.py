@@ -205,8 +205,8 @@ async def change_key(address: str, file: Path, secret: bytes) -> None:
     security = Security(Keyring(file), time.time, first_link=200)
 
     def accept(link: Link) -> Endpoint:
-        seals = security.seals(link.address)
-        endpoint = Endpoint(link, system=77, component=190, on_frame=lambda _: None, **seals)
+        signer_pair = security.signer_pair(link.address)
+        endpoint = Endpoint(link, system=77, component=190, on_frame=lambda _: None, **signer_pair)
         endpoint.send(SetupSigning(1, 1, secret, security.now))
         return endpoint
 

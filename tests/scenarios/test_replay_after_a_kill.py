@@ -17,7 +17,7 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import Security
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, CommandAck, CommandLong, MavCmd, Mode, ModeKind, Ping
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import RecordingHandler
 from robotree.tui.processes.crew import Crew
 from robotree.vr.testing import until
 
@@ -50,8 +50,8 @@ class Operator:
         return sum(isinstance(each, CommandAck) for each in self.heard)
 
     def _accept(self, link: Link) -> Endpoint:
-        seals = self._security.seals(link.address)
-        inner = seals["signer"]
+        signer_pair = self._security.signer_pair(link.address)
+        inner = signer_pair["signer"]
         assert inner is not None
         said = self.said
 
@@ -66,7 +66,7 @@ class Operator:
             component=190,
             on_frame=lambda frame: self.heard.append(frame.message),
             signer=Tapped(),
-            verifier=seals["verifier"],
+            verifier=signer_pair["verifier"],
         )
         return self._endpoint
 
@@ -88,7 +88,7 @@ async def test_disarm_and_arm_of_the_last_seconds_are_not_obeyed_again(place: Pa
         again = await crew.start(*words, first.address)
         witness = await Operator(key, 100).dial(again.address)
         await until(lambda: witness.latest() == ModeKind.READY, "it is back")
-        attacker = await connect(again.address, Recorder)
+        attacker = await connect(again.address, RecordingHandler)
         for frame in operator.said:
             attacker.send(frame)
         told = asyncio.get_running_loop().time()

@@ -15,10 +15,10 @@ import pytest
 from robotree.protocol import Endpoint, Frame, encode
 from robotree.protocol.links.keyring import Keyring
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.security import UNSIGNED, Sealing, Seals, Security
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, SignerPair
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, CommandLong, MavCmd, Ping, SetupSigning
-from robotree.protocol.services.statustext import Listener
+from robotree.protocol.services.statustext import StatustextReceiver
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.sim.serving.server import Server, serving
 
@@ -32,12 +32,12 @@ CHANGED = "The signing key was changed by system 7."
 class Client:
     """Somebody with a key, or none, at the other end of the socket."""
 
-    def __init__(self, system: int, security: Sealing | Punctual = UNSIGNED) -> None:
+    def __init__(self, system: int, security: LinkSecurity | Punctual = UNSIGNED) -> None:
         self.system, self.security = system, security
         self.pings: set[int] = set()
         self.sentences: list[str] = []
         self.heard: list[AnyMessage] = []
-        self._listener = Listener()
+        self._listener = StatustextReceiver()
         self._news = asyncio.Event()
         self._numbers = count(1)
 
@@ -51,7 +51,7 @@ class Client:
     def hand_out(self, key: bytes, moment: int = 0) -> None:
         """Send a key and use it from now on, as MAVProxy does."""
         self.say(SetupSigning(1, 1, key, moment))
-        self.endpoint.reseal(**Punctual(key).seals(""))
+        self.endpoint.set_signer_pair(**Punctual(key).signer_pair(""))
 
     async def until(self, happened: Callable[[], object]) -> None:
         async with asyncio.timeout(PATIENCE):
@@ -70,8 +70,8 @@ class Client:
         return self.endpoint.statistics.refused
 
     def _accept(self, link: Link) -> Endpoint:
-        seals = self.security.seals(link.address)
-        self.endpoint = Endpoint(link, system=self.system, component=190, on_frame=self._hear, **seals)
+        signer_pair = self.security.signer_pair(link.address)
+        self.endpoint = Endpoint(link, system=self.system, component=190, on_frame=self._hear, **signer_pair)
         return self.endpoint
 
     def _hear(self, frame: Frame) -> None:
@@ -89,9 +89,9 @@ class Punctual:
     def __init__(self, key: bytes) -> None:
         self.key, self.time = Key(key), SigningTime(time.time)
 
-    def seals(self, _: str) -> Seals:
+    def signer_pair(self, _: str) -> SignerPair:
         verifier = Verifier(self.key, self.time, StreamTable())
-        return Seals(signer=Signer(self.key, self.time, 200), verifier=verifier)
+        return SignerPair(signer=Signer(self.key, self.time, 200), verifier=verifier)
 
 
 async def until(happened: Callable[[], object]) -> None:
@@ -253,7 +253,7 @@ async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
         client = await Client(7, holding(keys)).dial(server.address)
         await client.ping()
-        signer = client.security.seals(client.link.address)["signer"]
+        signer = client.security.signer_pair(client.link.address)["signer"]
         client.link.send(
             b"".join(
                 encode(SetupSigning(1, 1, NEW, 0), sequence=i, system=7, component=190, signer=signer)
@@ -261,7 +261,7 @@ async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
             )
         )
         await until(lambda: server.rotations)
-        client.endpoint.reseal(**Punctual(NEW).seals(""))
+        client.endpoint.set_signer_pair(**Punctual(NEW).signer_pair(""))
         await client.ping()
         assert server.rotations == 1
         assert garbled(server) == 0
@@ -303,8 +303,8 @@ async def test_a_client_whose_frames_are_refused_is_told_once_why(
             super().__init__(key)
             self.time = SigningTime(lambda: time.time() - late)
 
-        def seals(self, _: str) -> Seals:
-            return Seals(signer=Signer(self.key, self.time, 200), verifier=None)
+        def signer_pair(self, _: str) -> SignerPair:
+            return SignerPair(signer=Signer(self.key, self.time, 200), verifier=None)
 
     async with serving("arm", ANY, security=holding(keys)) as server:
         client = await Client(9, Seal()).dial(server.address)

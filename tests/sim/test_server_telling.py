@@ -11,7 +11,7 @@ import pytest
 from robotree.protocol import Parser
 from robotree.protocol.errors import LinkClosed, LinkOverrun
 from robotree.protocol.frame import encode
-from robotree.protocol.links.link import Handler, LinkStatistics, Unsealed, sealed
+from robotree.protocol.links.link import Handler, LinkStatistics, Unsent, encoded
 from robotree.protocol.messages import (
     AnyMessage,
     CommandAck,
@@ -48,12 +48,12 @@ class Wire:
         self._handler = server.accept(self)
         self.connection = [*server._connections.values()][-1]
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         del topic
         if self.overruns:
             self._end(LinkOverrun(self.address, 1))
         elif self._handler is not None:
-            self.heard += [each.message for each in self._parser.feed(sealed(frame))]
+            self.heard += [each.message for each in self._parser.feed(encoded(frame))]
 
     def bring(self, data: bytes) -> None:
         """The far end says something."""

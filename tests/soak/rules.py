@@ -15,7 +15,7 @@ from robotree.protocol.links.keyring import create
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Goal, GoalStatus, ModeKind, SetMode, Verb
-from robotree.protocol.testing import Recorder
+from robotree.protocol.testing import RecordingHandler
 from robotree.vr.errors import VrError
 from tests.scenarios.test_replay_after_a_kill import Operator
 from tests.soak.observer import BEAT, Observer, holds
@@ -231,7 +231,7 @@ async def replay(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
     trial = Trial(REPLAY, await holds(lambda: witness.latest() == ModeKind.SAFE_STOP, 5.0))
     trial.seconds = time.monotonic() - began
     trial.reached = trial.reached and stopped and released
-    attacker = await connect(arm.address, Recorder)
+    attacker = await connect(arm.address, RecordingHandler)
     for frame in operator.said:
         attacker.send(frame)
     if await holds(lambda: witness.latest() != ModeKind.SAFE_STOP, 1.0):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from robotree.protocol.measure.figures import FIGURES, Figure
+from robotree.protocol.tools.measure.figures import FIGURES, Figure
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line

@@ -10,10 +10,10 @@ from typing import Any, cast
 
 import msgspec
 
-from robotree.protocol.capture.decode import Decoded, DecoderStatistics
-from robotree.protocol.capture.errors import MOST_SHOWN, NoFrame
-from robotree.protocol.capture.files import Recording
 from robotree.protocol.dialect.extension import extend
+from robotree.protocol.tools.capture.decode import Decoded, DecoderStatistics
+from robotree.protocol.tools.capture.files import Recording
+from robotree.protocol.tools.capture.records import MOST_SHOWN, NoFrame
 from robotree.tui import exit_codes
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen.wording import columns

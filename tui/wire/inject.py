@@ -19,7 +19,7 @@ from collections.abc import Callable
 import msgspec
 
 from robotree.protocol.links.loopback import Accidents
-from robotree.protocol.relay import Relay, relaying
+from robotree.protocol.tools.relay import Relay, relaying
 from robotree.tui import exit_codes
 from robotree.tui.errors import SupervisorError, ValueRefused
 from robotree.tui.line import values

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import msgspec
 
-from robotree.protocol.capture.attendance import PeerReading
-from robotree.protocol.capture.gauges import LinkGauge, LinkReading
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import MavState, MavType
+from robotree.protocol.tools.capture.gauges import LinkGauge, LinkReading, PeerReading
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen.wording import columns
@@ -38,13 +37,13 @@ WIDTH = 150
 class Watched:
     """A handler that watches its link; the delay is learnt by asking for the far clock."""
 
-    def __init__(self, link: Link, here: Lasting, security: Sealing = UNSIGNED) -> None:
+    def __init__(self, link: Link, here: Lasting, security: LinkSecurity = UNSIGNED) -> None:
         """Watch until `here` is over; with a key, ask signed and show only what is signed."""
         self._here = here
         self._clock = asyncio.get_running_loop().time
-        seals = security.seals(link.address)
-        self.gauge = LinkGauge(link.address, seals["verifier"])
-        signer = seals["signer"]
+        signer_pair = security.signer_pair(link.address)
+        self.gauge = LinkGauge(link.address, signer_pair["verifier"])
+        signer = signer_pair["signer"]
         self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=_unheard, signer=signer)
 
     def received(self, data: bytes) -> None:

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import msgspec
 
-from robotree.protocol.capture.trips import Trips, summary
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
@@ -17,7 +16,7 @@ from robotree.protocol.links.security import UNSIGNED
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Ping, Timesync
 from robotree.protocol.services.peer import Peer
-from robotree.protocol.services.ping import Pinger
+from robotree.protocol.services.ping import Pinger, RoundTrips, summary
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
@@ -112,7 +111,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
 
         def hear(frame: Frame) -> None:
             nonlocal keyless
-            keyless += frame.signed and seals["verifier"] is None
+            keyless += frame.signed and signer_pair["verifier"] is None
             speakers.add((frame.system, frame.component))
             answer = asker.heard(frame, None, clock())
             if answer is None or answer[0] in times:  # several may answer; the first one counts
@@ -126,13 +125,13 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
                 here.end()
 
         mouth: list[Endpoint] = []
-        seals = UNSIGNED.seals("")
+        signer_pair = UNSIGNED.signer_pair("")
 
         def accept(link: Link) -> Endpoint:
-            nonlocal seals
-            seals = security.seals(link.address)
+            nonlocal signer_pair
+            signer_pair = security.signer_pair(link.address)
             ears = Endpoint(
-                link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end, **seals
+                link, system=SYSTEM, component=COMPONENT, on_frame=hear, on_closed=here.end, **signer_pair
             )
             mouth.append(ears)
             return ears
@@ -144,7 +143,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
             await here.wait(every if asked < count else PATIENCE)
         here.end()
         link.close()
-    doubt = rejection(None if mouth[0].statistics.received else seals["verifier"], keyless=keyless)
+    doubt = rejection(None if mouth[0].statistics.received else signer_pair["verifier"], keyless=keyless)
     missing = f"nobody at {line.text('--connect')} answers: {doubt}" if doubt else _missing(line, speakers)
     return _result(line, summary(asked, list(times.values())), here.exit_code(), missing)
 
@@ -160,7 +159,7 @@ def _missing(line: Line, speakers: Collection[tuple[int, int]]) -> str:
     return f"{who} {says} no {by.upper()}{hint}"
 
 
-def _result(line: Line, trips: Trips, code: int, missing: str) -> int:
+def _result(line: Line, trips: RoundTrips, code: int, missing: str) -> int:
     put(msgspec.json.encode({"statistics": trips}).decode() if line.flag("--json") else text(trips))
     if trips.answered or code:
         return code
@@ -177,7 +176,7 @@ def tell(frame: Frame, number: int, seconds: float, *, as_json: bool) -> None:
         put(f"{frame.system}/{frame.component}: number {number}, {seconds * 1e3:.3f} ms")
 
 
-def text(trips: Trips) -> str:
+def text(trips: RoundTrips) -> str:
     """Statistics for people."""
     head = f"{trips.asked} asked, {trips.answered} answered, {trips.loss:.0%} lost"
     if trips.shortest is None or trips.median is None or trips.late is None or trips.longest is None:

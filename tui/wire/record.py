@@ -9,17 +9,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from robotree.protocol.capture.errors import BadRecording
-from robotree.protocol.capture.files import Recording
-from robotree.protocol.capture.recorder import Recorder, writer_of
 from robotree.protocol.dialect.extension import extend
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.rejection import rejection
-from robotree.protocol.links.security import Sealing
+from robotree.protocol.links.security import LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.services.heartbeat import PERIOD
+from robotree.protocol.tools.capture.files import Recording
+from robotree.protocol.tools.capture.recorder import Recorder, writer_of
+from robotree.protocol.tools.capture.records import BadRecording
 from robotree.tui import exit_codes
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import complain, note, put
@@ -34,13 +34,15 @@ LARGEST_COUNTED = 32 * 1024 * 1024
 class Tape:
     """A handler that records what comes, believed or not, and says once a second that we are there."""
 
-    def __init__(self, link: Link, here: Lasting, security: Sealing) -> None:
+    def __init__(self, link: Link, here: Lasting, security: LinkSecurity) -> None:
         """Keep what comes until there is a recorder."""
         self._here, self._early = here, bytearray()
         self._recorder: Recorder | None = None
-        seals = security.seals(link.address)
-        self._verifier = seals["verifier"]
-        self._mouth = Endpoint(link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **seals)
+        signer_pair = security.signer_pair(link.address)
+        self._verifier = signer_pair["verifier"]
+        self._mouth = Endpoint(
+            link, system=SYSTEM, component=COMPONENT, on_frame=lambda _: None, **signer_pair
+        )
 
     @property
     def rejection(self) -> str:

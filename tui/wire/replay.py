@@ -13,17 +13,16 @@ import math
 from collections.abc import Iterable
 from itertools import chain
 
-from robotree.protocol.capture.errors import BadRecording, NoFrame
-from robotree.protocol.capture.files import Recording
-from robotree.protocol.capture.replay import schedule
-from robotree.protocol.capture.sieve import Sieve
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import encode
 from robotree.protocol.links.link import Link, Listener, Pausable
-from robotree.protocol.links.security import UNSIGNED, Sealing
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.parser import Parser
 from robotree.protocol.signing import Signer
+from robotree.protocol.tools.capture.files import Recording
+from robotree.protocol.tools.capture.records import BadRecording, NoFrame
+from robotree.protocol.tools.capture.replay import RecordFilter, schedule
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import answer, note, put
@@ -41,7 +40,7 @@ DATAGRAMS = 2000.0
 class Listeners:
     """Everyone who hears the replay."""
 
-    def __init__(self, here: Lasting, security: Sealing = UNSIGNED) -> None:
+    def __init__(self, here: Lasting, security: LinkSecurity = UNSIGNED) -> None:
         """Nobody yet."""
         self._here, self._security = here, security
         self.links: dict[Link, Signer | None] = {}
@@ -49,7 +48,7 @@ class Listeners:
 
     def accept(self, link: Link) -> _Deaf:
         """Somebody has come."""
-        self.links[link] = self._security.seals(link.address)["signer"]
+        self.links[link] = self._security.signer_pair(link.address)["signer"]
         self.somebody.set()
         return _Deaf(self, link)
 
@@ -109,14 +108,14 @@ def run(line: Line) -> int:
     recording = Recording(line.text("FILE"))
     if recording.form == "raw":
         raise BadRecording(recording.name, "has no times; replay a .tlog, an .mcap or a candump log")
-    sieve = Sieve(passive=bool(line.text("--connect")) and not line.flag("--commands"))
-    moments = schedule(sieve.sift(recording.captured()), speed(line.text("--speed")))
+    filter_ = RecordFilter(passive=bool(line.text("--connect")) and not line.flag("--commands"))
+    moments = schedule(filter_.filter(recording.captured()), speed(line.text("--speed")))
     first = next(moments, None)
-    if first is None and sieve.commands:
+    if first is None and filter_.commands:
         raise BadRecording(recording.name, "has nothing but what commands; --commands sends that")
     if first is None:
         raise NoFrame(recording.name)
-    return asyncio.run(_replay(line, chain([first], moments), sieve))
+    return asyncio.run(_replay(line, chain([first], moments), filter_))
 
 
 def speed(text: str) -> float:
@@ -136,7 +135,7 @@ def speed(text: str) -> float:
     return number
 
 
-async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], sieve: Sieve) -> int:
+async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], filter_: RecordFilter) -> int:
     listener: Listener | None = None
     async with lasting(line) as here, securing(line) as security:
         crowd = Listeners(here, security)
@@ -154,9 +153,9 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], sieve: Sie
             link.close()
         if listener is not None:
             await listener.close()
-    withheld = f"; {sieve.withheld} with keys were left out" if sieve.withheld else ""
-    commands = f"; {sieve.commands} that command were left out (--commands)" if sieve.commands else ""
-    told = {"frames": sent, "withheld": sieve.withheld, "commands": sieve.commands}
+    withheld = f"; {filter_.withheld} with keys were left out" if filter_.withheld else ""
+    commands = f"; {filter_.commands} that command were left out (--commands)" if filter_.commands else ""
+    told = {"frames": sent, "withheld": filter_.withheld, "commands": filter_.commands}
     put(json.dumps(told) if line.flag("--json") else f"{sent} frames were sent{withheld}{commands}")
     return here.exit_code()
 

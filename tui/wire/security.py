@@ -15,7 +15,7 @@ from pathlib import Path
 
 from robotree.protocol.errors import KeyFileError
 from robotree.protocol.links.keyring import Keyring, create
-from robotree.protocol.links.security import UNSIGNED, Sealing, Security, persisting
+from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, persisting
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen, folder_of
 
@@ -99,7 +99,7 @@ def openness(url: str) -> str:
 
 
 @asynccontextmanager
-async def securing(line: Line) -> AsyncGenerator[Sealing]:
+async def securing(line: Line) -> AsyncGenerator[LinkSecurity]:
     """Read the keys for what a line starts, and keep their time inside the block.
 
     With a file everything that is opened is signed: an address that the file has no key for is refused.

@@ -1,7 +1,7 @@
 """`can:INTERFACE/CHANNEL?option=value&…`, taken apart. Pure.
 
 Options: `node`, the controller's number; `host`, the host's own (by chance if left out); `fd`; `bitrate`
-and `data_bitrate`; `silence`, see `Presence`; `telemetry`, see `Telemetry`; and `bus.NAME=VALUE` for
+and `data_bitrate`; `silence`, see `SilenceTimer`; `telemetry`, see `Telemetry`; and `bus.NAME=VALUE` for
 whatever else the interface of python-can understands.
 """
 

@@ -67,7 +67,7 @@ def read(field: bytes) -> Control | None:
     return Control(Code(code), session)
 
 
-class Presence:
+class SilenceTimer:
     """Whether the partner is still there, and when to say that we are.
 
     Args:

@@ -11,7 +11,7 @@ import msgspec
 
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkRefused
 from robotree.protocol.isotp.frames import CLASSIC, FD, SingleFrame, decode
-from robotree.protocol.links.can.control import Code, Control, Presence, read
+from robotree.protocol.links.can.control import Code, Control, SilenceTimer, read
 from robotree.protocol.links.can.identifiers import (
     EVERYBODY,
     HOSTS,
@@ -158,7 +158,7 @@ class Host:
             self._port,
             str(address),
             Ends(own=self._number, partner=address.node, toward=Priority.TO_CONTROLLER),
-            Presence(self._loop.time(), session, address.silence),
+            SilenceTimer(self._loop.time(), session, address.silence),
             FD if address.fd else CLASSIC,
             on_end=self._leave,
         )

@@ -16,7 +16,7 @@ import msgspec
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError
 from robotree.protocol.isotp import LARGEST, Channel
 from robotree.protocol.isotp.frames import is_flow_control
-from robotree.protocol.links.can.control import Code, Control, Presence
+from robotree.protocol.links.can.control import Code, Control, SilenceTimer
 from robotree.protocol.links.can.identifiers import Kind, Priority, identifier
 from robotree.protocol.links.link import handler_of
 from robotree.protocol.links.outbox import BOUND, Outbox
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from can import Message
 
     from robotree.protocol.links.can.port import Port
-    from robotree.protocol.links.link import Accept, Handler, LinkStatistics, Unsealed
+    from robotree.protocol.links.link import Accept, Handler, LinkStatistics, Unsent
 
 TRANSFER_TIMEOUT = 0.3
 """[s] that the far end may be silent in the middle of a transfer; well below `control.SILENCE`, so that a
@@ -65,7 +65,7 @@ class CanLink:
         port: Port,
         address: str,
         ends: Ends,
-        presence: Presence,
+        presence: SilenceTimer,
         width: int,
         *,
         broadcast: Callable[[CanLink, bytes, Hashable], bool] | None = None,
@@ -104,7 +104,7 @@ class CanLink:
         """The gauges now."""
         return self._outbox.statistics()
 
-    def send(self, frame: bytes | Unsealed, topic: Hashable | None = None) -> None:
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
         """Send one whole frame, or queue it."""
         if self._over or not 0 < len(frame) <= LARGEST:
             self._outbox.dropped += 1

@@ -26,7 +26,7 @@ from robotree.protocol.isotp.frames import (
     single,
 )
 from robotree.protocol.links.can.address import CanAddress, Telemetry
-from robotree.protocol.links.can.control import ALIVE_PERIOD, Code, Control, Presence, read
+from robotree.protocol.links.can.control import ALIVE_PERIOD, Code, Control, SilenceTimer, read
 from robotree.protocol.links.can.identifiers import (
     EVERYBODY,
     HOSTS,
@@ -214,7 +214,7 @@ class CanListener:
             self._port,
             f"can:{where.interface}/{where.channel}?node={where.node}&host={host}",
             Ends(own=where.node, partner=host, toward=Priority.TO_HOST),
-            Presence(now, session, where.silence),
+            SilenceTimer(now, session, where.silence),
             FD if fd and where.fd else CLASSIC,
             broadcast=self._broadcast,
             on_end=self._forget,

@@ -19,7 +19,7 @@ from robotree.protocol.links.can.control import (
     SILENCE_OF_STRANGERS,
     Code,
     Control,
-    Presence,
+    SilenceTimer,
 )
 from robotree.protocol.links.can.control import read as read_control
 from robotree.protocol.links.can.identifiers import (
@@ -119,7 +119,7 @@ def test_no_bytes_raise_as_control_frames(field: bytes) -> None:
 
 
 def test_a_partner_is_told_that_we_live_once_per_period() -> None:
-    presence = Presence(0.0, session=9)
+    presence = SilenceTimer(0.0, session=9)
     assert presence.due == pytest.approx(ALIVE_PERIOD)
     assert presence.tick(ALIVE_PERIOD / 2) is None
     assert presence.tick(ALIVE_PERIOD) == Control(Code.ALIVE, 9)
@@ -128,7 +128,7 @@ def test_a_partner_is_told_that_we_live_once_per_period() -> None:
 
 @pytest.mark.parametrize(("session", "silence"), [(9, SILENCE), (None, SILENCE_OF_STRANGERS)])
 def test_a_silent_partner_has_gone(session: int | None, silence: float) -> None:
-    presence = Presence(0.0, session)
+    presence = SilenceTimer(0.0, session)
     assert not presence.gone(silence - 0.01)
     assert presence.gone(silence)
     presence.heard = 1.0
@@ -136,7 +136,7 @@ def test_a_silent_partner_has_gone(session: int | None, silence: float) -> None:
 
 
 def test_a_partner_without_sessions_gets_no_control_frames() -> None:
-    presence = Presence(0.0, None)
+    presence = SilenceTimer(0.0, None)
     assert presence.tick(10.0) is None
     assert presence.due == pytest.approx(SILENCE_OF_STRANGERS)
 

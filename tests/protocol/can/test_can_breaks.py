@@ -13,7 +13,7 @@ from can.interfaces.virtual import VirtualBus
 from robotree.protocol.canbus import LoopbackBus
 from robotree.protocol.errors import LinkBroken, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, connect
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 from tests.protocol.can.ends import Gathering, connected, listening
 
 SOON = 5.0
@@ -23,7 +23,7 @@ async def again(address: CanAddress) -> CanLink:
     """The link that there is as soon as the controller has come back."""
     while True:
         try:
-            return await connect(address, Recorder)
+            return await connect(address, RecordingHandler)
         except LinkRefused:
             continue
 
@@ -31,7 +31,7 @@ async def again(address: CanAddress) -> CanLink:
 async def test_a_broken_bus_ends_the_links_and_is_entered_again(here: CanAddress) -> None:
     at_controller = Gathering()
     async with listening(here, at_controller) as listener:
-        async with connected(here, Recorder):
+        async with connected(here, RecordingHandler):
             listener._port.bus.shutdown()
             await until(lambda: bool(at_controller.recorders[0].reasons))
             assert isinstance(at_controller.recorders[0].reasons[0], LinkBroken)
@@ -52,7 +52,7 @@ async def test_who_is_closed_while_the_bus_is_entered_again_leaves_nobody_on_it(
         entered.append(LoopbackBus(options["channel"]))
         return entered[-1]
 
-    async with listening(here, Recorder) as listener:
+    async with listening(here, RecordingHandler) as listener:
         monkeypatch.setattr(can, "Bus", enter)
         listener._port._break("the cable was cut")
         await begun
@@ -86,7 +86,7 @@ async def test_who_was_withheld_the_processor_gives_no_number_away(
 ) -> None:
     where = CanAddress(interface="robotree", channel=channel, host=200)
     at_controller = Gathering()
-    async with listening(where, at_controller) as listener, connected(where, Recorder):
+    async with listening(where, at_controller) as listener, connected(where, RecordingHandler):
         links = listener.links
         leap(60.0)
         listener._open(200, session=1, fd=True)  # as if it were the first thing that we find
@@ -108,8 +108,8 @@ def pulled(address: CanAddress, monkeypatch: pytest.MonkeyPatch) -> CanAddress:
 
 
 async def test_a_bus_that_cannot_be_shut_down_is_entered_again_and_left(pulled: CanAddress) -> None:
-    async with listening(pulled, Recorder) as listener:
-        async with connected(pulled, Recorder):
+    async with listening(pulled, RecordingHandler) as listener:
+        async with connected(pulled, RecordingHandler):
             with pytest.raises(can.CanOperationError):
                 listener._port.bus.shutdown()
             await until(lambda: listener.statistics.breaks == 1)
@@ -123,7 +123,7 @@ async def test_nothing_is_kept_of_a_pulled_adapter_while_it_is_away(
     def away(**_: object) -> None:
         raise can.CanInitializationError("there is no such adapter")
 
-    async with listening(pulled, Recorder) as listener, connected(pulled, Recorder):
+    async with listening(pulled, RecordingHandler) as listener, connected(pulled, RecordingHandler):
         monkeypatch.setattr(can, "Bus", away)
         bus = weakref.ref(listener._port.bus)
         with pytest.raises(can.CanOperationError):
@@ -134,4 +134,4 @@ async def test_nothing_is_kept_of_a_pulled_adapter_while_it_is_away(
 
 async def test_who_finds_nobody_is_refused_although_the_bus_cannot_be_shut_down(pulled: CanAddress) -> None:
     with pytest.raises(LinkRefused, match="no controller with node=1 answers"):
-        await connect(pulled, Recorder)
+        await connect(pulled, RecordingHandler)

@@ -14,7 +14,7 @@ from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.can.identifiers import Kind
 from robotree.protocol.links.link import Link
 from robotree.protocol.messages import CommandAck, Gripper, Heartbeat, Message, NamedValueFloat, Statustext
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 from tests.protocol.can.ends import Gathering, connected, listening
 
 SOON = 5.0
@@ -124,7 +124,7 @@ async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(cha
         for speaker in speakers:
             speaker.send(Statustext(6, "x" * 50, 0, 0), telemetry=True)
 
-        def heard(recorder: Recorder, kind: type[Message]) -> int:
+        def heard(recorder: RecordingHandler, kind: type[Message]) -> int:
             return sum(isinstance(frame.message, kind) for frame in Parser().feed(recorder.data))
 
         for each in (first.recorders[0], second.recorders[0]):
@@ -134,24 +134,24 @@ async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(cha
 
 async def test_nobody_answers_on_an_empty_bus(here: CanAddress) -> None:
     with pytest.raises(LinkRefused, match="no controller with node=1 answers"):
-        await connect(here, Recorder)
+        await connect(here, RecordingHandler)
 
 
 async def test_a_node_number_belongs_to_one_controller(
     here: CanAddress, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with listening(here, Recorder):
+    async with listening(here, RecordingHandler):
         monkeypatch.setattr(can_listener, "CLAIM_TIME", LONG)  # the other one answers, on a slow machine late
         with pytest.raises(LinkRefused, match="another controller on this bus has node=1"):
-            await listen(here, Recorder)
+            await listen(here, RecordingHandler)
 
 
 async def test_a_host_number_belongs_to_one_host(channel: str) -> None:
     where = CanAddress(interface="robotree", channel=channel, host=200)
     at_controller = Gathering()
-    async with listening(where, at_controller), connected(where, Recorder) as first:
+    async with listening(where, at_controller), connected(where, RecordingHandler) as first:
         with pytest.raises(LinkRefused, match="another host has number 200"):
-            await connect(where, Recorder)
+            await connect(where, RecordingHandler)
         first.send(b"still here")
         await until(lambda: at_controller.recorders[0].data == b"still here")
 
@@ -161,7 +161,7 @@ async def test_a_host_that_left_in_order_may_come_back_at_once(channel: str) -> 
     at_controller = Gathering()
     async with listening(where, at_controller):
         for _ in range(3):
-            async with connected(where, Recorder):
+            async with connected(where, RecordingHandler):
                 pass
         await until(lambda: all(recorder.reasons for recorder in at_controller.recorders))
         assert [type(each) for recorder in at_controller.recorders for each in recorder.reasons] == [

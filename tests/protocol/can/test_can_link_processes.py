@@ -13,7 +13,7 @@ from robotree.protocol.links.can import link as can_link
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Statustext
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 
 Spawn = Callable[..., "Popen[str]"]
 LONG = 60.0
@@ -48,7 +48,7 @@ def controller(spawn: Spawn, url: str) -> Popen[str]:
     return process
 
 
-class Ear(Recorder):
+class Ear(RecordingHandler):
     """Keeps the messages too."""
 
     def __init__(self, link: Link) -> None:

@@ -14,7 +14,7 @@ from robotree.protocol.errors import BadUrl, LinkClosed, LinkRefused
 from robotree.protocol.links.can import CanAddress
 from robotree.protocol.links.url import connect as connect_url
 from robotree.protocol.links.url import listen as listen_url
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 from tests.protocol.can.ends import Gathering, connected, listening
 
 
@@ -74,17 +74,17 @@ async def test_on_a_crowded_bus_order_is_kept_and_telemetry_superseded(here: Can
 
 async def test_an_unknown_interface_is_refused(channel: str) -> None:
     with pytest.raises(LinkRefused, match="teleport"):
-        await connect_url(f"can:teleport/{channel}", Recorder)
+        await connect_url(f"can:teleport/{channel}", RecordingHandler)
 
 
 async def test_a_bus_that_other_machines_reach_must_be_asked_for() -> None:
     with pytest.raises(BadUrl, match="use an interface of this machine"):
-        await listen_url("can:udp_multicast/239.0.0.1", Recorder)
+        await listen_url("can:udp_multicast/239.0.0.1", RecordingHandler)
 
 
 async def test_the_address_of_a_listener_is_what_hosts_need(here: CanAddress) -> None:
     at_host = Gathering()
-    async with listening(here, Recorder) as listener:
+    async with listening(here, RecordingHandler) as listener:
         link = await connect_url(listener.address, at_host)
         assert link.address == listener.address
         await listener.close()

@@ -14,7 +14,7 @@ from robotree.protocol.errors import LinkBroken, LinkOverrun
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect
 from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Priority, identifier
 from robotree.protocol.messages import Statustext, Timesync
-from robotree.protocol.testing import Recorder, until
+from robotree.protocol.testing import RecordingHandler, until
 from tests.protocol.can.ends import Gathering, connected, listening
 
 PING = Timesync(tc1=0, ts1=1)
@@ -57,7 +57,7 @@ class Outsider:
 
 
 @contextlib.asynccontextmanager
-async def met(here: CanAddress) -> AsyncIterator[tuple[CanListener, Recorder]]:
+async def met(here: CanAddress) -> AsyncIterator[tuple[CanListener, RecordingHandler]]:
     """A controller that listens, and its side of the link with an outsider who says no more."""
     at_controller = Gathering()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
@@ -120,7 +120,7 @@ async def test_a_controller_of_other_people_is_linked_with_by_its_heartbeat(here
 async def test_frames_that_are_not_for_us_are_counted(here: CanAddress) -> None:
     at_controller = Gathering()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
-        async with listening(here, at_controller) as listener, connected(here, Recorder) as link:
+        async with listening(here, at_controller) as listener, connected(here, RecordingHandler) as link:
             bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
             bus.send(can.Message(arbitration_id=0x18FEF100, data=bytes(8)))  # J1939 cruise control
             own = link.ends.own
@@ -165,7 +165,7 @@ async def test_no_random_frames_disturb_a_link(here: CanAddress) -> None:
 
     chance, parser, at_controller = random.Random(1), Parser(), Gathering()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
-        async with listening(here, at_controller) as listener, connected(here, Recorder) as link:
+        async with listening(here, at_controller) as listener, connected(here, RecordingHandler) as link:
             for _ in range(2000):
                 kind = chance.choice([*Kind, 0x0DA, 0x3FF])
                 target, source = chance.choice([1, 2, 255, 128]), chance.choice([1, 2, 130, 254, 255])

@@ -110,5 +110,5 @@ async def test_links_are_signed_exactly_where_there_is_a_key(place: Path) -> Non
     for words, signed in ((("--open",), False), (("--key", "realm"), True), ((), False)):
         async with securing(line("sim", "arm", "--listen", "tcp:0", "--realm", "cell", *words)) as security:
             assert security.signed == signed
-            assert (security.seals("tcp:127.0.0.1:1")["signer"] is not None) == signed
+            assert (security.signer_pair("tcp:127.0.0.1:1")["signer"] is not None) == signed
     assert (place / "robotree" / "cell" / "realm.key.time").exists()

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from robotree.protocol import encode
-from robotree.protocol.capture import Recording, tlog
 from robotree.protocol.messages import NamedValueFloat
+from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
 
 ROBOTREE = [sys.executable, "-m", "robotree.tui"]

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 from robotree.protocol import encode
-from robotree.protocol.capture import Recording, tlog
 from robotree.protocol.messages import Heartbeat, NamedValueFloat, SetMode
+from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
 from robotree.tui.wire.lasting import Lasting
 from robotree.tui.wire.replay import DATAGRAMS, Listeners, _send

@@ -1,0 +1,142 @@
+"""Our codec beside pymavlink's, in turns: the time per message of both, and their ratio.
+
+"frames" are verified and can be told apart by id, sender and sequence, which is all that a recorder wants;
+"messages" adds the typed message of every frame. pymavlink has no stage between the two.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+from robotree.protocol import Parser, encode
+from robotree.protocol.messages import Heartbeat, Joints, Message, Tool
+from robotree.protocol.messages.base import wire
+from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
+from robotree.protocol.tools.measure.reference import SECRET, speaker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import ModuleType
+
+    from robotree.protocol import Frame
+    from robotree.protocol.messages import AnyMessage
+
+BATCH = 100
+"""Messages of one turn."""
+
+
+@cache
+def telemetry_40() -> Message:
+    """A telemetry message of 40 bytes without an array: a time and eight numbers."""
+
+    @wire("WIND_COV")
+    class Wind(Message, frozen=True, gc=False):
+        """Wind with its covariance, as in common.xml."""
+
+        time_usec: int
+        wind_x: float
+        wind_y: float
+        wind_z: float
+        var_horiz: float
+        var_vert: float
+        wind_alt: float
+        horiz_accuracy: float
+        vert_accuracy: float
+
+    return Wind(1_700_000_000_000_000, 0.5, -0.25, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5)
+
+
+def messages() -> list[Message]:
+    """What the contests are about."""
+    return [
+        telemetry_40(),
+        Joints(123_456, (0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8), 8),
+        Tool(123_456, 0.4, 0.1, 0.3, 1.0, 2.0, 3.0, 0.1, 0.2, 0.3, (32767, 1, 2, 3), 1),
+        Heartbeat(0, 0, 128, 7, 4),
+    ]
+
+
+class Contest(NamedTuple):
+    """One thing that both sides do `BATCH` times."""
+
+    name: str
+    ours: Callable[[], object]
+    theirs: Callable[[], object]
+
+
+RESTLESS = 1.5
+"""A side whose middle turn took so many times its best one was disturbed: its figures are unsure."""
+
+
+class Outcome(NamedTuple):
+    """Times per message, [us]: of the best turn, which is the one that nothing else disturbed."""
+
+    ours: float
+    theirs: float
+    ours_typical: float
+    """Of the middle turn."""
+    theirs_typical: float
+    """Of the middle turn."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether both sides mostly had the machine for themselves."""
+        return self.ours_typical <= RESTLESS * self.ours and self.theirs_typical <= RESTLESS * self.theirs
+
+    @property
+    def ratio(self) -> float:
+        """How many times faster we are."""
+        return self.theirs / self.ours
+
+
+def contests(message: Message, mavgen: ModuleType, *, signed: bool) -> list[Contest]:
+    """Everything both sides can do with one message."""
+    definition = message.codec.definition
+    values = [getattr(message, field.name) for field in definition.fields]
+    theirs, mavlink = mavgen.mavlink_map[definition.id](*values), speaker(mavgen, signed=signed)
+    signer = Signer(Key(SECRET), SigningTime(time.time)) if signed else None
+    pieces = [encode(message, sequence=i, system=1, component=1, signer=signer) for i in range(BATCH)]
+    stream, kind = b"".join(pieces), " signed" if signed else ""
+
+    def encode_ours() -> None:
+        for i in range(BATCH):
+            encode(message, sequence=i, system=1, component=1, signer=signer)
+
+    def encode_theirs() -> None:
+        for i in range(BATCH):
+            mavlink.seq = i
+            theirs.pack(mavlink)
+
+    def frames() -> list[Frame]:
+        return Parser(_verifier() if signed else None).feed(stream)
+
+    def messages_of_frames() -> list[AnyMessage]:
+        return [frame.message for frame in frames()]
+
+    def decode_theirs() -> None:
+        speaker(mavgen, signed=signed).parse_buffer(stream)
+
+    return [
+        Contest(f"encode{kind}", encode_ours, encode_theirs),
+        Contest(f"decode{kind} to frames", frames, decode_theirs),
+        Contest(f"decode{kind} to messages", messages_of_frames, decode_theirs),
+    ]
+
+
+def _verifier() -> Verifier:
+    return Verifier(Key(SECRET), SigningTime(time.time), StreamTable())
+
+
+def compare(contest: Contest, rounds: int) -> Outcome:
+    """Let both sides take turns."""
+    ours: list[float] = []
+    theirs: list[float] = []
+    for _ in range(rounds):
+        for side, times in ((contest.ours, ours), (contest.theirs, theirs)):
+            begin = time.perf_counter()
+            side()
+            times.append((time.perf_counter() - begin) / BATCH * 1e6)
+    return Outcome(min(ours), min(theirs), statistics.median(ours), statistics.median(theirs))

@@ -1,0 +1,128 @@
+"""The promises of the wire, each with what measures it. All but the last two are ratios."""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import subprocess
+import sys
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+
+class Promise(NamedTuple):
+    """What was promised."""
+
+    name: str
+    bound: float
+    at_least: bool
+    """Whether the bound is the least that is allowed, not the most."""
+    unit: str = "x"
+
+
+class Figure(NamedTuple):
+    """What was measured."""
+
+    promise: Promise
+    value: float
+    detail: str = ""
+
+    @property
+    def kept(self) -> bool:
+        """Whether the promise holds here and now."""
+        promise = self.promise
+        return self.value >= promise.bound if promise.at_least else self.value <= promise.bound
+
+
+CODEC = {
+    "encode": Promise("encode, beside pymavlink", 3.5, at_least=True),
+    "decode to frames": Promise("decode, beside pymavlink", 7.0, at_least=True),
+    "encode signed": Promise("encode signed, beside pymavlink", 2.5, at_least=True),
+    "decode signed to frames": Promise("decode signed, beside pymavlink", 3.5, at_least=True),
+}
+IDENTICAL = Promise("bytes identical to pymavlink's", 100.0, at_least=True, unit="% of frames")
+TCP = Promise("PING over TCP, beside a bare echo", 1.5, at_least=False)
+CAN_FD = Promise("PING over CAN FD, beside a bare echo", 3.0, at_least=False)
+RECOVERED = Promise("intact frames found in a bad stream", 100.0, at_least=True, unit="% of frames")
+CHANCE = Promise("bytes of chance accounted for", 10_000_000, at_least=True, unit="bytes")
+IMPORT = Promise("import of robotree.protocol", 60.0, at_least=False, unit="ms")
+CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a core")
+
+
+def codec(rounds: int = 60) -> Iterable[Figure]:
+    """Speed on a telemetry message of 40 bytes, and identity on all messages."""
+    from robotree.protocol.testing import check_codec
+    from robotree.protocol.tools.measure import codec as contest
+    from robotree.protocol.tools.measure import reference
+
+    mavgen = reference.generate()
+    for signed in (False, True):
+        for each in contest.contests(contest.telemetry_40(), mavgen, signed=signed):
+            if each.name in CODEC:
+                outcome = contest.compare(each, rounds)
+                detail = f"{outcome.ours:.2f} us, pymavlink {outcome.theirs:.2f} us"
+                if not outcome.sure:
+                    typical = f"mostly {outcome.ours_typical:.2f} us and {outcome.theirs_typical:.2f} us"
+                    detail += f" at best, {typical}; unsure, for the machine is busy: measure again"
+                yield Figure(CODEC[each.name], outcome.ratio, detail)
+    try:
+        count = check_codec(reference.encoder(mavgen))
+    except AssertionError as difference:
+        yield Figure(IDENTICAL, 0.0, str(difference)[:200])
+    else:
+        yield Figure(IDENTICAL, 100.0, f"{count} frames of {len(mavgen.mavlink_map)} messages")
+
+
+def round_trips(rounds: int = 500) -> Iterable[Figure]:
+    """Round trips between two processes, one at a time; for comparison 50 of them back to back."""
+    from robotree.protocol.tools.measure.round_trips import compare
+
+    bare, tcp, fd, classic = asyncio.run(compare(rounds))
+    _, tcp_50, fd_50, _ = asyncio.run(compare(rounds // 50, turn=50))
+    aside = f"; classic CAN {classic.ratio:.1f}"
+    for promise, way, turned, also in ((TCP, tcp, tcp_50, ""), (CAN_FD, fd, fd_50, aside)):
+        low, high = way.usual
+        detail = f"{way.median * 1e6:.0f} us, bare echo {bare.median * 1e6:.0f} us"
+        detail += f"; half of the rounds {low:.2f} to {high:.2f}; back to back {turned.ratio:.2f}"
+        yield Figure(promise, way.ratio, detail + also)
+
+
+def noise() -> Iterable[Figure]:
+    """Bad streams."""
+    from robotree.protocol.tools.measure.recovery import chance_bytes, recovery
+
+    saved = recovery()
+    share = 100.0 * saved.found / saved.intact if not saved.invented else 0.0
+    detail = f"{saved.found} of {saved.intact}; 10 % of frames corrupted, 10 % noise"
+    yield Figure(RECOVERED, share, detail)
+    yield Figure(CHANCE, chance_bytes(), "nothing was raised")
+
+
+def imports(times: int = 7) -> Iterable[Figure]:
+    """How long the front door takes to open, in fresh processes."""
+    code = "import time; t = time.perf_counter(); import robotree.protocol; print(time.perf_counter() - t)"
+    taken = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
+        for _ in range(times)
+    ]
+    yield Figure(IMPORT, statistics.median(taken) * 1e3, f"median of {times}")
+
+
+def clients() -> Iterable[Figure]:
+    """What many listeners cost."""
+    from robotree.protocol.tools.measure.round_trips import crowd
+
+    cost = asyncio.run(crowd())
+    yield Figure(CLIENTS, 100 * cost.share, f"4 messages each; {cost.complete:.1%} of them arrived")
+
+
+FIGURES: dict[str, Callable[[], Iterable[Figure]]] = {
+    "codec": codec,
+    "trips": round_trips,
+    "noise": noise,
+    "imports": imports,
+    "clients": clients,
+}
+"""Every measurement, by the name of its part."""

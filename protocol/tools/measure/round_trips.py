@@ -1,0 +1,249 @@
+"""PING between two processes beside a bare asyncio echo of as many bytes, in turns; what a crowd costs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Awaitable, Callable, Generator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from robotree.protocol import Endpoint, Frame
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import Ping
+from robotree.protocol.tools.measure import far as far_process
+
+if TYPE_CHECKING:
+    from robotree.protocol.links.link import Link
+
+BYTES = len(Frame.of(Ping(2**62, 2**31, 1, 1)).raw)
+"""[bytes] of a PING, and of what the bare echo carries."""
+PATIENCE = 10.0
+"""[s]"""
+
+Trip = Callable[[], Awaitable[None]]
+"""Goes there and back once."""
+
+
+class Way(NamedTuple):
+    """What one way took."""
+
+    name: str
+    median: float
+    """[s]"""
+    late: float
+    """[s] that 99 of 100 trips do not exceed."""
+    ratios: tuple[float, ...]
+    """Of the medians to that of the bare echo, round by round, sorted."""
+
+    @property
+    def ratio(self) -> float:
+        """The middle one of the ratios."""
+        return statistics.median(self.ratios)
+
+    @property
+    def usual(self) -> tuple[float, float]:
+        """Between these lies the middle half of the ratios."""
+        low, _, high = statistics.quantiles(self.ratios, n=4)
+        return low, high
+
+
+class Far(NamedTuple):
+    """The other process."""
+
+    process: subprocess.Popen[str]
+    port: int
+    """Of the bare echo."""
+    addresses: list[str]
+    """Where it answers PING."""
+    crowd: str
+    """Where it speaks to a crowd."""
+
+    def read(self) -> Any:
+        """The next thing that it says.
+
+        Raises:
+            ConnectionError: it has ended.
+        """
+        return _read(self.process)
+
+
+@contextmanager
+def far(*urls: str) -> Generator[Far]:
+    """The other process, inside the block.
+
+    Args:
+        urls: where it shall answer PING.
+
+    Yields:
+        What is known of it.
+    """
+    words = [sys.executable, "-m", far_process.__name__, *urls]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            port, *addresses, crowd = _read(process)
+            yield Far(process, port, addresses, crowd)
+        finally:
+            assert process.stdin is not None  # noqa: S101  it was asked for
+            process.stdin.close()
+
+
+def _read(process: subprocess.Popen[str]) -> Any:
+    line = process.stdout.readline() if process.stdout is not None else ""
+    if not line:
+        raise ConnectionError("the other process of the measurement has ended")
+    return json.loads(line)
+
+
+class Bare(asyncio.Protocol):
+    """Sends bytes and waits for as many: what asyncio costs without us."""
+
+    def __init__(self) -> None:
+        self._missing = 0
+        self._back = asyncio.Event()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Remember the way there."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Count what came back."""
+        self._missing -= len(data)
+        if self._missing <= 0:
+            self._back.set()
+
+    async def trip(self) -> None:
+        """There and back, once."""
+        self._missing = BYTES
+        self._back.clear()
+        self._transport.write(bytes(BYTES))
+        await self._back.wait()
+
+    def close(self) -> None:
+        """Leave."""
+        self._transport.close()
+
+
+class Asking:
+    """Asks PING over one link."""
+
+    def __init__(self) -> None:
+        self._back = asyncio.Event()
+        self._number = 0
+        self._mouth: Endpoint | None = None
+
+    def accept(self, link: Link) -> Endpoint:
+        """The link is open."""
+        self._mouth = Endpoint(link, system=255, component=155, on_frame=self._hear)
+        return self._mouth
+
+    def _hear(self, frame: Frame) -> None:
+        if isinstance(frame.message, Ping) and frame.message.seq == self._number:
+            self._back.set()
+
+    async def trip(self) -> None:
+        """There and back, once."""
+        self._number += 1
+        self._back.clear()
+        if self._mouth is not None:
+            self._mouth.send(Ping(2**62, self._number))
+        await self._back.wait()
+
+
+async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | None = None) -> list[Way]:
+    """The bare echo, and PING over TCP, over CAN FD and over classic CAN on the loopback bus.
+
+    Args:
+        rounds: how many turns each way gets.
+        turn: round trips of one turn. Back to back they are faster, the bare echo most of all: it alone
+            finds all it needs in the processor's caches. A ping of the real world comes alone.
+        more: further ways that take turns with these.
+
+    Returns:
+        What each way took, the bare echo first.
+    """
+    channel = f"bench-{os.getpid()}"
+    urls = {
+        "PING over TCP": "tcp:127.0.0.1:0",
+        "PING over CAN FD": f"can:robotree/{channel}-fd?fd=1",
+        "PING over classic CAN": f"can:robotree/{channel}-classic?fd=0",
+    }
+    with far(*urls.values()) as other:
+        loop = asyncio.get_running_loop()
+        _, bare = await loop.create_connection(Bare, "127.0.0.1", other.port)
+        ways: dict[str, Trip] = {"bare asyncio echo": bare.trip}
+        links: list[Link] = []
+        for name, address in zip(urls, other.addresses, strict=True):
+            asking = Asking()
+            links.append(await connect(address, asking.accept))
+            ways[name] = asking.trip
+        for trip in ways.values():  # each can be gone, and is warm
+            async with asyncio.timeout(PATIENCE):
+                await trip()
+        told = await _take_turns({**ways, **(more or {})}, rounds, turn)
+        for link in links:
+            link.close()
+        bare.close()
+        await asyncio.sleep(0.05)  # until every link has told the far end
+    return told
+
+
+async def _take_turns(ways: dict[str, Trip], rounds: int, turn: int) -> list[Way]:
+    medians: dict[str, list[float]] = {name: [] for name in ways}
+    times: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(rounds):
+        for name, trip in ways.items():
+            taken: list[float] = []
+            for _ in range(turn):
+                begun = time.perf_counter()
+                await trip()
+                taken.append(time.perf_counter() - begun)
+            medians[name].append(statistics.median(taken))
+            times[name] += taken
+    bare = next(iter(medians.values()))
+    return [
+        Way(
+            name,
+            statistics.median(times[name]),
+            sorted(times[name])[len(times[name]) * 99 // 100],
+            tuple(sorted(ours / theirs for ours, theirs in zip(each, bare, strict=True))),
+        )
+        for name, each in medians.items()
+    ]
+
+
+class CrowdCost(NamedTuple):
+    """What ten clients cost."""
+
+    share: float
+    """Of a core."""
+    complete: float
+    """Share of the telemetry that reached them."""
+
+
+async def crowd() -> CrowdCost:
+    """Let ten clients hear four messages at 100 Hz each."""
+    heard = 0
+
+    def hear(_: Frame) -> None:
+        nonlocal heard
+        heard += 1
+
+    def accept(link: Link) -> Endpoint:
+        return Endpoint(link, system=255, component=155, on_frame=hear)
+
+    with far() as other:
+        links = [await connect(other.crowd, accept) for _ in range(far_process.CLIENTS)]
+        share = await asyncio.to_thread(other.read)
+        await asyncio.sleep(0.2)  # for the last frames
+        for link in links:
+            link.close()
+        await asyncio.sleep(0.05)
+    sent = far_process.CLIENTS * round(far_process.SECONDS * far_process.RATE) * len(far_process.TELEMETRY)
+    return CrowdCost(float(share), heard / sent)

@@ -1,0 +1,129 @@
+"""Two links joined by a bad cable. Pure: `now` is an argument, the links are handed in."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.links.loopback import Accidents, Loopback, LoopbackEnd
+from robotree.protocol.tools.capture.framing import Splitter
+from robotree.protocol.tools.capture.replay import carries_secret
+
+if TYPE_CHECKING:
+    from robotree.protocol.errors import LinkError
+    from robotree.protocol.links.link import Link
+
+MOST_EARLY = 4096
+"""Frames that wait for a link that is still being opened; older ones are lost."""
+
+_OTHER = {"near": "far", "far": "near"}
+
+
+class Traffic(msgspec.Struct, frozen=True):
+    """What came to one side of a joint and left it on the other; the rest was lost or is under way."""
+
+    taken: int
+    """Frames."""
+    passed: int
+    """Frames; more than were taken if some were passed twice."""
+    withheld: int = 0
+    """Frames among the taken ones that carry a secret; they are never passed on."""
+
+
+class _Exit:
+    """Where frames leave the cable."""
+
+    def __init__(self) -> None:
+        self.link: Link | None = None
+        self.early: deque[bytes] = deque(maxlen=MOST_EARLY)
+        self.passed = 0
+
+    def received(self, data: bytes) -> None:
+        self.passed += 1
+        if self.link is None:
+            self.early.append(data)
+        else:
+            self.link.send(data)
+
+    def closed(self, reason: LinkError) -> None:
+        """The cable never ends by itself."""
+
+    def open(self, link: Link) -> None:
+        self.link = link
+        while self.early:
+            link.send(self.early.popleft())
+
+
+class _Entrance:
+    """Where bytes are cut at frames and put into the cable."""
+
+    def __init__(self, end: LoopbackEnd) -> None:
+        self._end = end
+        self._splitter = Splitter()
+        self.taken = self.withheld = 0
+
+    def take(self, data: bytes, *, lose: bool) -> None:
+        for piece in self._splitter.feed(data):
+            self.taken += 1
+            if piece.framed and carries_secret(piece.data):
+                self.withheld += 1
+            elif not lose:
+                self._end.send(piece.data)
+
+
+class Joint:
+    """Joins a near and a far link.
+
+    Args:
+        accidents: what happens on the way; may be changed while it runs.
+        now: [s], of the clock that all other calls use.
+        silent_until: [s] of the same clock; before it everything is lost.
+    """
+
+    def __init__(self, accidents: Accidents, now: float, silent_until: float = 0.0) -> None:
+        self._exits = {"near": _Exit(), "far": _Exit()}
+        self._cable = Loopback(lambda _: self._exits["near"], lambda _: self._exits["far"], accidents, now)
+        self._entrances = {"near": _Entrance(self._cable.near), "far": _Entrance(self._cable.far)}
+        self._silent_until = silent_until
+
+    @property
+    def accidents(self) -> Accidents:
+        """What happens on the way."""
+        return self._cable.accidents
+
+    @accidents.setter
+    def accidents(self, accidents: Accidents) -> None:
+        self._cable.accidents = accidents
+
+    @property
+    def due(self) -> float | None:
+        """When to call `advance`, [s]; None: nothing is under way."""
+        return self._cable.due
+
+    @property
+    def traffic(self) -> dict[str, Traffic]:
+        """What went in from either side."""
+        return {
+            side: Traffic(one.taken, self._exits[_OTHER[side]].passed, one.withheld)
+            for side, one in self._entrances.items()
+        }
+
+    def open(self, side: str, link: Link) -> None:
+        """A side has its link; what arrived for it already is sent."""
+        self._exits[side].open(link)
+
+    def take(self, side: str, data: bytes, now: float) -> None:
+        """Some bytes came from a side: put them on their way, and deliver what is due."""
+        self._cable.advance(now)
+        self._entrances[side].take(data, lose=now < self._silent_until)
+        self._cable.advance(now)
+
+    def cut(self, until: float) -> None:
+        """Lose everything that comes before `until` [s], as if the cable were pulled."""
+        self._silent_until = until
+
+    def advance(self, now: float) -> None:
+        """Deliver what is due."""
+        self._cable.advance(now)

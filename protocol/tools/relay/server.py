@@ -1,0 +1,200 @@
+"""The relay's shell: for each link that comes, one is opened to the other program."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from robotree.protocol.errors import LinkError
+from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.url import connect, listen, parse
+from robotree.protocol.tools.relay.joint import Joint, Traffic
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, Callable
+
+    from robotree.protocol.links.link import Link
+
+
+class _Side:
+    """Hears one link of a pair."""
+
+    def __init__(self, pair: _Pair, name: str) -> None:
+        self._pair, self._name = pair, name
+
+    def received(self, data: bytes) -> None:
+        self._pair.take(self._name, data)
+
+    def closed(self, reason: LinkError) -> None:  # noqa: ARG002  whatever ended one ends both
+        self._pair.close()
+
+
+class _Pair:
+    """A link that came and the one that was opened for it."""
+
+    def __init__(self, relay: Relay, near: Link, accidents: Accidents, silent_until: float) -> None:
+        self._relay = relay
+        self._loop = asyncio.get_running_loop()
+        self.joint = Joint(accidents, self._loop.time(), silent_until)
+        self._links = [near]
+        self._timer: asyncio.TimerHandle | None = None
+        self._over = False
+        self.joint.open("near", near)
+        self._opening = self._loop.create_task(self._open(), name=f"relay for {near.address}")
+
+    async def _open(self) -> None:
+        try:
+            far = await connect(self._relay.target, lambda _: _Side(self, "far"))
+        except LinkError as error:
+            self._relay.refuse(error)
+            self.close()
+            return
+        self._relay.joined += 1
+        if self._over:
+            far.close()
+            return
+        self._links.append(far)
+        self.joint.open("far", far)
+
+    def take(self, side: str, data: bytes) -> None:
+        self.joint.take(side, data, self._loop.time())
+        self._schedule()
+
+    def _schedule(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        due = self.joint.due
+        self._timer = None if due is None or self._over else self._loop.call_at(due, self._wake)
+
+    def _wake(self) -> None:
+        # The loop may wake a little early, by the resolution of its clock.
+        self.joint.advance(max(self._loop.time(), self.joint.due or 0.0))
+        self._schedule()
+
+    def close(self) -> None:
+        if not self._over:
+            self._over = True
+            if self._timer is not None:
+                self._timer.cancel()
+            for link in self._links:
+                link.close()
+            self._relay.forget(self)
+
+
+class Relay:
+    """Stands between others. Made by `relaying`.
+
+    Args:
+        target: where to connect for everyone who comes.
+        accidents: what happens on the way.
+    """
+
+    def __init__(self, target: str, accidents: Accidents) -> None:
+        self.target = target
+        self._accidents = accidents
+        self._silent_until = 0.0  # kept here, for who comes during a cut is cut, too
+        self._pairs: list[_Pair] = []
+        self._met = 0
+        self._ended: dict[str, Traffic] = {side: Traffic(0, 0) for side in ("near", "far")}
+        self.refused = 0
+        """Links for which none could be opened to the target."""
+        self.joined = 0
+        """Links that were joined with one to the target."""
+        self.on_refused: Callable[[LinkError], None] = lambda _: None
+        """Told why none could be opened."""
+        self.address = ""
+        """Where it listens."""
+
+    def accept(self, link: Link) -> _Side:
+        """Somebody has come."""
+        seed = self._accidents.seed + self._met
+        accidents = msgspec.structs.replace(self._accidents, seed=seed)
+        pair = _Pair(self, link, accidents, self._silent_until)
+        self._met += 1
+        self._pairs.append(pair)
+        return _Side(pair, "near")
+
+    @property
+    def accidents(self) -> Accidents:
+        """What happens on the way; set it to change all links that run, and those that come."""
+        return self._accidents
+
+    @accidents.setter
+    def accidents(self, accidents: Accidents) -> None:
+        self._accidents = accidents
+        for pair in self._pairs:
+            pair.joint.accidents = accidents
+
+    @property
+    def traffic(self) -> dict[str, Traffic]:
+        """What went through all links, by the side it came from: `near` came to the relay by itself."""
+        every = [self._ended, *(pair.joint.traffic for pair in self._pairs)]
+        return {side: _sum([one[side] for one in every]) for side in ("near", "far")}
+
+    def cut(self, duration: float) -> None:
+        """Lose everything for `duration` [s], also of those who come meanwhile; the links stay open."""
+        self._silent_until = asyncio.get_running_loop().time() + duration
+        for pair in self._pairs:
+            pair.joint.cut(self._silent_until)
+
+    @property
+    def cut_left(self) -> float:
+        """How long everything is still lost, [s]."""
+        return max(self._silent_until - asyncio.get_running_loop().time(), 0.0)
+
+    def end(self) -> None:
+        """End all links that run; others may come."""
+        for pair in [*self._pairs]:
+            pair.close()
+
+    def refuse(self, reason: LinkError) -> None:
+        """No link could be opened to the target."""
+        self.refused += 1
+        self.on_refused(reason)
+
+    def forget(self, pair: _Pair) -> None:
+        """A pair has ended."""
+        self._ended = {side: _sum([self._ended[side], one]) for side, one in pair.joint.traffic.items()}
+        if pair in self._pairs:
+            self._pairs.remove(pair)
+
+
+def _sum(parts: list[Traffic]) -> Traffic:
+    return Traffic(
+        sum(one.taken for one in parts),
+        sum(one.passed for one in parts),
+        sum(one.withheld for one in parts),
+    )
+
+
+@asynccontextmanager
+async def relaying(
+    url: str, target: str, accidents: Accidents, *, exposed: bool = False
+) -> AsyncGenerator[Relay]:
+    """A relay that is up inside the block.
+
+    Args:
+        url: where to listen.
+        target: where to connect for everyone who comes.
+        accidents: what happens on the way.
+        exposed: allow an address that other machines reach.
+
+    Yields:
+        The relay.
+
+    Raises:
+        BadUrl: the target means nothing.
+        LinkError: the address cannot be listened on.
+    """
+    parse(target)
+    relay = Relay(target, accidents)
+    listener = await listen(url, relay.accept, exposed=exposed)
+    relay.address = listener.address
+    try:
+        yield relay
+    finally:
+        relay.end()
+        await listener.close()
