@@ -18,6 +18,7 @@ from robotree.vr import CommandFailed, Range, Robot, Unit, VrError, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
+from robotree.vr.exchange import claim
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.supervision.fleet import Fleet
@@ -233,8 +234,9 @@ class Realm:
 
 
 @pytest.fixture
-async def realm() -> AsyncIterator[Realm]:
+async def realm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Realm]:
     """A lookup service, a host, an arm, a rover, a view, and a fleet that sees them."""
+    monkeypatch.setattr(claim, "SETTLE", 0.01)  # in memory an announcement is there at once
     async with AsyncExitStack() as stack:
         found = Realm(stack)
         await found.lookup()

@@ -186,7 +186,7 @@ class Directory:
             return
         (self._present.add if there else self._present.discard)(address)
         if address.role != "lookup":
-            self._tell(self._union.see(address, there))
+            self._tell(self._union.see(address, there) or [Change("presence")])
         elif there:
             self._union.add_service(key)
             self._answered[key] = asyncio.Event()

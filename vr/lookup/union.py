@@ -22,9 +22,9 @@ before every service has heard of it."""
 
 
 class Change(msgspec.Struct, frozen=True):
-    """One change of the list, or of the services behind it."""
+    """One change of the list, of the services behind it, or of who is present without being listed."""
 
-    kind: Literal["arrived", "changed", "departed", "services"]
+    kind: Literal["arrived", "changed", "departed", "services", "presence"]
     listing: Listing | None = None
 
 

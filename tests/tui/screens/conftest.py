@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable, Iterable
+from collections.abc import AsyncGenerator, Callable, Iterable, Sized
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,6 +18,8 @@ from textual.widgets import Input
 from robotree.tui.screen import unasked
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
+from robotree.tui.seen import feeding
+from robotree.vr.agents import state_news
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -105,16 +107,39 @@ class Operator:
 Operate = Callable[..., AbstractAsyncContextManager[Operator]]
 
 
+async def settle(_least: float = 0.0, most: float = 1.0) -> None:
+    """Return when nothing is left to do but to wait for time, threads or keys.
+
+    In place of Textual's own, which looks every 20 ms whether the process computes.
+    """
+    loop = asyncio.get_running_loop()
+    ready: Sized = loop._ready  # type: ignore[attr-defined] # of asyncio's own loops
+    end, idle = loop.time() + most, 0
+    while idle < 2 and loop.time() < end:
+        await asyncio.sleep(0)
+        idle = 0 if ready else idle + 1
+
+
+@pytest.fixture(autouse=True)
+def prompt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Press the next key as soon as the one before has been taken: Textual waits 40 ms for each."""
+    monkeypatch.setattr("textual.app.wait_for_idle", settle)
+    monkeypatch.setattr("textual.pilot.wait_for_idle", settle)
+
+
 @pytest.fixture(autouse=True)
 def calm(monkeypatch: pytest.MonkeyPatch) -> None:
     """No animations: they only cost time."""
-    monkeypatch.setattr(Supervisor, "animation_level", "none", raising=False)
+    monkeypatch.setattr("textual.constants.TEXTUAL_ANIMATIONS", "none")
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """See at once what comes unasked; nobody here looks longer, but where that is the question."""
+    """See at once what comes unasked, and hear soon how robots are: nobody here waits for that."""
     monkeypatch.setattr(unasked, "LOOK", 0.0)
+    monkeypatch.setattr(feeding, "PAUSE", 0.05)
+    monkeypatch.setattr(state_news, "QUICK", 0.03)
+    monkeypatch.setattr(state_news, "SLOW", 0.15)
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ class Onlooker:
     def news(self) -> list[str]:
         """What was told of robots since the last look."""
         told, self.told = self.told, []
-        return [line for line in told if line != "services"]
+        return [line for line in told if line not in {"services", "presence"}]
 
     @property
     def names(self) -> list[str]:

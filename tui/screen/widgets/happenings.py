@@ -42,6 +42,11 @@ class HappeningLog(Part, RichLog):
         super().release_anchor()
         self._scrolled_up = True
 
+    def action_scroll_end(self) -> None:
+        """Follow the newest line from now on, also one that comes while the log still scrolls there."""
+        super().action_scroll_end()
+        self._scrolled_up = False
+
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Follow the newest line again when a person has come back to it."""
         super().watch_scroll_y(old_value, new_value)
