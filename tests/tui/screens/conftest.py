@@ -83,6 +83,10 @@ class Operator:
         except TimeoutError:
             pytest.fail(f"{what} did not come about:\n{self.text}")
 
+    async def settled(self) -> None:
+        """Wait until all that was sent to widgets has been dealt with and drawn."""
+        await self._pilot.pause()
+
     async def sees(self, *words: str) -> None:
         """Wait until all words are on the screen."""
         await self.until(lambda: shows(self.text, words), str(words))
@@ -91,7 +95,7 @@ class Operator:
         """Wait until a page of this kind is in front."""
         await self.until(lambda: isinstance(self.app.screen, kind), kind.__name__)
         assert isinstance(self.app.screen, kind)
-        await self._pilot.pause()
+        await self.settled()
         return self.app.screen
 
     def one(self, kind: type[W], selector: str = "") -> W:

@@ -75,6 +75,7 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
         await realm.robot(Robot(f"z{number}"))
     async with operate(realm.fleet) as operator:
         table = await at(operator, "z3")
+        await operator.settled()
         drawn, draw = set[int](), table.render_line
         monkeypatch.setattr(table, "render_line", lambda y: (drawn.add(y), draw(y))[1])
         line = table.names.index("z3") + 1
@@ -382,10 +383,10 @@ async def test_wide_shows_more_columns_and_a_key_unfolds_the_joints(realm: Realm
         assert "joints" not in operator.text
         await operator.press("J", "w")
         await operator.sees("EPOCH", "LEASE", "LIFE", "ABOUT")
-        assert "joints" not in operator.text, "the list has the whole page"
+        await operator.until(lambda: "joints" not in operator.text, "the list has the whole page")
         await operator.press("w")
         await operator.sees("joints  14.3 °")
-        assert "EPOCH" not in operator.text
+        await operator.until(lambda: "EPOCH" not in operator.text, "the narrow list")
 
 
 async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views(
