@@ -12,7 +12,8 @@ that a caller on the far side of the network catches the same class with the sam
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
                       NetworkUnusable
-      BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots
+      BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots · BrokenScript
+      RoleError       NoSuchRole · NoRoles · TwoRoles · TooWide
       SpaceError      BrokenSpace
 """
 
@@ -383,6 +384,43 @@ class SeveralVirtualRobots(BundleError):
     """The source defines several virtual robots and none was named."""
 
     sentence = "{path} defines several virtual robots ({known}); say which: {path}:CLASS"
+
+
+class BrokenScript(BundleError):
+    """A script, role or table of facts that cannot be used, and where."""
+
+    sentence = "{path}:{line}:{column}: {reason}"
+
+
+# -- roles -----------------------------------------------------------------------------------------
+
+
+class RoleError(VrError):
+    """A role that cannot be played."""
+
+
+class NoSuchRole(RoleError):
+    """The robot knows no role of this name."""
+
+    sentence = "{robot} knows no role {role!r}; it knows: {known}"
+
+
+class NoRoles(RoleError):
+    """The robot, or who commands it, has no roles."""
+
+    sentence = "{robot} cannot change its role: {reason}"
+
+
+class TwoRoles(RoleError):
+    """Two roles were asked for at once."""
+
+    sentence = "{robot} is given two roles at once ({first} and {second}); it plays one at a time"
+
+
+class TooWide(RoleError):
+    """A role would allow more than the robot's own safety limit."""
+
+    sentence = "role {role}: {limit} {asked:g} is wider than the robot's own {own:g}; a role can only narrow a limit"
 
 
 # -- space -----------------------------------------------------------------------------------------

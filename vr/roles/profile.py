@@ -1,0 +1,120 @@
+"""Profiles: what a role says, how it moves, and which limits it keeps. Pure.
+
+    role: child
+    inherits: person
+    doc: A child that helps.
+    manner: {voice: child-1, pitch: 1.3}      # of every act
+    acts:
+      wave: {times: 4}                        # of one act
+    words:
+      Welcome: Hi                             # said instead
+    limits: {speed: 0.3 }                     # may only be narrower than the robot's own
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+
+import msgspec
+
+from robotree.vr.written import Entries, Mark, Scalar, Word, entries, read, value_of, word
+
+KEYS = ("role", "inherits", "doc", "manner", "acts", "words", "limits")
+LONGEST_CHAIN = 8
+"""Roles that inherit one from another."""
+
+
+class Profile(msgspec.Struct, frozen=True, kw_only=True):
+    """One role."""
+
+    name: str
+    inherits: str = ""
+    doc: str = ""
+    manner: dict[str, Scalar] = {}
+    acts: dict[str, dict[str, Scalar]] = {}
+    words: dict[str, str] = {}
+    limits: dict[str, float] = {}
+    chain: tuple[str, ...] = ()
+    """The role itself and those that it inherits from, when it has been resolved."""
+    mark: Mark = Mark()
+
+
+def read_profile(source: str, path: str) -> Profile:
+    """Read one role.
+
+    Raises:
+        BrokenScript: it cannot be used, and where.
+    """
+    root = read(source, path)
+    if not isinstance(root, Entries):
+        raise root.mark.error("a role is written as `name: value`, and begins with `role: NAME`")
+    root.expect(KEYS, "a role")
+    name = root.get("role")
+    if name is not None and not isinstance(name, Word):
+        raise name.mark.error("a role has one name: two roles cannot be played at once")
+    inherits = root.get("inherits")
+    if inherits is not None and not isinstance(inherits, Word):
+        raise inherits.mark.error("a role inherits from one role")
+    limits: dict[str, float] = {}
+    for key, given in entries(root.get("limits"), "limits", root.mark):
+        number = value_of(word(given, "a limit", key.mark))
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise given.mark.error(f"limit {key.text} must be a number")
+        limits[key.text] = float(number)
+    return Profile(
+        name=word(name, "`role: NAME`", root.mark).text,
+        inherits="" if inherits is None else inherits.text,
+        doc=word(root.get("doc") or Word("", root.mark), "doc", root.mark).text,
+        manner=_values(root, "manner"),
+        acts={
+            key.text: {name.text: value_of(word(one, "a value", name.mark)) for name, one in entries(given, "an act", key.mark)}
+            for key, given in entries(root.get("acts"), "acts", root.mark)
+        },
+        words={key.text: word(one, "a text", key.mark).text for key, one in entries(root.get("words"), "words", root.mark)},
+        limits=limits,
+        mark=root.mark,
+    )
+
+
+def _values(root: Entries, name: str) -> dict[str, Scalar]:
+    return {key.text: value_of(word(one, "a value", key.mark)) for key, one in entries(root.get(name), name, root.mark)}
+
+
+def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
+    """Return a role with all that it inherits; what it says itself counts.
+
+    Of two values of a limit the caller takes the narrower one: see `RolePlayer`.
+
+    Raises:
+        BrokenScript: a role that it inherits from is not known, or they inherit in a circle.
+        KeyError: the role itself is not known.
+    """
+    chain: list[Profile] = [known[name]]
+    while chain[-1].inherits:
+        last = chain[-1]
+        if last.inherits not in known:
+            there = ", ".join(sorted(known))
+            raise last.mark.error(f"role {last.name} inherits from {last.inherits!r}, which is not known; known: {there}")
+        if any(one.name == last.inherits for one in chain) or len(chain) >= LONGEST_CHAIN:
+            circle = " → ".join([*(one.name for one in chain), last.inherits])
+            raise last.mark.error(f"these roles inherit in a circle: {circle}")
+        chain.append(known[last.inherits])
+    acts: dict[str, dict[str, Scalar]] = {}
+    for one in reversed(chain):
+        for act, values in one.acts.items():
+            acts[act] = {**acts.get(act, {}), **values}
+    return msgspec.structs.replace(
+        chain[0],
+        manner={key: value for one in reversed(chain) for key, value in one.manner.items()},
+        acts=acts,
+        words={key: value for one in reversed(chain) for key, value in one.words.items()},
+        chain=tuple(one.name for one in chain),
+    )
+
+
+def shipped() -> dict[str, Profile]:
+    """Return the roles that come with robotree: butler, maid, man, woman, child."""
+    folder = files("robotree.vr.roles").joinpath("profiles")
+    found = (read_profile(one.read_text(), one.name) for one in folder.iterdir() if one.name.endswith(".yaml"))
+    return {one.name: one for one in sorted(found, key=lambda one: one.name)}

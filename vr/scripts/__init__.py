@@ -1,0 +1,1 @@
+"""Scripts: rules that lead robots. See docs/scripts.md."""

@@ -1,0 +1,223 @@
+"""Scripts for experts: CLIPS text, behind the guard. Pure.
+
+    (defscript guide "Greets visitors."
+      (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional))
+      (parameter greeting "Welcome")
+      (hears person_seen (who text) (place text))
+      (starts-by anna kim)       ; none: anyone
+      (starts-itself))
+    (deftemplate visitor (slot id) (slot stage (default waiting)))
+    (deffacts begin (visitor (id nobody)))
+    (defrule greet (msg (act person_seen) (args ?who ?place)) => (do robot say "Welcome"))
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from robotree.vr.scripts.expression import Atom, Form, Node, read, value
+from robotree.vr.scripts.guard import Guard, named
+from robotree.vr.scripts.program import (
+    MOST_RULES,
+    SYSTEM,
+    Hears,
+    Parameter,
+    Partner,
+    Program,
+    Rule,
+    Slot,
+    Template,
+    check_identifier,
+    check_name,
+)
+from robotree.vr.written import Mark, Scalar
+
+TYPES = ("text", "number", "yes/no")
+
+
+def read_clp(source: str, path: str, name: str) -> Program:
+    """Read a script.
+
+    Args:
+        source: its text.
+        path: where its author keeps it.
+        name: of the script when it has no `defscript`.
+
+    Raises:
+        BrokenScript: it says something that no script may say, and where.
+    """
+    program = Program(name=name, path=path, source=source)
+    facts: list[Form] = []
+    rules: dict[str, Rule] = {}
+    for construct in read(source, path):
+        match construct.head:
+            case "defscript":
+                program = _head(program, construct)
+            case "deftemplate":
+                program = with_template(program, _template(construct))
+            case "deffacts":
+                _, _, rest = named(construct, "a list of facts")
+                facts += [first_fact(fact, program) for fact in rest]
+            case "defrule":
+                add_rule(rules, construct, program)
+            case head:
+                raise construct.mark.error(
+                    f"({head or '…'} …) cannot stand here; a script has: defscript, deftemplate, deffacts, defrule"
+                )
+    return msgspec.structs.replace(program, facts=tuple(facts), rules=tuple(rules.values()))
+
+
+def add_rule(rules: dict[str, Rule], construct: Form, program: Program) -> Rule:
+    """Check a rule and add it to those before it."""
+    built, conditions, doc = Guard(program.template).rule(construct)
+    first = built.rest[0]
+    name = first.text if isinstance(first, Atom) else ""
+    if name in rules:
+        raise construct.mark.error(f"there are two rules named {name}")
+    if len(rules) >= MOST_RULES:
+        raise construct.mark.error(f"there are more than {MOST_RULES} rules; make several scripts of it")
+    rules[name] = Rule(name=name, form=built, conditions=conditions, mark=construct.mark, doc=doc)
+    return rules[name]
+
+
+def with_template(program: Program, template: Template) -> Program:
+    """Return the program with one more kind of fact."""
+    if program.template(template.name) is not None:
+        own = any(one.name == template.name for one in SYSTEM)
+        why = "every script has it already" if own else "it is declared twice"
+        raise template.mark.error(f"fact {template.name}: {why}")
+    return msgspec.structs.replace(program, templates=(*program.templates, template))
+
+
+def first_fact(fact: Node, program: Program) -> Form:
+    """Check a fact with which a script begins."""
+    if not isinstance(fact, Form):
+        raise fact.mark.error("a fact stands in brackets")
+    rule = Form((Atom("symbol", "defrule"), Atom("symbol", "first"), Atom("symbol", "=>"), Form((Atom("symbol", "assert"), fact))))
+    built, _, _ = Guard(program.template).rule(rule)
+    asserted = built.parts[3]
+    assert isinstance(asserted, Form)  # noqa: S101 # as it was put in
+    checked = asserted.rest[0]
+    assert isinstance(checked, Form)  # noqa: S101 # as it was put in
+    for slot in checked.rest:
+        for one in slot.rest if isinstance(slot, Form) else ():
+            value(one)
+    return checked
+
+
+def _template(construct: Form) -> Template:
+    name, doc, rest = named(construct, "a fact")
+    slots: list[Slot] = []
+    for part in rest:
+        if not isinstance(part, Form) or part.head not in {"slot", "multislot"} or not part.rest:
+            raise part.mark.error("a fact has (slot NAME (default VALUE)) and (multislot NAME)")
+        first = part.rest[0]
+        if not isinstance(first, Atom) or first.sort != "symbol":
+            raise part.mark.error("a slot needs a name")
+        check_name(first.text, first.mark, "a slot")
+        if any(slot.name == first.text for slot in slots):
+            raise first.mark.error(f"slot {first.text} stands here twice")
+        several = part.head == "multislot"
+        default: Scalar | None = None
+        for facet in part.rest[1:]:
+            if not isinstance(facet, Form) or facet.head != "default" or len(facet.rest) != 1 or several:
+                raise facet.mark.error("of the facets of a slot only (default VALUE) can be used")
+            default = value(facet.rest[0])
+        slots.append(Slot(name=first.text, several=several, default=default))
+    return Template(name=name.text, slots=tuple(slots), doc=doc, mark=construct.mark)
+
+
+def _head(program: Program, construct: Form) -> Program:
+    name, doc, rest = named(construct, "a script")
+    partners: list[Partner] = []
+    parameters: list[Parameter] = []
+    hears: list[Hears] = []
+    starters: tuple[str, ...] = ()
+    itself = False
+    for part in rest:
+        if not isinstance(part, Form):
+            raise part.mark.error("the head of a script is made of brackets")
+        match part.head:
+            case "partner":
+                partners.append(_partner(part))
+            case "parameter":
+                first = _first(part, "a parameter")
+                if len(part.rest) not in {2, 3}:
+                    raise part.mark.error("write (parameter NAME DEFAULT)")
+                note = str(value(part.rest[2])) if len(part.rest) == 3 else ""
+                parameters.append(Parameter(name=first, default=value(part.rest[1]), doc=note))
+            case "hears":
+                hears.append(Hears(name=_first(part, "a message"), parts=tuple(map(_part, part.rest[1:]))))
+            case "starts-by":
+                starters = tuple(str(value(one)) for one in part.rest)
+            case "starts-itself":
+                itself = True
+            case head:
+                raise part.mark.error(
+                    f"a script has no ({head or '…'} …); it has: partner, parameter, hears, starts-by, starts-itself"
+                )
+    check_head(partners, parameters, hears, construct.mark)
+    return msgspec.structs.replace(
+        program,
+        name=name.text,
+        doc=doc,
+        partners=tuple(partners),
+        parameters=tuple(parameters),
+        hears=tuple(hears),
+        starters=starters,
+        itself=itself,
+    )
+
+
+def check_head(partners: list[Partner], parameters: list[Parameter], hears: list[Hears], mark: Mark) -> None:
+    """Refuse names that the script's robot could not tell apart."""
+    seen: set[str] = set()
+    for one in (*partners, *hears):
+        if one.name in seen:
+            raise mark.error(f"{one.name!r} is declared twice")
+        seen.add(one.name)
+    names = [one.name for one in parameters]
+    if len(names) != len(set(names)):
+        raise mark.error("a parameter is declared twice")
+
+
+def _first(part: Form, what: str) -> str:
+    first = part.rest[0] if part.rest else None
+    if not isinstance(first, Atom) or first.sort != "symbol":
+        raise part.mark.error(f"{what} needs a name")
+    return check_identifier(first.text, first.mark, what)
+
+
+def _part(node: Node) -> tuple[str, str]:
+    kind = node.rest[0] if isinstance(node, Form) and len(node.rest) == 1 else None
+    if not isinstance(node, Form) or not isinstance(kind, Atom) or kind.text not in TYPES:
+        raise node.mark.error(f"write an argument as (NAME TYPE); the types are: {', '.join(TYPES)}")
+    return check_identifier(node.head, node.mark, "an argument"), kind.text
+
+
+def _partner(part: Form) -> Partner:
+    name, kind, needs, optional, doc = _first(part, "a partner"), "", (), False, ""
+    attributes: dict[str, str] = {}
+    for facet in part.rest[1:]:
+        if not isinstance(facet, Form):
+            raise facet.mark.error("write (partner NAME (kind KIND) (needs COMMAND …))")
+        values = [str(value(one)) for one in facet.rest]
+        match facet.head:
+            case "kind" if len(values) == 1:
+                kind = values[0]
+            case "needs":
+                needs = tuple(values)
+            case "attributes":
+                for one in values:
+                    key, _, wanted = one.partition("=")
+                    attributes[key] = wanted
+            case "optional" if not values:
+                optional = True
+            case "doc" if len(values) == 1:
+                doc = values[0]
+            case head:
+                raise facet.mark.error(f"a partner has no ({head} …); it has: kind, needs, attributes, optional, doc")
+    if not kind:
+        raise part.mark.error(f"partner {name} needs a kind: (kind Arm)")
+    return Partner(name=name, kind=kind, needs=needs, attributes=attributes, optional=optional, doc=doc)
+

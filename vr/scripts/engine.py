@@ -1,0 +1,398 @@
+"""The rules at work: a happening in, orders out. No threads, no robots, no clock but the one that is given.
+
+One CLIPS environment for each engine. The same happenings in the same order give the same orders. Whatever the
+rules do ends: after `MOST_FIRINGS`, after `LONGEST` seconds of the processor, or when memory grows too much.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, cast
+
+import clips
+import clips.facts
+import msgspec
+from clips._clips import ffi, lib
+from clips.common import CLIPSError
+
+from robotree.vr.scripts.guard import CHECK
+from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
+from robotree.vr.scripts.program import LONGEST_LIST, MESSAGE, PARAMETER, PARTNER, ROLE, Program, template_form
+from robotree.vr.scripts.expression import Form, is_word, show, value
+from robotree.vr.written import Scalar
+
+MOST_FIRINGS = 1500
+"""Rules that may fire for one happening."""
+LONGEST = 0.08
+"""[s] of processor time for one happening."""
+MOST_MEMORY = 64_000_000
+"""[bytes] of one environment."""
+MOST_FACTS = 5_000
+MOST_ORDERS = 64
+"""For one happening."""
+LONGEST_TEXT = 1_000
+"""Characters that a rule may put together."""
+REMEMBERED = 200
+"""Firings that are remembered for explanations."""
+_GLANCE = 32
+"""Firings between two looks at the clock."""
+_FACT = re.compile(r"f-(\d+)")
+
+
+class ScriptError(Exception):
+    """A script cannot go on. Its text is one sentence that names the rule."""
+
+
+class Firing(msgspec.Struct, frozen=True):
+    """A rule that has fired, and why."""
+
+    rule: str
+    because: tuple[str, ...]
+    """The facts that met its conditions; `*` for a condition that no fact was to meet."""
+    orders: tuple[Order, ...]
+    number: int
+    """Of the happening, counted from 1."""
+
+
+class Engine:
+    """One run of a script."""
+
+    def __init__(
+        self,
+        program: Program,
+        parameters: Mapping[str, Scalar] | None = None,
+        *,
+        spent: Callable[[], float] = lambda: 0.0,
+    ) -> None:
+        """Build the rules and assert what the script begins with; nothing fires yet.
+
+        Args:
+            program: the script.
+            parameters: those that differ from their defaults.
+            spent: returns the processor time of this thread [s].
+
+        Raises:
+            ScriptError: CLIPS does not take a rule.
+        """
+        self.program = program
+        self.firings: deque[Firing] = deque(maxlen=REMEMBERED)
+        self._spent = spent
+        self._orders: list[Order] = []
+        self._error = ""
+        self._numbers = 0
+        self._happened = 0
+        self._told: list[str] = []
+        self._env = clips.Environment()
+        self._env.add_router(_Ear(self._told))
+        self._define()
+        self._build()
+        self._env.reset()
+        self._message: Any = self._env.find_template(MESSAGE)
+        self._partner: Any = self._env.find_template(PARTNER)
+        self._known: dict[int, Any] = {}
+        self._tail: list[Any] = []
+        self._partners: dict[str, Any] = {}
+        self._roles: dict[str, Any] = {}
+        for partner in program.partners:
+            self._seat(partner.name, "")
+        values = {one.name: one.default for one in program.parameters} | dict(parameters or {})
+        parameter: Any = self._env.find_template(PARAMETER)
+        for name, value in values.items():
+            parameter.assert_fact(name=into(name), value=into(value))
+        templates = {one.name: cast("Any", self._env.find_template(one.name)) for one in program.templates}
+        for count, fact in enumerate(program.facts):
+            templates[fact.head].assert_fact(**_slots(program, fact))
+            if count % _GLANCE == 0:
+                self._look()
+        self._look()
+        self._raise("with its first facts")
+
+    # -- what it does ------------------------------------------------------------------------------
+
+    def feed(self, happening: Happening) -> list[Order]:
+        """Tell the rules what has happened and let them come to rest.
+
+        Returns:
+            What they want done, in order.
+
+        Raises:
+            ScriptError: they do not come to rest, or one of them failed.
+        """
+        self._happened += 1
+        self._orders.clear()
+        self._told.clear()
+        if happening.partner:
+            self._seat(happening.partner, happening.robot)
+        event = self._message.assert_fact(
+            perf=into(happening.performative),
+            **{"from": into(happening.sender)},
+            act=into(happening.act),
+            args=[into(value) for value in happening.arguments[:LONGEST_LIST]],
+            conv=into(happening.conversation),
+            by=happening.reply_by,
+        )
+        self._look()
+        self._raise("as it was told something")
+        handled = self._settle(event.index)
+        if event.exists:
+            event.retract()
+            self._settle(event.index)
+        if happening.act == "lost" and happening.partner and not handled:
+            raise ScriptError(f"{happening.partner} is lost ({_first(happening)}) and no rule of {self.program.name} handles it")
+        return list(self._orders)
+
+    def role(self, partner: str, role: str) -> None:
+        """Take note of the role that a partner plays from now on."""
+        if fact := self._roles.pop(partner, None):
+            fact.retract()
+        self._roles[partner] = cast("Any", self._env.find_template(ROLE)).assert_fact(partner=into(partner), name=into(role))
+
+    # -- what it looks like ------------------------------------------------------------------------
+
+    def facts(self) -> list[str]:
+        """Return all facts as text, the oldest first."""
+        return [str(fact) for fact in self._env.facts()]
+
+    def facts_of(self, template: str) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Return number and slots of each fact of a kind."""
+        for fact in self._env.facts():
+            if fact.template.name == template:
+                yield fact.index, {name: out(value) for name, value in dict(fact).items()}
+
+    def agenda(self) -> list[str]:
+        """Return the rules that would fire next, with the numbers of their facts."""
+        return [" ".join(str(one).split()) for one in self._env.activations()]
+
+    def matches(self, rule: str) -> list[str]:
+        """Return what CLIPS tells of how far the conditions of a rule are met."""
+        self._told.clear()
+        self._env.eval(f"(matches {rule} verbose)")
+        text = "".join(self._told)
+        self._told.clear()
+        return text.splitlines()
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _seat(self, slot: str, robot: str) -> None:
+        if fact := self._partners.get(slot):
+            fact.retract()
+        self._partners[slot] = self._partner.assert_fact(
+            name=into(slot), robot=into(robot or "none"), state=into("here" if robot else "missing")
+        )
+
+    def _settle(self, event: int) -> bool:
+        """Let rules fire until none wants to; return whether one of them has used a certain fact."""
+        begun, used = self._spent(), False
+        self._learn()
+        for count in range(MOST_FIRINGS):
+            activation = next(self._env.activations(), None)
+            if activation is None:
+                return used
+            _, _, line = str(activation).partition(" ")
+            rule, _, basis = line.strip().partition(": ")
+            numbers = [int(number) for number in _FACT.findall(basis)]
+            used = used or event in numbers
+            because = tuple(self._text(part) for part in basis.split(","))
+            before = len(self._orders)
+            self._env.run(1)
+            self._learn()
+            self._look()
+            self._raise(f"in rule {rule}")
+            self.firings.append(Firing(rule, because, tuple(self._orders[before:]), self._happened))
+            if count % _GLANCE == 0 and self._spent() - begun > LONGEST:
+                raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
+        raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
+
+    def _text(self, part: str) -> str:
+        found = _FACT.search(part)
+        if found is None:
+            return "*"
+        known = self._known.get(int(found.group(1)))
+        if known is not None and known.exists:
+            return f"{found.group()} {known}"
+        self._env.eval(f"(ppfact {found.group(1)} stdout)")  # several times as slow: it has been modified
+        text = " ".join("".join(self._told).split())
+        self._told.clear()
+        return f"{found.group()} {text}"
+
+    def _learn(self) -> None:
+        """Take note of the facts that are new, so that they can be told of when they are gone."""
+        while self._tail and not self._tail[-1].exists:
+            self._tail.pop()
+        last = self._tail[-1]._fact if self._tail else ffi.NULL
+        while (last := lib.GetNextFact(self._env._env, last)) != ffi.NULL:
+            fact = clips.facts.TemplateFact(self._env._env, last)
+            self._known[fact.index] = fact
+            self._tail.append(fact)
+        if len(self._known) > 2 * len(self._tail) + 1000:
+            self._known = {number: fact for number, fact in self._known.items() if fact.exists}
+
+    def _busiest(self) -> str:
+        last = [one.rule for one in self.firings][-20:]
+        names = sorted(set(last), key=last.index)
+        return f"{' and '.join(names[:4])} set each other off" if len(names) > 1 else f"{names[0]} sets itself off"
+
+    def _look(self) -> None:
+        if int(self._env.eval("(mem-used)")) > MOST_MEMORY:
+            self._error = self._error or f"the rules need more than {MOST_MEMORY // 1_000_000} MB: too many facts fit together"
+
+    def _raise(self, where: str) -> None:
+        told = "".join(self._told).strip()
+        if self._error or told:
+            reason = self._error or _sentence(told)
+            self._error = ""
+            self._told.clear()
+            raise ScriptError(f"{self.program.name}, {where}: {reason}")
+
+    def _build(self) -> None:
+        from robotree.vr.scripts.program import SYSTEM
+
+        self._env.eval("(set-dynamic-constraint-checking TRUE)")
+        for template in (*SYSTEM, *self.program.templates):
+            self._env.build(template_form(template))
+        for rule in self.program.rules:
+            try:
+                self._env.build(show(rule.form))
+            except CLIPSError:
+                raise ScriptError(f"rule {rule.name} (line {rule.mark.line}): {_sentence(''.join(self._told))}") from None
+
+    def _define(self) -> None:
+        for name, function in {
+            "do": self._do,
+            "do-as": self._do_as,
+            "reply": self._reply,
+            "cancel": lambda what: self._order(CancelAct(what=str(what))),
+            "play": lambda partner, role: self._order(Play(partner=str(partner), role=str(role))),
+            "wait": self._wait,
+            "note": lambda *values: self._order(Log(text=joined(values))),
+            "end": lambda *values: self._order(End(text=joined(values))),
+            "fail": lambda *values: self._order(End(text=joined(values), well=False)),
+            "text": lambda *values: into(joined(values)),
+            "fields": _fields,
+            CHECK: self._check,
+        }.items():
+            self._env.define_function(self._fenced(function), name)
+
+    def _fenced(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Keep the error of a function of ours: CLIPS would print it and go on."""
+
+        def fenced(*values: Any) -> Any:
+            try:
+                return function(*values)
+            except Exception as error:
+                self._error = self._error or str(error)
+                raise
+
+        return fenced
+
+    def _order(self, order: Order) -> None:
+        if len(self._orders) >= MOST_ORDERS:
+            raise ScriptError(f"it floods: more than {MOST_ORDERS} orders for one happening")
+        self._orders.append(order)
+
+    def _do(self, *values: Any) -> Any:
+        self._numbers += 1
+        return self._do_as(f"act-{self._numbers}", *values)
+
+    def _do_as(self, conversation: Any, partner: Any, act: Any, *values: Any) -> Any:
+        if str(partner) not in self._partners:
+            known = ", ".join(self._partners) or "none"
+            raise ScriptError(f"there is no partner {partner}; it has: {known}")
+        plain: list[Scalar] = []
+        named: dict[str, Scalar] = {}
+        rest = iter(values)
+        for value in rest:
+            if isinstance(value, clips.Symbol) and value.endswith("=") and len(value) > 1:
+                named[value[:-1]] = out(next(rest, "none"))
+            else:
+                plain.append(out(value))
+        self._order(
+            Do(conversation=str(conversation), partner=str(partner), act=str(act), values=tuple(plain), named=named)
+        )
+        return into(str(conversation))
+
+    def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:
+        self._order(Reply(conversation=str(conversation), performative=str(performative), values=tuple(map(out, values))))
+
+    def _wait(self, name: Any, seconds: Any, conversation: Any = "none") -> None:
+        if not isinstance(seconds, int | float) or isinstance(seconds, bool) or not 0 <= seconds <= 7 * 24 * 3600:
+            raise ScriptError(f"wait {name}: {seconds} is no time in seconds")
+        self._order(Wait(name=str(name), seconds=float(seconds), conversation=str(conversation)))
+
+    def _check(self) -> None:
+        self._look()
+        if self._error:
+            raise ScriptError(self._error)
+
+
+def _slots(program: Program, fact: Form) -> dict[str, Any]:
+    template = program.template(fact.head)
+    slots: dict[str, Any] = {}
+    for slot in fact.rest:
+        assert isinstance(slot, Form)  # noqa: S101 # the guard has seen to it
+        values = [into(value(one)) for one in slot.rest]
+        known = template.slot(slot.head) if template else None
+        slots[slot.head] = values if known is not None and known.several else values[0]
+    return slots
+
+
+class _Ear(clips.Router):
+    """Hears what CLIPS says of mistakes: nothing of it reaches the terminal, and nothing is lost."""
+
+    def __init__(self, told: list[str]) -> None:
+        super().__init__("robotree-ear", 100)
+        self._heard = told
+
+    def query(self, name: str) -> bool:
+        return name in {"stdout", "stderr", "stdwrn"}
+
+    def write(self, name: str, message: str) -> None:
+        del name
+        self._heard.append(message)
+
+
+def into(value: Scalar) -> Any:
+    """Return a plain value as CLIPS holds it: the same text is always the same value there."""
+    if isinstance(value, bool):
+        return clips.Symbol("TRUE" if value else "FALSE")
+    if isinstance(value, str):
+        value = value[:LONGEST_TEXT].replace("\0", "")
+        return clips.Symbol(value) if is_word(value) else value
+    if isinstance(value, int) and abs(value) >= 2**63:
+        return float(value)
+    return value
+
+
+def out(value: Any) -> Any:
+    """Return a value of CLIPS as a plain one."""
+    if isinstance(value, clips.Symbol):
+        return {"TRUE": True, "FALSE": False}.get(str(value), str(value))
+    if isinstance(value, list | tuple):
+        return [out(one) for one in cast("list[Any]", value)]
+    return value
+
+
+def joined(values: tuple[Any, ...]) -> str:
+    """Return the text that a rule puts together."""
+    text = "".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
+    if len(text) > LONGEST_TEXT:
+        raise ScriptError(f"a text of more than {LONGEST_TEXT} characters")
+    return text
+
+
+def _fields(*values: Any) -> list[Any]:
+    if len(values) > LONGEST_LIST:
+        raise ScriptError(f"a list of more than {LONGEST_LIST} values")
+    return list(values)
+
+
+def _first(happening: Happening) -> str:
+    return str(happening.arguments[-1]) if happening.arguments else "no reason given"
+
+
+def _sentence(told: str) -> str:
+    """Return the first thing that CLIPS said, without its code."""
+    line = next((line for line in told.splitlines() if line.strip()), "CLIPS gives no reason")
+    return re.sub(r"^\[\w+\]\s*(WARNING:\s*)?", "", line.strip())

@@ -1,0 +1,134 @@
+"""Short formulas in YAML scripts: `$battery < 20`, `$count + 1`, `$place != hall and not $busy`. Pure.
+
+From loose to tight: or; and; not; < <= > >= = !=; + -; * /; brackets. Values are variables, numbers, words and
+texts in quotes.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NoReturn
+
+from robotree.vr.scripts.expression import Atom, Form, Node, form, plain
+from robotree.vr.written import Mark, Word, value_of
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<variable>\$[^\W\d]\w*)|(?P<text>'[^']*'|\"[^\"]*\")"
+    r"|(?P<sign><=|>=|!=|==|[-+*/<>=()])|(?P<word>[^\W\d][\w-]*))"
+)
+_COMPARE = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "=": "=", "==": "=", "!=": "<>"}
+_DEEPEST = 12
+
+
+class _Reader:
+    def __init__(self, text: str, mark: Mark) -> None:
+        self._mark, self._text, self._at, self._depth = mark, text, 0, 0
+        self._tokens: list[tuple[str, str]] = []
+        at = 0
+        while text[at:].strip():
+            found = _TOKEN.match(text, at)
+            if found is None:
+                raise mark.error(f"{text[at:].strip()[0]!r} cannot stand in a formula: {text}")
+            self._tokens.append((str(found.lastgroup), found.group(str(found.lastgroup))))
+            at = found.end()
+
+    def whole(self) -> Node:
+        node = self._either()
+        if self._at < len(self._tokens):
+            self._fail(f"{self._tokens[self._at][1]!r} is not expected in")
+        return node
+
+    def _fail(self, reason: str) -> NoReturn:
+        raise self._mark.error(f"{reason} the formula: {self._text}")
+
+    def _take(self, *texts: str) -> str:
+        if self._at < len(self._tokens) and self._tokens[self._at][0] in {"sign", "word"}:
+            text = self._tokens[self._at][1]
+            if text in texts:
+                self._at += 1
+                return text
+        return ""
+
+    def _either(self) -> Node:
+        node = self._both()
+        while self._take("or"):
+            node = form("or", node, self._both(), mark=self._mark)
+        return node
+
+    def _both(self) -> Node:
+        node = self._negation()
+        while self._take("and"):
+            node = form("and", node, self._negation(), mark=self._mark)
+        return node
+
+    def _negation(self) -> Node:
+        if self._take("not"):
+            return form("not", self._negation(), mark=self._mark)
+        return self._comparison()
+
+    def _comparison(self) -> Node:
+        left = self._sum()
+        sign = self._take(*_COMPARE)
+        if not sign:
+            return left
+        right = self._sum()
+        head = _COMPARE[sign]
+        if head in {"=", "<>"} and not (_numeric(left) or _numeric(right)):
+            head = {"=": "eq", "<>": "neq"}[head]
+        return form(head, left, right, mark=self._mark)
+
+    def _sum(self) -> Node:
+        node = self._product()
+        while sign := self._take("+", "-"):
+            node = form(sign, node, self._product(), mark=self._mark)
+        return node
+
+    def _product(self) -> Node:
+        node = self._value()
+        while sign := self._take("*", "/"):
+            node = form(sign, node, self._value(), mark=self._mark)
+        return node
+
+    def _value(self) -> Node:
+        if self._take("("):
+            self._depth += 1
+            if self._depth > _DEEPEST:
+                self._fail(f"more than {_DEEPEST} brackets in")
+            node = self._either()
+            if not self._take(")"):
+                self._fail("a bracket is not closed in")
+            self._depth -= 1
+            return node
+        if self._take("-"):
+            return form("-", Atom("number", "0", self._mark), self._value(), mark=self._mark)
+        if self._at >= len(self._tokens):
+            self._fail("something is missing at the end of")
+        sort, text = self._tokens[self._at]
+        self._at += 1
+        match sort:
+            case "number":
+                return Atom("number", repr(value_of(Word(text, self._mark))), self._mark)
+            case "variable":
+                return Atom("variable", f"?{text[1:]}", self._mark)
+            case "text":
+                return plain(text[1:-1], self._mark)
+            case "word":
+                truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
+                return Atom("symbol", truth, self._mark) if truth else plain(text, self._mark)
+            case _:
+                self._fail(f"{text!r} is not expected in")
+
+
+def formula(text: str, mark: Mark) -> Node:
+    """Read a formula.
+
+    Raises:
+        BrokenScript: it is none.
+    """
+    return _Reader(text, mark).whole()
+
+
+def _numeric(node: Node) -> bool:
+    if isinstance(node, Form):
+        return node.head in {"+", "-", "*", "/"}
+    return node.sort == "number"

@@ -1,0 +1,325 @@
+"""What a rule may say: everything that is not listed here is refused before CLIPS sees it. Pure.
+
+A rule script is code: CLIPS can run programs (`system`), open files, load more code and end the process. No name
+can be taken out of CLIPS, but which function is called is fixed by the text, so a list of what may stand at the
+head of each bracket, checked on our own tree, is enough; loops, recursion and code made of text are not on it.
+
+What would make memory grow without end is bounded as well: texts and lists are put together by functions of ours,
+and after each assertion the memory of the environment is looked at (`CHECK`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from robotree.vr.scripts.expression import Atom, Form, Node, form, show, variables
+from robotree.vr.scripts.program import MESSAGE, MOST_CONDITIONS, PARAMETER, PARTNER, ROLE, Condition, Template, check_name
+from robotree.vr.written import Mark, Scalar
+
+Find = Callable[[str], Template | None]
+
+CHECK = "robotree-check"
+PURE = frozenset(
+    "+ - * / div mod abs min max round integer float sqrt "
+    "= <> < <= > >= eq neq and or not numberp integerp floatp lexemep stringp symbolp evenp oddp "
+    "length$ nth$ member$ first$ rest$ subseq$ text fields".split()
+)
+"""Functions that compute a value and do nothing else."""
+REWRITTEN = {"str-cat": "text", "create$": "fields"}
+"""Functions of CLIPS that are replaced by bounded ones of ours."""
+ACTS = {
+    "do": (2, "a partner and an act"),
+    "do-as": (3, "a conversation, a partner and an act"),
+    "cancel": (1, "a conversation or a partner"),
+    "reply": (2, "a conversation and a performative"),
+    "play": (2, "a partner and a role"),
+    "wait": (2, "a name and seconds"),
+    "log": (1, "a text"),
+    "end": (0, ""),
+    "fail": (1, "a reason"),
+}
+"""What a rule can have done, with how many values it takes at least."""
+INSTEAD = {
+    "printout": "(log …)",
+    "format": "(log …)",
+    "halt": "(end …)",
+    "exit": "(end …)",
+    "while": "a rule that fires again",
+    "loop-for-count": "a rule that fires again",
+    "send": "(do …)",
+    "sym-cat": "(str-cat …)",
+}
+KEPT = frozenset({MESSAGE, PARTNER, PARAMETER, ROLE})
+"""Facts that come from outside: rules look at them and cannot make them."""
+HIGHEST = 10_000
+"""Largest salience, as in CLIPS."""
+
+
+class Guard:
+    """Checks one rule."""
+
+    def __init__(self, find: Find) -> None:
+        """Take how kinds of facts are found."""
+        self._find = find
+        self._bound: set[str] = set()
+        self._facts: dict[str, Template] = {}
+        self._conditions: list[Condition] = []
+        self._rewrites = 0
+
+    def rule(self, rule: Form) -> tuple[Form, tuple[Condition, ...], str]:
+        """Return a rule as it may be built, its conditions, and its text of explanation.
+
+        Raises:
+            BrokenScript: something in it may not be said.
+        """
+        name, doc, rest = _named(rule, "a rule")
+        parts: list[Node] = [name]
+        if rest and isinstance(rest[0], Form) and rest[0].head == "declare":
+            parts.append(_salience(rest[0]))
+            rest = rest[1:]
+        arrow = next((at for at, part in enumerate(rest) if _is(part, "=>")), None)
+        if arrow is None:
+            raise rule.mark.error(f"rule {name.text} has no =>")
+        parts += self._left(rest[:arrow], rule.mark)
+        if len(self._conditions) > MOST_CONDITIONS:
+            raise rule.mark.error(f"rule {name.text} has more than {MOST_CONDITIONS} conditions; make two rules of it")
+        parts.append(Atom("symbol", "=>"))
+        for action in rest[arrow + 1 :]:
+            parts += self._action(action)
+        if parts[-1] == form(CHECK):
+            parts.pop()  # the engine looks after each rule
+        return form("defrule", *parts, mark=rule.mark), tuple(self._conditions), doc
+
+    # -- conditions --------------------------------------------------------------------------------
+
+    def _left(self, parts: Sequence[Node], mark: Mark) -> list[Node]:
+        done: list[Node] = []
+        rest = list(parts)
+        while rest:
+            part = rest.pop(0)
+            if isinstance(part, Atom) and part.sort == "variable" and rest and _is(rest[0], "<-"):
+                rest.pop(0)
+                pattern = rest.pop(0) if rest else None
+                if not isinstance(pattern, Form):
+                    raise part.mark.error(f"{part.text} <- needs a fact behind it")
+                done += [part, Atom("symbol", "<-"), self._pattern(pattern)]
+                template = self._find(pattern.head)
+                if template is not None:
+                    self._facts[part.text] = template
+            elif isinstance(part, Form):
+                done.append(self._condition(part))
+            else:
+                raise part.mark.error(f"{part.text!r} is no condition")
+        del mark
+        return done
+
+    def _condition(self, part: Form, *, negated: bool = False) -> Form:
+        match part.head:
+            case "test":
+                if len(part.rest) != 1:
+                    raise part.mark.error("test takes one expression")
+                self._conditions.append(Condition(text=show(part), mark=part.mark))
+                return form("test", self._expression(part.rest[0]), mark=part.mark)
+            case "not" | "exists":
+                if len(part.rest) != 1 or not isinstance(part.rest[0], Form):
+                    raise part.mark.error(f"{part.head} takes one condition")
+                inner = self._inside(part.rest, negated=negated != (part.head == "not"))
+                return form(part.head, *inner, mark=part.mark)
+            case "and" | "or" | "forall":
+                if not part.rest:
+                    raise part.mark.error(f"{part.head} takes conditions")
+                inside = part.head == "forall"
+                before = set(self._bound)
+                inner = self._inside(part.rest, negated=negated) if inside else self._each(part.rest, negated)
+                if part.head == "or":
+                    self._rewrites += len(inner) - 1
+                    if self._rewrites > 3:
+                        raise part.mark.error("more than four alternatives in one rule; make several rules of it")
+                del before
+                return form(part.head, *inner, mark=part.mark)
+            case _:
+                return self._pattern(part, negated=negated)
+
+    def _each(self, parts: Iterable[Node], negated: bool) -> list[Node]:  # noqa: FBT001 # internal
+        done: list[Node] = []
+        for part in parts:
+            if not isinstance(part, Form):
+                raise part.mark.error(f"{part.text!r} is no condition")
+            done.append(self._condition(part, negated=negated))
+        return done
+
+    def _inside(self, parts: Iterable[Node], *, negated: bool) -> list[Node]:
+        """Check conditions whose variables do not reach outside."""
+        before = set(self._bound)
+        done = self._each(parts, negated)
+        self._bound = before
+        return done
+
+    def _pattern(self, pattern: Form, *, negated: bool = False) -> Form:
+        template = self._template(pattern)
+        wanted: dict[str, Scalar] = {}
+        slots: list[Node] = []
+        for part in pattern.rest:
+            if not isinstance(part, Form):
+                raise part.mark.error(f"write the slots of {template.name} in brackets: ({template.name} (slot value))")
+            self._slot(template, part)
+            slots.append(form(part.head, *self._constraint(part.rest), mark=part.mark))
+            if len(part.rest) == 1 and isinstance(one := part.rest[0], Atom) and one.sort in {"symbol", "string", "number"}:
+                wanted[part.head] = one.text
+        self._conditions.append(
+            Condition(text=show(pattern), mark=pattern.mark, template=template.name, wanted=wanted, negated=negated)
+        )
+        return form(template.name, *slots, mark=pattern.mark)
+
+    def _constraint(self, parts: Sequence[Node]) -> list[Node]:
+        done: list[Node] = []
+        for at, part in enumerate(parts):
+            if isinstance(part, Atom):
+                done.append(part)
+                if part.sort == "variable":
+                    self._bound.update(variables(part))
+            elif at and isinstance(before := parts[at - 1], Atom) and before.sort == "mark" and before.text in ":=":
+                done.append(self._expression(part))
+            else:
+                raise part.mark.error(f"({part.head} …) cannot stand in a slot; a test is written as ?x&:(> ?x 3)")
+        return done
+
+    # -- actions -----------------------------------------------------------------------------------
+
+    def _action(self, action: Node) -> list[Node]:
+        if not isinstance(action, Form):
+            raise action.mark.error(f"{action.text!r} is no action")
+        head, rest, mark = action.head, action.rest, action.mark
+        if head in ACTS:
+            least, what = ACTS[head]
+            if len(rest) < least:
+                raise mark.error(f"{head} needs {what}")
+            return [form("note" if head == "log" else head, *map(self._expression, rest), mark=mark)]
+        match head:
+            case "assert":
+                return [one for fact in rest for one in (form("assert", self._new(fact), mark=mark), form(CHECK))]
+            case "modify" | "duplicate":
+                fact = rest[0] if rest else None
+                if not isinstance(fact, Atom) or fact.text not in self._facts:
+                    raise mark.error(f"{head} needs a fact that a condition has named: ?f <- (…)")
+                template = self._facts[fact.text]
+                self._mine(template, mark)
+                return [form(head, fact, *self._values(template, rest[1:], mark), mark=mark), form(CHECK)]
+            case "retract":
+                for fact in rest:
+                    if not isinstance(fact, Atom) or fact.text not in self._facts:
+                        raise mark.error("retract takes facts that conditions have named: ?f <- (…)")
+                    if self._facts[fact.text].name != MESSAGE:
+                        self._mine(self._facts[fact.text], mark)
+                return [form(head, *rest, mark=mark)]
+            case "bind":
+                if len(rest) != 2 or not isinstance(rest[0], Atom) or rest[0].sort != "variable":
+                    raise mark.error("bind takes a variable and one value")
+                value = self._act_or_value(rest[1])
+                self._bound.update(variables(rest[0]))
+                return [form(head, rest[0], value, mark=mark)]
+            case "if":
+                return [self._choice(action)]
+            case _:
+                raise mark.error(_not_known(head, "no action that a rule may take"))
+
+    def _act_or_value(self, node: Node) -> Node:
+        if isinstance(node, Form) and node.head in {"do", "do-as"}:
+            (done,) = self._action(node)
+            return done
+        return self._expression(node)
+
+    def _choice(self, action: Form) -> Form:
+        rest = list(action.rest)
+        if len(rest) < 3 or not _is(rest[1], "then"):
+            raise action.mark.error("if is written as (if TEST then … else …)")
+        done: list[Node] = [self._expression(rest[0]), rest[1]]
+        for part in rest[2:]:
+            done += [part] if _is(part, "else") else self._action(part)
+        return form("if", *done, mark=action.mark)
+
+    def _new(self, fact: Node) -> Form:
+        if not isinstance(fact, Form):
+            raise fact.mark.error("assert takes facts in brackets")
+        template = self._template(fact)
+        self._mine(template, fact.mark)
+        return form(template.name, *self._values(template, fact.rest, fact.mark), mark=fact.mark)
+
+    def _values(self, template: Template, slots: Sequence[Node], mark: Mark) -> list[Node]:
+        done: list[Node] = []
+        for slot in slots:
+            if not isinstance(slot, Form):
+                raise slot.mark.error(f"write the slots of {template.name} in brackets: ({template.name} (slot value))")
+            self._slot(template, slot)
+            known = template.slot(slot.head)
+            if known is not None and not known.several and len(slot.rest) != 1:
+                raise slot.mark.error(f"{template.name}.{slot.head} holds one value")
+            done.append(form(slot.head, *map(self._expression, slot.rest), mark=slot.mark))
+        del mark
+        return done
+
+    # -- values ------------------------------------------------------------------------------------
+
+    def _expression(self, node: Node) -> Node:
+        if isinstance(node, Atom):
+            if node.sort == "mark":
+                raise node.mark.error(f"{node.text!r} cannot stand here")
+            if node.sort == "variable" and node.text.lstrip("$?") not in self._bound and node.text not in self._facts:
+                raise node.mark.error(f"{node.text} is not known here: no condition before it gives it a value")
+            return node
+        head = REWRITTEN.get(node.head, node.head)
+        if head not in PURE:
+            raise node.mark.error(_not_known(node.head, "no function that a rule may use"))
+        return form(head, *map(self._expression, node.rest), mark=node.mark)
+
+    def _template(self, pattern: Form) -> Template:
+        template = self._find(pattern.head)
+        if template is None:
+            raise pattern.mark.error(
+                f"there is no fact {pattern.head!r}; declare it first" if pattern.head else "a fact begins with its name"
+            )
+        return template
+
+    def _slot(self, template: Template, slot: Form) -> None:
+        if template.slot(slot.head) is None:
+            known = ", ".join(one.name for one in template.slots)
+            raise slot.mark.error(f"fact {template.name} has no slot {slot.head!r}; it has: {known}")
+
+    @staticmethod
+    def _mine(template: Template, mark: Mark) -> None:
+        if template.name in KEPT:
+            raise mark.error(f"{template.name} facts come from outside; a rule can only look at them")
+
+
+def _is(node: Node, text: str) -> bool:
+    return isinstance(node, Atom) and node.sort == "symbol" and node.text == text
+
+
+def _named(construct: Form, what: str) -> tuple[Atom, str, tuple[Node, ...]]:
+    """Return the name, the text of explanation and the rest of a construct."""
+    name = construct.rest[0] if construct.rest else None
+    if not isinstance(name, Atom) or name.sort != "symbol":
+        raise construct.mark.error(f"{what} needs a name")
+    check_name(name.text, name.mark, what)
+    rest = construct.rest[1:]
+    if rest and isinstance(rest[0], Atom) and rest[0].sort == "string":
+        return name, rest[0].text, rest[1:]
+    return name, "", rest
+
+
+def _salience(declare: Form) -> Form:
+    only = declare.rest[0] if len(declare.rest) == 1 else None
+    value = only.rest[0] if isinstance(only, Form) and only.head == "salience" and len(only.rest) == 1 else None
+    if not isinstance(value, Atom) or value.sort != "number" or not value.text.lstrip("+-").isdigit():
+        raise declare.mark.error("declare takes only (salience NUMBER), a whole number")
+    if abs(int(value.text)) > HIGHEST:
+        raise value.mark.error(f"salience goes from -{HIGHEST} to {HIGHEST}")
+    return declare
+
+
+def _not_known(head: str, what: str) -> str:
+    instead = f"; use {INSTEAD[head]}" if head in INSTEAD else ""
+    return f"({head or '…'} …) is {what}{instead}"
+
+
+named = _named

@@ -1,0 +1,251 @@
+"""A script as it was read: what it needs, what it hears, its facts and its rules. Pure.
+
+Both ways to write a script end here, so everything behind it (engine, tests, explanations, the robot) knows one
+form only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import keyword
+import re
+
+import msgspec
+
+from robotree.vr.scripts.expression import Form, Node, show
+from robotree.vr.written import Mark, Scalar
+
+LONGEST_LIST = 64
+"""Values in one slot that holds several."""
+MOST_RULES = 500
+MOST_CONDITIONS = 8
+"""Of one rule. The work of the matcher may grow as the number of facts to the power of it."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}\Z")
+_IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,39}\Z")
+
+
+class Partner(msgspec.Struct, frozen=True, kw_only=True):
+    """A slot for a robot that the script commands."""
+
+    name: str
+    kind: str
+    needs: tuple[str, ...] = ()
+    """Commands that it must have."""
+    attributes: dict[str, str] = {}
+    """What it must say of itself."""
+    optional: bool = False
+    doc: str = ""
+
+
+class Parameter(msgspec.Struct, frozen=True, kw_only=True):
+    """A value that whoever starts the script may choose."""
+
+    name: str
+    default: Scalar
+    doc: str = ""
+
+
+class Slot(msgspec.Struct, frozen=True, kw_only=True):
+    """One part of a fact."""
+
+    name: str
+    several: bool = False
+    default: Scalar | None = None
+    """None: `none`, or no values at all where there may be several."""
+
+
+class Template(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of fact."""
+
+    name: str
+    slots: tuple[Slot, ...]
+    doc: str = ""
+    mark: Mark = Mark()
+
+    def slot(self, name: str) -> Slot | None:
+        """Return the slot of this name, or None."""
+        return next((slot for slot in self.slots if slot.name == name), None)
+
+
+class Hears(msgspec.Struct, frozen=True, kw_only=True):
+    """A message that the script understands: one of its robot's commands."""
+
+    name: str
+    parts: tuple[tuple[str, str], ...] = ()
+    """Name and type of each argument: `text`, `number` or `yes/no`."""
+    doc: str = ""
+
+
+class Condition(msgspec.Struct, frozen=True, kw_only=True):
+    """One condition of a rule, for explanations."""
+
+    text: str
+    """As its author wrote it, in one line."""
+    mark: Mark = Mark()
+    template: str = ""
+    """Kind of fact that it wants; empty: it tests values only."""
+    wanted: dict[str, Scalar] = {}
+    """Slots that must have a certain value."""
+    negated: bool = False
+    """It wants that there is no such fact."""
+
+
+class Rule(msgspec.Struct, frozen=True, kw_only=True):
+    """One rule."""
+
+    name: str
+    form: Form
+    """The whole `defrule`."""
+    conditions: tuple[Condition, ...]
+    mark: Mark = Mark()
+    doc: str = ""
+
+    @property
+    def clips(self) -> str:
+        """The rule as CLIPS is given it, and as `robotree rules check --listing` prints it."""
+        parts: list[str] = []
+        line = "(defrule"
+        for part in self.form.rest:
+            parts.append(show(part))
+        name, *rest = parts
+        lines = [f"{line} {name}"]
+        bound = ""
+        for text in rest:
+            if text.startswith("?") or text == "<-":
+                bound += f"{text} "
+            else:
+                lines.append(f"  {bound}{text}")
+                bound = ""
+        return "\n".join(lines) + ")"
+
+
+class Program(msgspec.Struct, frozen=True, kw_only=True):
+    """A whole script."""
+
+    name: str
+    path: str
+    source: str
+    doc: str = ""
+    partners: tuple[Partner, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    templates: tuple[Template, ...] = ()
+    hears: tuple[Hears, ...] = ()
+    starters: tuple[str, ...] = ()
+    """Names of those who may start it; empty: anyone."""
+    itself: bool = False
+    """It starts by itself when it has been made."""
+    facts: tuple[Form, ...] = ()
+    """With which it begins."""
+    rules: tuple[Rule, ...] = ()
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the source, in hex."""
+        return hashlib.sha256(self.source.encode()).hexdigest()
+
+    def template(self, name: str) -> Template | None:
+        """Return a kind of fact that it declares or that every script has."""
+        return next((one for one in (*self.templates, *SYSTEM) if one.name == name), None)
+
+    def rule(self, name: str) -> Rule | None:
+        """Return the rule of this name, or None."""
+        return next((rule for rule in self.rules if rule.name == name), None)
+
+    @property
+    def listing(self) -> str:
+        """All that CLIPS is given, one construct for each thing that its author wrote."""
+        parts = [template_form(one) for one in (*SYSTEM, *self.templates)]
+        where = [f"; {rule.mark.path}:{rule.mark.line}\n{rule.clips}" for rule in self.rules]
+        begin = [f"; with which it begins\n{show(fact)}" for fact in self.facts]
+        return "\n".join([*parts, *begin, *where])
+
+
+def _several(name: str) -> Slot:
+    return Slot(name=name, several=True)
+
+
+MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
+
+SYSTEM = (
+    Template(
+        name=MESSAGE,
+        doc="Something that has just happened: a message, the end of an act, a timer. It is gone when the rules "
+        "have come to rest.",
+        slots=(
+            Slot(name="perf"),
+            Slot(name="from"),
+            Slot(name="act"),
+            _several("args"),
+            Slot(name="conv"),
+            Slot(name="by"),
+        ),
+    ),
+    Template(
+        name=PARTNER,
+        doc="A partner slot, and whether somebody is in it.",
+        slots=(Slot(name="name"), Slot(name="robot"), Slot(name="state")),
+    ),
+    Template(name=PARAMETER, slots=(Slot(name="name"), Slot(name="value"))),
+    Template(name=ROLE, doc="Which role a partner plays.", slots=(Slot(name="partner"), Slot(name="name"))),
+)
+"""The facts that every script has: performative, sender, act, arguments, conversation and reply-by of a message."""
+
+RESERVED = frozenset(
+    "and or not test exists forall logical object declare if then else while is-a name initial-fact "
+    "do do-as reply cancel play wait log end fail remember forget update slot multislot default".split()
+)
+TAKEN = frozenset(
+    "start finish message facts why whynot play name attributes online halted readings safe_stop resume context "
+    "cancelled check sleep progress kinds child_slots program reading_units condition begins".split()
+)
+"""Names that the script's robot uses itself."""
+
+
+def template_form(template: Template) -> str:
+    """Write a kind of fact as CLIPS reads it."""
+    slots: list[str] = []
+    for slot in template.slots:
+        if slot.several:
+            slots.append(f"(multislot {slot.name} (cardinality 0 {LONGEST_LIST}))")
+        else:
+            default = "none" if slot.default is None else show(literal(slot.default))
+            slots.append(f"(slot {slot.name} (default {default}))")
+    return f"(deftemplate {template.name} {' '.join(slots)})"
+
+
+def literal(value: Scalar, mark: Mark = Mark()) -> Node:  # noqa: B008 # frozen
+    """Return a plain value as it stands in a rule."""
+    from robotree.vr.scripts.expression import Atom, plain
+
+    if isinstance(value, bool):
+        return Atom("symbol", "TRUE" if value else "FALSE", mark)
+    if isinstance(value, int | float):
+        return Atom("number", repr(value), mark)
+    return plain(value, mark)
+
+
+def check_name(name: str, mark: Mark, what: str) -> str:
+    """Return a name of a rule or fact.
+
+    Raises:
+        BrokenScript: it cannot be one.
+    """
+    if not _NAME.match(name) or name in RESERVED:
+        raise mark.error(
+            f"{name!r} cannot be the name of {what}: use small letters, digits, '-' or '_', beginning with a letter"
+            + (", and none of the words of the language" if name in RESERVED else "")
+        )
+    return name
+
+
+def check_identifier(name: str, mark: Mark, what: str) -> str:
+    """Return a name of something that the script's robot shows to others.
+
+    Raises:
+        BrokenScript: it cannot be one.
+    """
+    if not _IDENTIFIER.match(name) or keyword.iskeyword(name) or name in TAKEN:
+        reason = "every script uses it itself" if name in TAKEN else "use small letters, digits and '_'"
+        raise mark.error(f"{name!r} cannot be the name of {what}: {reason}")
+    return name

@@ -1,0 +1,525 @@
+"""Scripts for everybody: `when` this is so, `then` do that, as YAML. Pure.
+
+    script: guide
+    partners:
+      robot: {kind: Companion, needs: [say, go_to]}
+    facts:
+      visitor: {id: none, place: none, stage: waiting}
+    hears:
+      person_seen: {who: text, place: text}
+    rules:
+      - rule: greet
+        when:
+          - person_seen: {who: $who, place: $place}
+          - no visitor: {id: $who}
+        then:
+          - remember: {visitor: {id: $who, place: $place}}
+          - do: robot.say
+            with: {text: "Welcome, $who"}
+
+Each rule becomes one `defrule` (`robotree rules check FILE --listing`), made as a tree and never as text, and goes
+through the same guard as an expert's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import msgspec
+
+from robotree.vr.scripts.clp import TYPES, add_rule, check_head, first_fact, with_template
+from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
+from robotree.vr.scripts.formula import formula
+from robotree.vr.scripts.program import (
+    MESSAGE,
+    PARAMETER,
+    Hears,
+    Parameter,
+    Partner,
+    Program,
+    Rule,
+    Slot,
+    Template,
+    check_identifier,
+    check_name,
+    literal,
+)
+from robotree.vr.written import Entries, Items, Mark, Word, Written, entries, items, read, value_of, word
+
+HEAD = ("script", "doc", "partners", "parameters", "facts", "hears", "start", "begin with", "rules")
+EVENTS = {
+    "start": (),
+    "done": ("partner", "act", "result", "conversation"),
+    "failed": ("partner", "act", "reason", "conversation"),
+    "progress": ("partner", "act", "fraction", "text", "conversation"),
+    "lost": ("partner", "robot", "reason"),
+    "found": ("partner", "robot"),
+    "timer": ("name", "conversation"),
+    "message": ("from", "performative", "act", "arguments", "conversation", "reply by"),
+}
+"""What can happen, and what can be asked of it."""
+COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
+ACTIONS = ("do", "remember", "forget", "update …", "wait", "cancel", "reply", "role", "log", "end", "fail")
+_VARIABLE = re.compile(r"\$([^\W\d]\w*)")
+_TIME = re.compile(r"([\d.]+) *(ms|s|min|h)?\Z")
+_SECONDS = {"ms": 0.001, "s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}
+
+
+def read_yaml(source: str, path: str) -> Program:
+    """Read a script.
+
+    Raises:
+        BrokenScript: it cannot be used, and where.
+    """
+    root = read(source, path)
+    if not isinstance(root, Entries):
+        raise root.mark.error("a script is written as `name: value`, and begins with `script: NAME`")
+    root.expect(HEAD, "a script")
+    name = word(root.get("script"), "`script: NAME`", root.mark)
+    program = Program(name=check_identifier(name.text, name.mark, "a script"), path=path, source=source)
+    program = _head(program, root)
+    for key, slots in entries(root.get("facts"), "facts", root.mark):
+        program = with_template(program, _template(key, slots))
+    facts = tuple(_first(fact, program) for fact in items(root.get("begin with"), root.mark).items)
+    rules: dict[str, Rule] = {}
+    given = root.get("rules")
+    if given is not None and not isinstance(given, Items):
+        raise given.mark.error("rules are a list: each begins with `- rule: NAME`")
+    for rule in items(given, root.mark).items:
+        add_rule(rules, *_Rule(program, rule).whole())
+    return msgspec.structs.replace(program, facts=facts, rules=tuple(rules.values()))
+
+
+# -- the head ---------------------------------------------------------------------------------------
+
+
+def _head(program: Program, root: Entries) -> Program:
+    mark = root.mark
+    partners = [_partner(key, given) for key, given in entries(root.get("partners"), "partners", mark)]
+    parameters = [_parameter(key, given) for key, given in entries(root.get("parameters"), "parameters", mark)]
+    hears = [_hears(key, given) for key, given in entries(root.get("hears"), "hears", mark)]
+    check_head(partners, parameters, hears, mark)
+    for one in hears:
+        if one.name in EVENTS:
+            raise mark.error(f"{one.name!r} cannot be the name of a message: it happens to every script")
+    start = entries(root.get("start"), "start", mark)
+    start.expect(("by", "itself"), "start")
+    by = tuple(word(one, "a name", mark).text for one in items(start.get("by"), mark).items)
+    itself = value_of(word(start.get("itself") or Word("no", mark), "itself", mark))
+    return msgspec.structs.replace(
+        program,
+        doc=word(root.get("doc") or Word("", mark), "doc", mark).text,
+        partners=tuple(partners),
+        parameters=tuple(parameters),
+        hears=tuple(hears),
+        starters=() if by == ("anyone",) else by,
+        itself=bool(itself),
+    )
+
+
+def _partner(key: Word, given: Written) -> Partner:
+    if isinstance(given, Word):
+        return Partner(name=check_identifier(key.text, key.mark, "a partner"), kind=given.text)
+    facets = entries(given, "a partner", key.mark)
+    facets.expect(("kind", "needs", "attributes", "optional", "doc"), "a partner")
+    return Partner(
+        name=check_identifier(key.text, key.mark, "a partner"),
+        kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
+        needs=tuple(word(one, "a command", key.mark).text for one in items(facets.get("needs"), key.mark).items),
+        attributes={
+            name.text: word(one, "an attribute", key.mark).text
+            for name, one in entries(facets.get("attributes"), "attributes", key.mark)
+        },
+        optional=bool(value_of(word(facets.get("optional") or Word("no", key.mark), "optional", key.mark))),
+        doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
+    )
+
+
+def _parameter(key: Word, given: Written) -> Parameter:
+    name = check_identifier(key.text, key.mark, "a parameter")
+    if isinstance(given, Word):
+        return Parameter(name=name, default=value_of(given))
+    facets = entries(given, "a parameter", key.mark)
+    facets.expect(("default", "doc"), "a parameter")
+    default = value_of(word(facets.get("default"), "the default", key.mark))
+    return Parameter(name=name, default=default, doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text)
+
+
+def _hears(key: Word, given: Written) -> Hears:
+    parts: list[tuple[str, str]] = []
+    doc = ""
+    for name, kind in entries(given, "a message", key.mark):
+        said = word(kind, "the type", name.mark)
+        if name.text == "doc":
+            doc = said.text
+            continue
+        if said.text not in TYPES:
+            raise said.mark.error(f"{said.text!r} is no type; the types are: {', '.join(TYPES)}")
+        parts.append((check_identifier(name.text, name.mark, "an argument"), said.text))
+    return Hears(name=check_identifier(key.text, key.mark, "a message"), parts=tuple(parts), doc=doc)
+
+
+def _template(key: Word, given: Written) -> Template:
+    name = check_name(key.text, key.mark, "a fact")
+    if name in EVENTS:
+        raise key.mark.error(f"{name!r} cannot be the name of a fact: it happens to every script")
+    slots: list[Slot] = []
+    for slot, default in entries(given, "a fact", key.mark):
+        check_name(slot.text, slot.mark, "a slot")
+        if isinstance(default, Items):
+            if default.items:
+                raise default.mark.error("a slot that holds several values begins empty: []")
+            slots.append(Slot(name=slot.text, several=True))
+        else:
+            slots.append(Slot(name=slot.text, default=value_of(word(default, "a default", slot.mark))))
+    return Template(name=name, slots=tuple(slots), mark=key.mark)
+
+
+def _first(given: Written, program: Program) -> Form:
+    return first_fact(_fact(given, "a fact"), program)
+
+
+def _fact(given: Written, what: str) -> Form:
+    """Return a new fact: `{visitor: {id: Anna}}`."""
+    one = entries(given, what, given.mark)
+    if len(one.entries) != 1:
+        raise given.mark.error(f"{what} is written as `NAME: {{slot: value}}`")
+    key, slots = one.entries[0]
+    made = [
+        form(slot.text, *map(_value, given.items if isinstance(given, Items) else (given,)), mark=slot.mark)
+        for slot, given in entries(slots, "the slots", key.mark)
+    ]
+    return form(key.text, *made, mark=key.mark)
+
+
+# -- values -----------------------------------------------------------------------------------------
+
+
+def _value(given: Written) -> Node:
+    """Return what an action computes: a variable, a formula (`= $n + 1`), a text with variables in it, a value."""
+    if not isinstance(given, Word):
+        raise given.mark.error("this must be one value")
+    text = given.text
+    if not given.quoted and text.startswith("="):
+        return formula(text[1:], given.mark)
+    if "$" not in text:
+        return literal(value_of(given), given.mark)
+    if found := _VARIABLE.fullmatch(text):
+        return Atom("variable", f"?{found.group(1)}", given.mark)
+    parts: list[Node] = []
+    at = 0
+    for found in re.finditer(r"\$\$|" + _VARIABLE.pattern, text):
+        before = text[at : found.start()] + ("$" if found.group() == "$$" else "")
+        parts += [plain(before, given.mark)] if before else []
+        parts += [Atom("variable", f"?{found.group(1)}", given.mark)] if found.group(1) else []
+        at = found.end()
+    parts += [plain(text[at:], given.mark)] if text[at:] else []
+    return form("text", *parts, mark=given.mark)
+
+
+def _wanted(given: Written, number: int) -> list[Node]:
+    """Return what a condition wants of a slot."""
+    mark = given.mark
+    if isinstance(given, Items):
+        return [one for part in given.items for one in _wanted(part, number)]
+    if isinstance(given, Word):
+        if found := _VARIABLE.fullmatch(given.text):
+            return [Atom("variable", f"?{found.group(1)}", mark)]
+        if "$" in given.text:
+            raise mark.error(f"{given.text!r}: a condition takes a value, or a variable alone: $name")
+        if given.text in {"anything", ""} and not given.quoted:
+            return [Atom("variable", "?", mark)]
+        return [literal(value_of(given), mark)]
+    given.expect((*COMPARISONS, "has", "not", "any", "as"), "a wish")
+    done: list[Node] = []
+    variable = Atom("variable", f"?slot{number}", mark)
+    for key, value in given:
+        match key.text:
+            case "as":
+                variable = Atom("variable", _variable(value).text, mark)
+            case "has":
+                return [Atom("variable", "$?", mark), *_wanted(value, number), Atom("variable", "$?", mark)]
+            case "not":
+                done += [Atom("mark", "&", mark), Atom("mark", "~", mark), *_wanted(value, number)]
+            case "any":
+                choices = [one for part in items(value, mark).items for one in _wanted(part, number)]
+                for at, one in enumerate(choices):
+                    done += [Atom("mark", "|" if at else "&", mark), one]
+            case sign:
+                right = _value(value)
+                test = form(COMPARISONS[sign], Atom("variable", "?", mark), right, mark=mark)
+                done += [Atom("mark", "&", mark), Atom("mark", ":", mark), test]
+    return [variable, *(_with(one, variable) for one in done)]
+
+
+def _with(node: Node, variable: Atom) -> Node:
+    """Put the variable where a comparison has left room for it."""
+    if isinstance(node, Form):
+        return Form(tuple(_with(part, variable) for part in node.parts), node.mark)
+    return variable if node.sort == "variable" and node.text == "?" else node
+
+
+def _variable(given: Written) -> Atom:
+    said = word(given, "a name", given.mark)
+    found = _VARIABLE.fullmatch(said.text if said.text.startswith("$") else f"${said.text}")
+    if found is None:
+        raise said.mark.error(f"{said.text!r} cannot be a name")
+    return Atom("variable", f"?{found.group(1)}", said.mark)
+
+
+# -- one rule ---------------------------------------------------------------------------------------
+
+
+class _Rule:
+    """Translates one rule."""
+
+    def __init__(self, program: Program, given: Written) -> None:
+        self._program = program
+        self._given = entries(given, "a rule", given.mark)
+        self._given.expect(("rule", "name", "doc", "priority", "when", "then"), "a rule")
+        self._number = 0
+
+    def whole(self) -> tuple[Form, Program]:
+        """Return the `defrule`, for the guard."""
+        mark = self._given.mark
+        name = word(self._given.get("rule") or self._given.get("name"), "`rule: NAME`", mark)
+        check_name(name.text, name.mark, "a rule")
+        parts: list[Node] = [Atom("symbol", name.text, name.mark)]
+        if priority := self._given.get("priority"):
+            said = word(priority, "the priority", mark)
+            if not re.fullmatch(r"-?\d+", said.text):
+                raise said.mark.error("a priority is a whole number: the higher one goes first")
+            parts.append(form("declare", form("salience", Atom("number", said.text, said.mark)), mark=said.mark))
+        when = items(self._given.get("when"), mark).items
+        then = items(self._given.get("then"), mark).items
+        if not when or not then:
+            raise mark.error(f"rule {name.text} needs `when` and `then`")
+        left = [node for given in when for node in self._condition(given)]
+        right = [node for given in then for node in self._action(given)]
+        parts += [*self._parameters(left, right), *left, Atom("symbol", "=>"), *right]
+        return form("defrule", *parts, mark=mark), self._program
+
+    def _parameters(self, left: Sequence[Node], right: Sequence[Node]) -> list[Node]:
+        """Return a condition for each parameter that is used and that no condition gives another value."""
+        used = {name for node in (*left, *right) for name in variables(node)}
+        given = {
+            name
+            for node in left
+            if isinstance(node, Form) and node.head not in {"test", "not"}
+            for name in _plain_variables(node)
+        }
+        found: list[Node] = []
+        for one in self._program.parameters:
+            if one.name in used - given:
+                name, variable = form("name", plain(one.name)), Atom("variable", f"?{one.name}")
+                found.append(form(PARAMETER, name, form("value", variable), mark=self._given.mark))
+        return found
+
+    # -- when
+
+    def _condition(self, given: Written) -> list[Node]:
+        if isinstance(given, Word):
+            given = Entries(((given, Word("", given.mark)),), given.mark)
+        one = entries(given, "a condition", given.mark)
+        rest = [(key, value) for key, value in one if key.text != "as"]
+        if len(rest) != 1:
+            raise given.mark.error("write each condition on its own line, beginning with `- `")
+        key, value = rest[0]
+        if key.text == "if":
+            said = word(value, "`if`", key.mark)
+            return [form("test", formula(said.text, said.mark), mark=key.mark)]
+        negated = key.text.startswith("no ")
+        name = Word(key.text.removeprefix("no ").strip(), key.mark)
+        pattern = self._pattern(name, value)
+        if negated:
+            if one.get("as") is not None:
+                raise key.mark.error("what is not there cannot have a name (as)")
+            return [form("not", pattern, mark=key.mark)]
+        if (alias := one.get("as")) is not None:
+            return [_variable(alias), Atom("symbol", "<-", key.mark), pattern]
+        return [pattern]
+
+    def _pattern(self, name: Word, given: Written) -> Form:
+        hears = next((one for one in self._program.hears if one.name == name.text), None)
+        if hears is not None:
+            return self._heard(hears, name, given)
+        if name.text in EVENTS:
+            return self._event(name, given)
+        if self._program.template(name.text) is None or name.text == MESSAGE:
+            known = [one.name for one in self._program.templates] + [one.name for one in self._program.hears]
+            raise name.mark.error(
+                f"there is no fact or message {name.text!r}; this script has: {', '.join(known) or 'none'}; "
+                f"every script has: partner, parameter, role, {', '.join(EVENTS)}"
+            )
+        return form(
+            name.text,
+            *(form(slot.text, *self._wish(value), mark=slot.mark) for slot, value in entries(given, "the slots", name.mark)),
+            mark=name.mark,
+        )
+
+    def _wish(self, value: Written) -> list[Node]:
+        self._number += 1
+        return _wanted(value, self._number)
+
+    def _heard(self, hears: Hears, name: Word, given: Written) -> Form:
+        wishes = entries(given, "the message", name.mark)
+        names = [part for part, _ in hears.parts]
+        wishes.expect((*names, "from", "conversation", "reply by"), f"message {hears.name}")
+        said = {key.text: value for key, value in wishes}
+        args = [
+            node for part in names for node in (self._wish(said[part]) if part in said else [Atom("variable", "?", name.mark)])
+        ]
+        return self._message(name.mark, said, form("act", plain(hears.name)), form("args", *args))
+
+    def _message(self, mark: Mark, said: dict[str, Written], *slots: Node) -> Form:
+        more = [
+            form(slot, *self._wish(said[key]))
+            for key, slot in (("partner", "from"), ("from", "from"), ("conversation", "conv"), ("reply by", "by"))
+            if key in said
+        ]
+        return form(MESSAGE, *slots, *more, mark=mark)
+
+    def _event(self, name: Word, given: Written) -> Form:
+        if name.text == "timer" and isinstance(given, Word):
+            given = Entries(((Word("name", given.mark), given),), given.mark)
+        if name.text in {"lost", "found"} and isinstance(given, Word) and given.text:
+            given = Entries(((Word("partner", given.mark), given),), given.mark)
+        wishes = entries(given, name.text, name.mark)
+        wishes.expect(EVENTS[name.text], name.text)
+        said = {key.text: value for key, value in wishes}
+
+        def args(*names: str) -> Form:
+            nodes = [
+                node for one in names for node in (self._wish(said[one]) if one in said else [Atom("variable", "?")])
+            ]
+            while nodes and isinstance(last := nodes[-1], Atom) and last.text == "?":
+                nodes.pop()
+            return form("args", *nodes, Atom("variable", "$?"))
+
+        inform, failure = form("perf", plain("inform")), form("perf", plain("failure"))
+        match name.text:
+            case "done":
+                slots = [inform, form("act", plain("done")), args("act", "result")]
+            case "failed":
+                act = self._wish(said["act"]) if "act" in said else [Atom("variable", "?")]
+                slots = [failure, form("act", *act), args("reason")]
+            case "progress":
+                slots = [form("act", plain("progress")), args("act", "fraction", "text")]
+            case "lost" | "found":
+                slots = [form("act", plain(name.text)), args("robot", "reason")]
+            case "timer":
+                slots = [form("act", plain("timer")), args("name")]
+            case "message":
+                slots = [
+                    form(slot, *self._wish(said[key]))
+                    for key, slot in (("performative", "perf"), ("act", "act"), ("arguments", "args"))
+                    if key in said
+                ]
+            case _:
+                slots = [form("act", plain(name.text))]
+        return self._message(name.mark, said, *slots)
+
+    # -- then
+
+    def _action(self, given: Written) -> list[Node]:
+        if isinstance(given, Word):
+            given = Entries(((given, Word("", given.mark)),), given.mark)
+        one = entries(given, "an action", given.mark)
+        rest = [(key, value) for key, value in one if key.text not in {"as", "with"}]
+        if len(rest) != 1:
+            raise given.mark.error("write each action on its own line, beginning with `- `")
+        key, value = rest[0]
+        mark = key.mark
+        if key.text != "do" and len(one.entries) > 1:
+            raise given.mark.error("only `do` has `with` and `as`")
+        match key.text:
+            case "do":
+                return [self._do(mark, value, one)]
+            case "remember":
+                return [
+                    form("assert", _fact(Entries((fact,), mark), "a fact"), mark=mark)
+                    for fact in entries(value, "a fact", mark)
+                ]
+            case "forget":
+                return [form("retract", *map(_variable, items(value, mark).items), mark=mark)]
+            case text if text.startswith("update "):
+                slots = [
+                    form(slot.text, *map(_value, new.items if isinstance(new, Items) else (new,)), mark=slot.mark)
+                    for slot, new in entries(value, "the slots", mark)
+                ]
+                return [form("modify", _variable(Word(text.removeprefix("update ").strip(), mark)), *slots, mark=mark)]
+            case "wait":
+                return [self._wait(mark, value)]
+            case "role":
+                pairs = value.entries if isinstance(value, Entries) else ()
+                if len(pairs) != 1:
+                    raise mark.error("role is written as `role: {PARTNER: ROLE}`; two roles at once cannot be played")
+                return [form("play", _value(pairs[0][0]), _value(pairs[0][1]), mark=mark)]
+            case "reply" | "cancel":
+                return [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
+            case "log" | "end" | "fail":
+                return [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
+            case other:
+                raise mark.error(f"there is no action {other!r}; there are: {', '.join(ACTIONS)}")
+
+    def _do(self, mark: Mark, value: Written, one: Entries) -> Form:
+        given = list(items(value, mark).items)
+        if len(given) == 1 and isinstance(given[0], Word):
+            partner, dot, act = given[0].text.partition(".")
+            if not dot:
+                raise mark.error("do is written as `do: PARTNER.ACT`, or `do: [PARTNER, ACT, value …]`")
+            given = [Word(partner, given[0].mark), Word(act, given[0].mark)]
+        named: list[Node] = []
+        more = one.get("with")
+        if given and isinstance(given[-1], Entries):
+            more = given.pop()
+        for key, argument in entries(more, "with", mark):
+            named += [Atom("symbol", f"{check_argument(key)}=", key.mark), _value(argument)]
+        values = [_value(each) for each in given]
+        self._known(values, mark)
+        if (tag := one.get("as")) is not None:
+            return form("do-as", _value(tag), *values, *named, mark=mark)
+        return form("do", *values, *named, mark=mark)
+
+    def _known(self, values: Sequence[Node], mark: Mark) -> None:
+        partner = values[0] if values else None
+        names = [each.name for each in self._program.partners]
+        if isinstance(partner, Atom) and partner.sort == "string" and partner.text not in names:
+            known = ", ".join(names) or "none"
+            raise mark.error(f"there is no partner {partner.text!r}; this script has: {known}")
+
+    def _wait(self, mark: Mark, value: Written) -> Form:
+        if isinstance(value, Entries):
+            value.expect(("name", "for", "conversation"), "wait")
+            given = [value.get("name"), value.get("for"), value.get("conversation")]
+        else:
+            given = [*items(value, mark).items, None, None][:3]
+        name, seconds, conversation = given
+        if name is None or seconds is None:
+            raise mark.error("wait is written as `wait: {name: NAME, for: 5 s}`")
+        said = word(seconds, "the time", mark)
+        if found := _TIME.match(said.text):
+            number: Node = Atom("number", repr(float(found.group(1)) * _SECONDS[found.group(2)]), said.mark)
+        else:
+            number = _value(said)
+            if isinstance(number, Atom) and number.sort != "variable":
+                raise said.mark.error(f"{said.text!r} is no time: write it as `5 s` or `2 min`")
+        rest = [] if conversation is None else [_value(conversation)]
+        return form("wait", _value(name), number, *rest, mark=mark)
+
+
+def check_argument(key: Word) -> str:
+    """Return the name of an argument of an act."""
+    if not re.fullmatch(r"[a-z_]\w*", key.text):
+        raise key.mark.error(f"{key.text!r} cannot be the name of an argument")
+    return key.text
+
+
+def _plain_variables(node: Node) -> list[str]:
+    """Return the variables that a pattern gives a value: not those inside of its tests."""
+    if isinstance(node, Atom):
+        return [*variables(node)]
+    return [name for slot in node.rest if isinstance(slot, Form) for part in slot.rest if isinstance(part, Atom) for name in variables(part)]
+
+

@@ -1,0 +1,207 @@
+"""YAML as it was written: plain values that know their line and column, and no value that YAML invents.
+
+Only what people type by hand is read: mappings, lists and single values. A single value stays the text that was
+written (`no`, `0123` and `12:30` are texts), so nothing changes its meaning behind the author's back; `value_of`
+reads numbers and yes/no where they are wanted. Anchors, aliases, tags and a second document are refused: they are
+what YAML is attacked with. Pure.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import yaml
+
+from robotree.vr.errors import BrokenScript
+
+DEEPEST = 16
+"""Levels of nesting."""
+
+Scalar = bool | int | float | str
+
+
+class Mark(msgspec.Struct, frozen=True):
+    """Where something stands in a file, both counted from 1."""
+
+    path: str = ""
+    line: int = 0
+    column: int = 0
+
+    def error(self, reason: str) -> BrokenScript:
+        """Return the error that says what is wrong here."""
+        return BrokenScript(path=self.path, line=self.line, column=self.column, reason=reason)
+
+
+class Word(msgspec.Struct, frozen=True):
+    """One single value."""
+
+    text: str
+    mark: Mark
+    quoted: bool = False
+
+
+class Items(msgspec.Struct, frozen=True):
+    """A list."""
+
+    items: tuple[Written, ...]
+    mark: Mark
+
+
+class Entries(msgspec.Struct, frozen=True):
+    """A mapping, in the order written."""
+
+    entries: tuple[tuple[Word, Written], ...]
+    mark: Mark
+
+    def __iter__(self) -> Iterator[tuple[Word, Written]]:
+        return iter(self.entries)
+
+    def get(self, name: str) -> Written | None:
+        """Return the value of a key, or None."""
+        return next((value for key, value in self.entries if key.text == name), None)
+
+    def expect(self, known: Sequence[str], what: str) -> None:
+        """Refuse keys that mean nothing.
+
+        Args:
+            known: keys that may be there.
+            what: that has these keys, for the message.
+        """
+        for key, _ in self.entries:
+            if key.text not in known:
+                raise key.mark.error(f"{what} has no {key.text!r}; it has: {', '.join(known)}")
+
+
+Written = Word | Items | Entries
+
+_NUMBER = re.compile(r"[-+]?(\d+|\d*\.\d+|\d+\.\d*)([eE][-+]?\d+)?\Z")
+_TRUTH = {"yes": True, "true": True, "no": False, "false": False}
+_UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
+_PROBLEMS = {
+    "found character that cannot start any token": "a tab cannot indent here: use spaces",
+    "found a tab character that violates indentation": "a tab cannot indent here: use spaces",
+    "found character '\\t' that cannot start any token": "a tab cannot indent here: use spaces",
+    "mapping values are not allowed in this context": "a second ':' in one line: put the text into quotes, "
+    "or the value on its own line",
+}
+
+
+def read(source: str, path: str) -> Written:
+    """Read one document.
+
+    Args:
+        source: its text.
+        path: where its author keeps it.
+
+    Raises:
+        BrokenScript: it cannot be read, and where.
+    """
+    for number, line in enumerate(source.split("\n"), 1):
+        if found := _UNFIT.search(line.removesuffix("\r")):
+            mark = Mark(path, number, found.start() + 1)
+            raise mark.error(f"the invisible character U+{ord(found.group()):04X} cannot stand here: remove it")
+        indent = line[: len(line) - len(line.lstrip())]
+        if "\t" in indent and line.strip():
+            raise Mark(path, number, indent.index("\t") + 1).error("a tab cannot indent here: use spaces")
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(source)
+    try:
+        root = loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        raise _mark(path, error.problem_mark).error(_said(error)) from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise Mark(path, 1, 1).error(f"this is no YAML: {error}") from None
+    finally:
+        loader.dispose()
+    if root is None:
+        raise Mark(path, 1, 1).error("the file is empty")
+    return _written(root, path, set(), 0)
+
+
+def _said(error: yaml.MarkedYAMLError) -> str:
+    problem = str(error.problem or error)
+    if "but found another document" in problem:
+        return "a second document begins here: one file holds one"
+    context = f" ({error.context})" if error.context else ""
+    return _PROBLEMS.get(problem, f"this is no YAML: {problem}{context}")
+
+
+def _mark(path: str, mark: yaml.Mark | None) -> Mark:
+    return Mark(path, 1, 1) if mark is None else Mark(path, mark.line + 1, mark.column + 1)
+
+
+def _written(node: yaml.Node, path: str, seen: set[int], depth: int) -> Written:
+    mark = _mark(path, node.start_mark)
+    if id(node) in seen:
+        raise mark.error("an alias (*) cannot be used: write it out")
+    seen.add(id(node))
+    if depth > DEEPEST:
+        raise mark.error(f"this is nested more than {DEEPEST} levels deep")
+    if isinstance(node, yaml.ScalarNode):
+        if str(node.tag).startswith("!") or "python" in str(node.tag):
+            raise mark.error("a tag (!) cannot be used")
+        return Word(str(node.value), mark, node.style in {"'", '"', "|", ">"})
+    if isinstance(node, yaml.SequenceNode):
+        return Items(tuple(_written(one, path, seen, depth + 1) for one in node.value), mark)
+    entries: list[tuple[Word, Written]] = []
+    known: set[str] = set()
+    for key, value in node.value:
+        name = _written(key, path, seen, depth + 1)
+        if not isinstance(name, Word):
+            raise name.mark.error("a key must be one word")
+        if name.text in known:
+            raise name.mark.error(f"{name.text!r} stands here twice")
+        known.add(name.text)
+        entries.append((name, _written(value, path, seen, depth + 1)))
+    return Entries(tuple(entries), mark)
+
+
+def value_of(word: Word) -> Scalar:
+    """Return a single value as it is meant: a number, yes or no, else text. What is in quotes is text."""
+    if word.quoted:
+        return word.text
+    if word.text.lower() in _TRUTH:
+        return _TRUTH[word.text.lower()]
+    if _NUMBER.match(word.text):
+        try:
+            number = int(word.text)
+        except ValueError:
+            number = float(word.text)
+        if abs(number) >= 2**63 and isinstance(number, int) or number in {float("inf"), float("-inf")}:
+            raise word.mark.error(f"{word.text} is too large a number")
+        return number
+    return word.text
+
+
+def entries(thing: Written | None, what: str, where: Mark) -> Entries:
+    """Return a mapping; nothing at all is an empty one.
+
+    Raises:
+        BrokenScript: it is something else.
+    """
+    if thing is None or (isinstance(thing, Word) and not thing.text and not thing.quoted):
+        return Entries((), where)
+    if not isinstance(thing, Entries):
+        raise thing.mark.error(f"{what} must be written as `name: value`")
+    return thing
+
+
+def items(thing: Written | None, where: Mark) -> Items:
+    """Return a list; a single thing is a list of one, nothing at all an empty one."""
+    if thing is None or (isinstance(thing, Word) and not thing.text and not thing.quoted):
+        return Items((), where)
+    return thing if isinstance(thing, Items) else Items((thing,), thing.mark)
+
+
+def word(thing: Written | None, what: str, where: Mark) -> Word:
+    """Return a single value.
+
+    Raises:
+        BrokenScript: it is something else, or missing.
+    """
+    if thing is None:
+        raise where.error(f"{what} is missing")
+    if not isinstance(thing, Word):
+        raise thing.mark.error(f"{what} must be one value")
+    return thing
