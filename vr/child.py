@@ -36,14 +36,15 @@ class Record(dict[str, Any]):
 class Child:
     """A slot for one child, declared in the class body: `rover = Child("Rover")`."""
 
-    def __init__(self, kind: str, doc: str = "") -> None:
+    def __init__(self, kind: str, doc: str = "", *, optional: bool = False) -> None:
         """Declare the slot.
 
         Args:
             kind: the child must be of a class of this name, or of a subclass.
             doc: what it is for.
+            optional: the robot can be used without it.
         """
-        self.kind, self.doc, self.name = kind, doc, ""
+        self.kind, self.doc, self.name, self.optional = kind, doc, "", optional
 
     def __set_name__(self, owner: type[Any], name: str) -> None:
         self.name = name
@@ -65,7 +66,7 @@ class Child:
 
     def spec(self) -> SlotSpec:
         """Describe the empty slot."""
-        return SlotSpec(name=self.name, kind=self.kind, doc=self.doc)
+        return SlotSpec(name=self.name, kind=self.kind, doc=self.doc, optional=self.optional)
 
 
 class Exposed:

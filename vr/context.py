@@ -6,7 +6,7 @@ the same time without knowing of each other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from typing import Any, Protocol
 
@@ -54,6 +54,10 @@ class CallFuture(Protocol):
 
     def cancel(self) -> None:
         """Ask the child to end it."""
+        ...
+
+    def when_done(self, tell: Callable[[], None]) -> None:
+        """Call back once it has ended, from any thread; at once if it has."""
         ...
 
 

@@ -60,6 +60,8 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     name: str
     kind: str
     doc: str = ""
+    optional: bool = False
+    """The robot can be used while it is empty."""
     child: Address | None = None
     lost: str = ""
     """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""

@@ -15,6 +15,8 @@ class Robot:
     Subclasses mark methods with `@command`; what stands below *inside a command* works only in those.
     """
 
+    begins: ClassVar[str] = ""
+    """Command that its host calls when the robot has been made; empty: none."""
     online: bool = True
     """False while what stands behind this robot cannot be reached: its readings are stale."""
     reading_units: ClassVar[Mapping[str, str]] = {}

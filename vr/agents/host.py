@@ -7,16 +7,19 @@ knows which there are, and ends those that are left when it ends itself.
 from __future__ import annotations
 
 import asyncio
+import logging
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from robotree.vr.address import check_name
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.commands import LONGEST_DEADLINE
 from robotree.vr.agents.listed import Listings
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.errors import DuplicateName, Unreachable
+from robotree.vr.errors import DuplicateName, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
@@ -25,6 +28,8 @@ from robotree.vr.transport import Registration, Transport
 
 AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
+
+_log = logging.getLogger(__name__)
 
 
 class Host:
@@ -125,9 +130,20 @@ class Host:
                 term=self._term,
             )
             await self._settle(agent)
+            await self._begin(agent)
         finally:
             self._coming.discard(name)
         return agent
+
+    async def _begin(self, agent: RobotAgent) -> None:
+        """Call the command with which a robot begins by itself."""
+        command, name = agent.robot.begins, agent.robot.name
+        if command:
+            client = RobotClient(self._transport, agent.address)
+            try:
+                await client.tell(command, {}, deadline=LONGEST_DEADLINE, caller=name)
+            except VrError as error:  # it is there, and says why it does not begin when it is called again
+                _log.warning("%s does not begin by itself: %s", name, error)
 
     async def _settle(self, agent: RobotAgent) -> None:
         await agent.start()

@@ -17,6 +17,8 @@ from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
+SUFFIXES = (".yaml", ".yml", ".clp")
+"""Of files that hold a script, which is no Python."""
 _TOO_LARGE = f"it is larger than {LARGEST // 1000} kB"
 
 
@@ -68,12 +70,22 @@ class Bundle(msgspec.Struct, frozen=True):
         """
         if len(self.source) > LARGEST or len(self.source.encode()) > LARGEST:
             raise BrokenSource(path=self.path, reason=_TOO_LARGE)
+        if self.path.lower().endswith(SUFFIXES):
+            return self._script()
         module = load_module(self.source, self.path, self.hash, limit=limit)
         try:
             return choose(module, self.path, self.wanted)
         except BaseException:
             forget(module.__name__, str(module.__file__))
             raise
+
+    def _script(self) -> type[VirtualRobot]:
+        """Make the class of a script; CLIPS is loaded by the first one."""
+        from robotree.vr.scripts.script import read_program, script_class
+
+        if self.wanted:
+            raise BrokenSource(path=self.path, reason=f"a script has no classes, so there is no {self.wanted!r}")
+        return script_class(read_program(self.source, self.path))
 
     def create(self, name: str, *, limit: float = LIMIT) -> VirtualRobot:
         """Load the class and make a virtual robot of it. Blocks, as `load` does.
@@ -87,6 +99,8 @@ class Bundle(msgspec.Struct, frozen=True):
             BundleError: see `load`.
         """
         cls = self.load(limit=limit)
+        if self.path.lower().endswith(SUFFIXES):
+            return cls(name)
         try:
             robot = make(cls, lambda: cls(name), name, self.path, limit=limit)
         except BaseException:

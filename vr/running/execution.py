@@ -311,3 +311,7 @@ class ChildCall:
     def cancel(self) -> None:
         """See `CallFuture.cancel`."""
         self.future.cancel()
+
+    def when_done(self, tell: Callable[[], None]) -> None:
+        """See `CallFuture.when_done`."""
+        self.future.add_done_callback(lambda _: tell())

@@ -82,7 +82,12 @@ class Engine:
         self._orders: list[Order] = []
         self._error = ""
         self._numbers = 0
-        self._happened = 0
+        self.happened = 0
+        """Happenings so far."""
+        self.fired = 0
+        """Firings so far."""
+        self.handled = False
+        """Whether a rule has used the latest happening."""
         self._told: list[str] = []
         self._env = clips.Environment()
         self._env.add_router(_Ear(self._told))
@@ -120,7 +125,7 @@ class Engine:
         Raises:
             ScriptError: they do not come to rest, or one of them failed.
         """
-        self._happened += 1
+        self.happened += 1
         self._orders.clear()
         self._told.clear()
         if happening.partner:
@@ -135,11 +140,11 @@ class Engine:
         )
         self._look()
         self._raise("as it was told something")
-        handled = self._settle(event.index)
+        self.handled = self._settle(event.index)
         if event.exists:
             event.retract()
             self._settle(event.index)
-        if happening.act == "lost" and happening.partner and not handled:
+        if happening.act == "lost" and happening.partner and not self.handled:
             raise ScriptError(f"{happening.partner} is lost ({_first(happening)}) and no rule of {self.program.name} handles it")
         return list(self._orders)
 
@@ -150,6 +155,11 @@ class Engine:
         self._roles[partner] = cast("Any", self._env.find_template(ROLE)).assert_fact(partner=into(partner), name=into(role))
 
     # -- what it looks like ------------------------------------------------------------------------
+
+    @property
+    def count(self) -> int:
+        """How many facts there are."""
+        return len(self._tail)
 
     def facts(self) -> list[str]:
         """Return all facts as text, the oldest first."""
@@ -197,10 +207,11 @@ class Engine:
             because = tuple(self._text(part) for part in basis.split(","))
             before = len(self._orders)
             self._env.run(1)
+            self.fired += 1
             self._learn()
             self._look()
             self._raise(f"in rule {rule}")
-            self.firings.append(Firing(rule, because, tuple(self._orders[before:]), self._happened))
+            self.firings.append(Firing(rule, because, tuple(self._orders[before:]), self.happened))
             if count % _GLANCE == 0 and self._spent() - begun > LONGEST:
                 raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
         raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")

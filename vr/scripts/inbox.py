@@ -1,0 +1,38 @@
+"""What has happened and was not told to the rules yet, and how their thread waits for it."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from robotree.vr.running.runner import Runner
+from robotree.vr.scripts.happening import Happening
+
+LONGEST = 500
+"""Messages that may wait: more is a flood."""
+
+
+class Inbox:
+    """Takes happenings from any thread; one thread takes them out."""
+
+    def __init__(self, runner: Runner) -> None:
+        """Begin empty."""
+        self._waiting: deque[Happening | int] = deque()
+        self._waiter = runner.waiter()
+
+    def put(self, happening: Happening | int) -> None:
+        """Take in what the script's own acts and partners cause, or the number of an act that has ended."""
+        self._waiting.append(happening)
+        self._waiter.wake()
+
+    def offer(self, happening: Happening) -> bool:
+        """Take in what somebody else says; return False if too much waits already."""
+        if len(self._waiting) >= LONGEST:
+            return False
+        self.put(happening)
+        return True
+
+    def take(self, within: float) -> Happening | int | None:
+        """Return the oldest one, waiting `within` [s] for it at most."""
+        if not self._waiting:
+            self._waiter.wait(within)
+        return self._waiting.popleft() if self._waiting else None

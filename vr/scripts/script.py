@@ -1,0 +1,284 @@
+"""A script as a robot: it is created, enslaved, exposed, stopped and listed like any other.
+
+Its class is made of the program: a slot for each partner, a command for each message that it hears, and
+`start`, which leads until the script is over.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar
+
+from robotree.vr.child import Child
+from robotree.vr.command import command
+from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile
+from robotree.vr.roles.player import forward
+from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.scripts import explain
+from robotree.vr.scripts.clp import read_clp
+from robotree.vr.scripts.engine import ScriptError
+from robotree.vr.scripts.happening import Happening
+from robotree.vr.scripts.program import Hears, Program
+from robotree.vr.scripts.run import ScriptRun, lacking, words
+from robotree.vr.scripts.when_then import read_yaml
+from robotree.vr.units import Range, Unit
+from robotree.vr.virtual_robot import VirtualRobot
+from robotree.vr.written import Scalar
+
+PAUSE = 0.01
+"""[s] between two looks for an answer."""
+_TYPES: Mapping[str, Any] = {"text": str, "number": float, "yes/no": bool}
+
+
+class Script(VirtualRobot):
+    """Rules that lead partners."""
+
+    program: ClassVar[Program]
+    runner: ClassVar[Runner] = Threads()
+    reading_units: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
+        """Name the script; it is not started. See `VirtualRobot`."""
+        super().__init__(name, attributes)
+        self._run: ScriptRun | None = None
+        self._numbers = 0
+
+    @property
+    def attributes(self) -> dict[str, str]:  # type: ignore[override] # written once, by the base class
+        """Free pairs, its condition among them."""
+        return {**self._given, "condition": self.condition, "script": self.program.hash[:12]}
+
+    @attributes.setter
+    def attributes(self, given: dict[str, str]) -> None:
+        self._given = given
+
+    @property
+    def condition(self) -> str:
+        """How it is: `inactive: needs robot (Companion)`, `ready`, `active`."""
+        missing = lacking(self, self.program)
+        if missing:
+            return f"inactive: {missing}"
+        return "ready" if self._run is None else "active"
+
+    def readings(self) -> dict[str, float]:
+        """See `Robot.readings`."""
+        run = self._run
+        if run is None:
+            return {}
+        return {"facts": run.engine.count, "fired": run.engine.fired, "heard": run.engine.happened}
+
+    def lead(self, parameters: Mapping[str, Scalar]) -> str:
+        """Run until the script is over; return what it says at the end."""
+        caller = self.context.caller
+        allowed = self.program.starters
+        if allowed and caller not in {*allowed, self.name}:
+            raise self._failed("start", f"{caller or 'this caller'} may not start it; those may: {', '.join(allowed)}")
+        try:
+            run = ScriptRun(self, self.program, parameters, self.runner)
+        except ScriptError as error:
+            raise self._failed("start", str(error)) from None
+        self._run = run
+        try:
+            return run.whole()
+        finally:
+            self._run = None
+
+    def hear(self, act: str, values: tuple[Scalar, ...]) -> None:
+        """Take a message of a caller in."""
+        self._deliver(Happening(act=act, sender=self._sender, arguments=values, conversation=self._conversation()))
+
+    @command(effect="read")
+    def finish(self) -> None:
+        """End the script; what it has begun is cancelled."""
+        self._deliver(Happening(act="finish", sender=self._sender))
+
+    @command(effect="read")
+    def message(
+        self,
+        act: Annotated[str, "what it is about"],
+        arguments: Annotated[str, "values, separated by blanks; texts of several words in quotes"] = "",
+        performative: Annotated[str, "inform, request, query, agree, refuse …"] = "inform",
+        reply_by: Annotated[float, Unit("s"), Range(0, 3600), "time for the answer to a request"] = 10.0,
+    ) -> str:
+        """Say something to the rules; a request or query waits for the answer and returns it."""
+        conversation = self._conversation()
+        waits = performative in {"request", "query"}
+        run = self._running(act)
+        if waits:
+            run.asked.add(conversation)
+        self._deliver(
+            Happening(
+                act=act,
+                performative=performative,
+                sender=self._sender,
+                arguments=words(arguments),
+                conversation=conversation,
+                reply_by=reply_by if waits else 0.0,
+            )
+        )
+        return self._answer(run, conversation, act, reply_by) if waits else ""
+
+    @command(effect="read")
+    def facts(self) -> str:
+        """Show what the rules know now, and which of them would fire next."""
+        run = self._run
+        if run is None:
+            return f"{self.condition}\n(no facts: it is not started)"
+        with run.lock:
+            return explain.state(run.engine, self.condition)
+
+    @command(effect="read")
+    def why(self, rule: Annotated[str, "name of a rule; empty: the latest firings of all"] = "") -> str:
+        """Tell why a rule fired, or why it does not: which condition lacks which fact."""
+        run = self._run
+        if run is None:
+            raise self._failed("why", self._not_started)
+        with run.lock:
+            return explain.why(run.engine, rule)
+
+    @command(effect="read")
+    def play(
+        self,
+        role: Annotated[str, "role of the partner from its next act on"],
+        at: Annotated[str, "slot of the partner; empty: the only one that plays roles"] = "",
+    ) -> str:
+        """Give a partner another role; the script goes on as it is."""
+        if not at:
+            able = [
+                name for name, bond in self.child_slots.bonds().items() if bond.description.command("play") is not None
+            ]
+            if len(able) != 1:
+                reason = f"say which partner is meant: {', '.join(able)}" if able else "none of its partners plays roles"
+                raise NoRoles(robot=self.name, reason=reason)
+            (at,) = able
+        played = forward(self, role, at)
+        run = self._run
+        if run is not None and "." not in at:
+            run.inbox.put(Happening(act="role", sender=at, arguments=(played,)))
+        return played
+
+    @command(effect="read")
+    def learn_role(self, source: str, at: str = "") -> str:
+        """Teach a partner a role."""
+        return forward(self, source, at, act="learn_role", argument="source")
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    @property
+    def _sender(self) -> str:
+        return self.context.caller or "nobody"
+
+    @property
+    def _not_started(self) -> str:
+        return f"it is not started; `robotree call {self.name}.start --detach` starts it"
+
+    def _conversation(self) -> str:
+        self._numbers += 1
+        return f"talk-{self._numbers}"
+
+    def _failed(self, command: str, detail: str) -> CommandFailed:
+        return CommandFailed(robot=self.name, command=command, detail=detail)
+
+    def _running(self, what: str) -> ScriptRun:
+        run = self._run
+        if run is None:
+            raise self._failed(what, self._not_started)
+        if run.missing and not run.engine.happened:
+            raise self._failed(what, f"it is inactive: {run.missing}")
+        return run
+
+    def _deliver(self, happening: Happening) -> None:
+        if not self._running(happening.act).inbox.offer(happening):
+            raise self._failed(happening.act, "it is flooded: too many messages wait for its rules; send fewer")
+
+    def _answer(self, run: ScriptRun, conversation: str, act: str, within: float) -> str:
+        until = self.runner.now() + within
+        try:
+            while self.runner.now() < until and self._run is run:
+                if reply := run.answers.pop(conversation, None):
+                    text = " ".join(str(value) for value in reply.values)
+                    if reply.performative in {"refuse", "failure"}:
+                        raise self._failed(act, f"{reply.performative}: {text or 'no reason given'}")
+                    return f"{reply.performative} {text}".strip()
+                self.sleep(PAUSE)
+        finally:
+            run.asked.discard(conversation)
+        raise self._failed(act, f"no rule answered within {within:g} s")
+
+
+def read_program(source: str, path: str) -> Program:
+    """Read a script of either form.
+
+    Raises:
+        NoSuchFile: it has the name of neither.
+        BrokenScript: it cannot be used, and where.
+    """
+    suffix = re.search(r"\.\w+\Z", path)
+    match suffix.group().lower() if suffix else "":
+        case ".yaml" | ".yml":
+            return read_yaml(source, path)
+        case ".clp":
+            name = re.sub(r"[^a-z0-9_]", "_", re.sub(r"\.\w+\Z|.*/", "", path).lower()) or "script"
+            return read_clp(source, path, name)
+        case _:
+            raise NoSuchFile(path=path, reason="the name of a script ends in .yaml, .yml or .clp")
+
+
+def script_class(program: Program) -> type[Script]:
+    """Make the class of a script's robot."""
+    kind = "".join(part[:1].upper() + part[1:] for part in re.split(r"[-_]", program.name))
+    members: dict[str, Any] = {
+        "__doc__": program.doc or f"The script {program.name}.",
+        "__module__": __name__,
+        "program": program,
+        "begins": "start" if program.itself else "",
+    }
+    for partner in program.partners:
+        members[partner.name] = Child(partner.kind, partner.doc, optional=partner.optional)
+    members["start"] = _start(program)
+    for hears in program.hears:
+        members[hears.name] = _hearing(hears)
+    return type(kind, (Script,), members)
+
+
+def _start(program: Program) -> Callable[..., Any]:
+    def start(self: Script, **parameters: Scalar) -> str:
+        return self.lead(parameters)
+
+    parts = [(one.name, _type(one.default, one.doc), one.default) for one in program.parameters]
+    start.__doc__ = "Lead the partners until the script is over; returns what it says at the end."
+    return command(_signed(start, "start", parts, str))
+
+
+def _type(default: Scalar, doc: str) -> Any:
+    kind: Any = str if isinstance(default, str) else bool if isinstance(default, bool) else float
+    return Annotated[kind, doc] if doc else kind
+
+
+def _hearing(hears: Hears) -> Callable[..., Any]:
+    names = [name for name, _ in hears.parts]
+
+    def hear(self: Script, **given: Scalar) -> None:
+        self.hear(hears.name, tuple(given[name] for name in names))
+
+    hear.__doc__ = hears.doc or f"Tell the script: {hears.name}."
+    parts = [(name, _TYPES[kind], inspect.Parameter.empty) for name, kind in hears.parts]
+    return command(effect="read")(_signed(hear, hears.name, parts, None))
+
+
+def _signed(
+    function: Callable[..., Any], name: str, parts: list[tuple[str, Any, Any]], returns: Any
+) -> Callable[..., Any]:
+    """Give a function the name and parameters that callers see."""
+    mine = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
+    parameters = [
+        inspect.Parameter(part, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for part, kind, default in parts
+    ]
+    function.__name__, function.__qualname__ = name, name
+    function.__annotations__ = {part: kind for part, kind, _ in parts} | {"return": returns}
+    function.__signature__ = inspect.Signature([mine, *parameters])  # type: ignore[attr-defined] # PEP 362
+    return function
+
