@@ -130,8 +130,18 @@ def _start(line: Line, *, readonly: bool) -> int:
             from robotree.tui import wire
 
             return wire.start(line)
+        case verb if verb.startswith("rules ") and _offline(line):
+            from robotree.tui import rules
+
+            return rules.start(line)
         case verb:
             return _look(line, realm, readonly=readonly) if verb in {"info", "doctor"} else _ask(line, realm)
+
+
+def _offline(line: Line) -> bool:
+    """Whether a verb about rules is about a file, and not about a script that runs."""
+    what = line.text("WHAT")
+    return not what or bool(line.text("--after")) or what.lower().endswith((".yaml", ".yml", ".clp"))
 
 
 def _ask(line: Line, realm: str) -> int:

@@ -52,7 +52,7 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
             remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
             yield Finding("robots", "bad", told, remedy)
         case "needs":
-            slot = next(one for one in robot.slots if one.child is None)
+            slot = next(one for one in robot.slots if one.child is None and not one.optional)
             remedy = f"robotree enslave {robot.name}.{slot.name} NAME, of a robot of kind {slot.kind}"
             yield Finding(
                 "robots", "doubt", f"{robot.name} ({robot.kind}) needs {mood.needs(robot.slots)}", remedy

@@ -6,11 +6,11 @@ session scripts. Whatever is not here cannot be done anywhere; whatever is here 
 
 from __future__ import annotations
 
-from robotree.tui.line.action import ANYWHERE, SHOWN, About, Action, Scope, Where
+from robotree.tui.line.action import ANYWHERE, LINES, SHOWN, About, Action, Scope, Where
 from robotree.tui.line.grammar import Shape
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
-WIRE = "Wire"
+WIRE, SCRIPTS = "Wire", "Scripts and roles"
 
 ACTIONS: tuple[Action, ...] = (
     # -- look
@@ -71,7 +71,7 @@ ACTIONS: tuple[Action, ...] = (
     # -- shape the tree
     Action(
         usage="create FILE as NAME [on HOST]",
-        help="Make a virtual robot from FILE.py or FILE.py:Class.",
+        help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp.",
         group=SHAPE,
         run="create",
         where=ANYWHERE,
@@ -162,6 +162,49 @@ ACTIONS: tuple[Action, ...] = (
         danger=True,
         examples=("resume",),
         alters=True,
+    ),
+    # -- scripts and roles
+    Action(
+        usage="role NAME ROLE",
+        help="Let a robot play a role from its next act on; ROLE: a name, or FILE.yaml with yours.",
+        group=SCRIPTS,
+        run="role",
+        where=ANYWHERE,
+        key="p",
+        about=About.ROBOT,
+        examples=("role companion child", "role companion waiter.yaml"),
+        alters=True,
+    ),
+    Action(
+        usage="rules check FILE [--listing]",
+        help="Check a script (FILE.yaml or FILE.clp); --listing: print the rules that it became.",
+        group=SCRIPTS,
+        where=Where.SHELL,
+        examples=("rules check examples/guide.yaml", "rules check guide.yaml --listing"),
+    ),
+    Action(
+        usage="rules test TABLE",
+        help="Play a table of happenings against a script, without any robot, and compare the orders.",
+        group=SCRIPTS,
+        where=Where.SHELL,
+        examples=("rules test examples/guide.test.yaml",),
+        guide=("robotree.vr.scripts.trial",),
+    ),
+    Action(
+        usage="rules dry-run FILE [TABLE]",
+        help="Show what a script would do at the happenings of a TABLE, or of standard input, one a line.",
+        group=SCRIPTS,
+        where=Where.SHELL,
+        examples=("rules dry-run examples/guide.yaml", "rules dry-run guide.yaml guide.test.yaml"),
+        guide=("robotree.vr.scripts.trial",),
+    ),
+    Action(
+        usage="rules explain WHAT [RULE] [--after TABLE]",
+        help="Say why a RULE fired or does not, in a FILE or in a running script; without RULE: facts and agenda.",
+        group=SCRIPTS,
+        run="explain",
+        where=LINES,
+        examples=("rules explain guide greet", "rules explain guide.yaml greet --after guide.test.yaml"),
     ),
     # -- run
     Action(

@@ -92,7 +92,8 @@ class Line(NamedTuple):
 
 def verb(usage: str) -> str:
     """Return the lower-case words with which a usage string begins."""
-    return " ".join(takewhile(str.isidentifier, takewhile(str.islower, usage.split())))
+    words = takewhile(str.islower, usage.split())
+    return " ".join(takewhile(lambda word: word.replace("-", "_").isidentifier() and word[0] != "-", words))
 
 
 @cache

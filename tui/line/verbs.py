@@ -27,6 +27,9 @@ if TYPE_CHECKING:  # help must not wait for the agents
 CALL_LIMIT = 120.0
 """[s] that a command may take when the line does not say."""
 
+SCRIPT_LIMIT = 7 * 24 * 3600.0
+"""[s] that a script may lead when the line does not say: a week, the longest that any robot allows."""
+
 PICTURE = (640, 360)
 """[px] size of a picture when the line does not say: 16:9, about 40 kB."""
 
@@ -85,7 +88,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     if what == "view":
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
-    told = {robot.name: mood.words(robot, robot.slots) for robot in await fleet.tree()}
+    told = {robot.name: mood.told(robot) for robot in await fleet.tree()}
     told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
@@ -229,19 +232,19 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Make a virtual robot from a file."""
     path, wanted = values.source(line.text("FILE"))
-    robot = await fleet.create(str(_source(path)), line.text("NAME"), host=line.text("HOST"), wanted=wanted)
+    robot = await fleet.create(str(shipped(path)), line.text("NAME"), host=line.text("HOST"), wanted=wanted)
     return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
 
 
-def _source(given: str) -> Path:
+def shipped(given: str) -> Path:
     """Return a source file; `examples/…` is in the wheel, too, where the current folder has none."""
     path = Path(given)
     if path.exists() or path.parent != Path("examples"):
         return path
     from importlib.resources import files
 
-    shipped = Path(str(files("robotree.examples").joinpath(path.name)))
-    return shipped if shipped.exists() else path
+    found = Path(str(files("robotree.examples").joinpath(path.name)))
+    return found if found.exists() else path
 
 
 async def enslave(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
@@ -271,7 +274,7 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     given = values.assignments(line.many("PARAMETER=VALUE"))
-    limit = values.duration(line.text("--within")) if line.text("--within") else CALL_LIMIT
+    limit = values.duration(line.text("--within")) if line.text("--within") else await _limit(fleet, robot, command)
     if line.flag("--detach"):
         await fleet.tell(robot, command, given, deadline=limit)
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
@@ -280,6 +283,13 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
+
+
+async def _limit(fleet: Fleet, robot: str, command: str) -> float:
+    """Return how long a command may take [s] when nobody says: a script leads until it is over."""
+    if command == "start" and "Script" in (await fleet.describe(robot)).kinds:
+        return SCRIPT_LIMIT
+    return CALL_LIMIT
 
 
 async def _spec(fleet: Fleet, robot: str, command: str) -> CommandSpec | None:
@@ -308,6 +318,49 @@ async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
     told = await fleet.resume(line.text("NAME") or None)
     return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'nobody is there'}")
+
+
+# -- scripts and roles -------------------------------------------------------------------------------
+
+
+async def explain(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Tell why a rule of a running script fired, or why it does not; without a rule: its facts and agenda."""
+    name, rule = line.text("WHAT"), line.text("RULE")
+    text = str(await fleet.call(name, "why" if rule else "facts", {"rule": rule} if rule else {}))
+    return Outcome({"script": name, "rule": rule, "explanation": text.splitlines()}, text)
+
+
+async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Give a robot another role: directly, or through those who command it."""
+    name, wanted = line.text("NAME"), line.text("ROLE")
+    top, at = await _way_down(fleet, name)
+    given = {"at": at} if at else {}
+    if wanted.lower().endswith((".yaml", ".yml")):
+        import asyncio
+
+        from robotree.vr.bundle import Bundle
+
+        bundle = await asyncio.to_thread(Bundle.read, wanted)
+        wanted = str(await fleet.call(top, "learn_role", {"source": bundle.source, **given}))
+    played = str(await fleet.call(top, "play", {"role": wanted, **given}))
+    return Outcome({"name": name, "role": played}, f"{name} plays {played} from its next act on")
+
+
+async def _way_down(fleet: Fleet, name: str) -> tuple[str, str]:
+    """Return who must be told to change a robot's role, and the path of slots from there down to it."""
+    from robotree.vr.errors import NoRoles
+
+    robot = await fleet.describe(name)
+    if robot.command("play") is None:
+        raise NoRoles(robot=name, reason=f"a {robot.kind} plays none")
+    path: list[str] = []
+    while robot.bond is not None:
+        path.insert(0, robot.bond.slot)
+        robot = await fleet.describe(robot.bond.parent.name)
+        if robot.command("play") is None:
+            reason = f"{robot.name} commands it and passes no role on; a script does, or release it first"
+            raise NoRoles(robot=name, reason=reason)
+    return robot.name, ".".join(path)
 
 
 # -- plain data ------------------------------------------------------------------------------------

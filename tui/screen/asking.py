@@ -15,6 +15,7 @@ from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import PANES, main_page
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen.store import Store
@@ -297,6 +298,20 @@ def _pane(name: str) -> Ask:
     return lambda app, _place: main_page(app).show_pane(name)
 
 
+def _role(app: Supervisor, place: Place) -> None:
+    robot = app.store.descriptions.get(place.name)
+    known = robot.attributes.get("roles", "").split() if robot else []
+    if not known:
+        app.tell(f"{place.name} plays no roles" if place.name else "no robot is selected", "warning")
+        return
+
+    def answered(line: Line | None) -> None:
+        if line:
+            app.perform(line)
+
+    app.push_screen(RoleDialog(place.name, known, robot.attributes.get("role", "") if robot else ""), answered)
+
+
 def _line(kind: Kind) -> Ask:
     return lambda app, _place: main_page(app).open_line(kind)
 
@@ -311,6 +326,7 @@ ASK: Mapping[str, Ask] = {
     "cancel": _cancel,
     "stop": _stop,
     "resume": _resume,
+    "role": _role,
     "help": _help,
     "quit": _quit,
     "filter": _line("filter"),

@@ -86,7 +86,7 @@ def label(branch: Branch) -> str:
     """Return one line for a branch, without its lead."""
     place = f"{branch.slot.name}: " if branch.slot else ""
     if branch.robot:
-        shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.words(branch.robot)}"
+        shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.told(branch.robot)}"
         link = f"  {mood.UNGUARDED}" if branch.robot.unguarded else ""
         return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}{link}"
     if branch.name:
@@ -109,7 +109,7 @@ def structure(branch: Branch) -> dict[str, object]:
     facts: dict[str, object] = {
         "name": branch.name,
         "kind": branch.robot.kind if branch.robot else "",
-        "state": mood.words(branch.robot, branch.robot.slots) if branch.robot else "",
+        "state": mood.told(branch.robot) if branch.robot else "",
     }
     if branch.robot and branch.robot.link:
         facts["link"] = branch.robot.link

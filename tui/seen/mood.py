@@ -7,7 +7,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import SlotSpec
+    from robotree.vr.description import RobotDescription, SlotSpec
 
 Mood = Literal[
     "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
@@ -23,6 +23,9 @@ SHORT = 10.0
 """[s] below which tenths of a second count."""
 LONG = 120.0
 """[s] from which on a time is told in minutes."""
+
+CONDITION = "condition"
+"""Attribute in which a robot says itself how it is."""
 
 UNGUARDED = "open link"
 """Beside a robot whose controller obeys every program that reaches it."""
@@ -79,7 +82,7 @@ def mood(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Mood:
 
 def needs(slots: Iterable[SlotSpec]) -> str:
     """Return what must be enslaved before all commands can be used: `arm: Arm`; empty: nothing."""
-    return ", ".join(f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None)
+    return ", ".join(f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None and not slot.optional)
 
 
 def span(seconds: float) -> str:
@@ -129,6 +132,14 @@ def doing(
             return f"needs {needs(slots)}"
         case calm:
             return calm
+
+
+def told(robot: RobotDescription) -> str:
+    """Return how a robot is that tells of a condition of its own (a script): `inactive: needs robot (Arm)`."""
+    condition = robot.attributes.get(CONDITION, "")
+    if not condition or not robot.online or robot.stopped or robot.abandoned:
+        return words(robot, robot.slots)
+    return condition if condition != "ready" else words(robot, robot.slots)
 
 
 def words(robot: Condition, slots: Iterable[SlotSpec] = ()) -> str:

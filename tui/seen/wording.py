@@ -126,7 +126,7 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
-        ("state", mood.words(robot, robot.slots)),
+        ("state", mood.told(robot)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
         ("link", _link(robot)),

@@ -142,6 +142,7 @@ class RolePlayer(VirtualRobot):
         self._known = shipped()
         self._profile = Profile(name=NEUTRAL, chain=(NEUTRAL,))
         self._limits: dict[str, Limit] = dict(self.limits)
+        self._show()
 
     @property
     def role(self) -> str:
@@ -188,6 +189,7 @@ class RolePlayer(VirtualRobot):
         known = {**self._known, profile.name: profile}
         self._narrowed(resolve(profile.name, known), known)
         self._known = known
+        self._show()
         return profile.name
 
     @command(effect="read")
@@ -198,7 +200,10 @@ class RolePlayer(VirtualRobot):
     def _take(self, profile: Profile, known: Mapping[str, Profile]) -> None:
         limits = self._narrowed(profile, known)
         self._profile, self._limits = profile, limits
-        self.attributes["role"] = profile.name
+        self._show()
+
+    def _show(self) -> None:
+        self.attributes |= {"role": self.role, "roles": " ".join([NEUTRAL, *sorted(self._known)])}
 
     def _narrowed(self, profile: Profile, known: Mapping[str, Profile]) -> dict[str, Limit]:
         """Return the limits under a role, the narrowest of the robot's own and of those in its chain.

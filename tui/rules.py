@@ -1,0 +1,168 @@
+"""`robotree rules …`: scripts checked, tested and explained without any robot.
+
+    robotree rules check guide.yaml --listing
+    robotree rules test guide.test.yaml
+    robotree rules dry-run guide.yaml          (one happening a line on standard input)
+    robotree rules explain guide.yaml greet --after guide.test.yaml
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from robotree.tui import exit_codes
+from robotree.tui.line.grammar import Line
+from robotree.tui.line.verbs import shipped
+from robotree.tui.terminal import answer, put
+
+if TYPE_CHECKING:  # help must not wait for the rules
+    from robotree.vr.scripts.program import Program
+    from robotree.vr.scripts.trial import Played, Rehearsal, Trial
+    from robotree.vr.written import Scalar
+
+
+def start(line: Line) -> int:
+    """Carry out one line whose verb begins with `rules`.
+
+    Returns:
+        The exit code: 0 unless a test fails.
+    """
+    match line.verb:
+        case "rules check":
+            return _check(line)
+        case "rules test":
+            return _test(line)
+        case "rules dry-run":
+            return _dry_run(line)
+        case _:
+            return _explain(line)
+
+
+def _source(path: Path) -> str:
+    from robotree.vr.bundle import Bundle
+
+    return Bundle.read(path).source
+
+
+def _program(given: str) -> Program:
+    from robotree.vr.scripts.script import read_program
+
+    path = shipped(given)
+    return read_program(_source(path), str(given))
+
+
+def _check(line: Line) -> int:
+    from robotree.vr.scripts.engine import Engine
+
+    program = _program(line.text("FILE"))
+    Engine(program)  # CLIPS takes each rule
+    text = f"{line.text('FILE')} is good: {len(program.rules)} rules, {len(program.templates)} kinds of facts"
+    if line.flag("--listing"):
+        text = program.listing
+    data = {
+        "script": program.name,
+        "hash": program.hash,
+        "partners": [partner.name for partner in program.partners],
+        "hears": [hears.name for hears in program.hears],
+        "rules": [{"name": rule.name, "line": rule.mark.line, "clips": rule.clips} for rule in program.rules],
+    }
+    answer(text, lambda: data)
+    return exit_codes.DONE
+
+
+def _table(given: str, script: str = "") -> tuple[Program, tuple[Trial, ...]]:
+    from robotree.vr.scripts.trial import read_table
+
+    path = shipped(given)
+    named, tests = read_table(_source(path), given)
+    return _program(script or str(path.parent / named)), tests
+
+
+def _test(line: Line) -> int:
+    from robotree.vr.scripts.trial import run
+
+    program, tests = _table(line.text("TABLE"))
+    results: list[dict[str, Any]] = []
+    for trial in tests:
+        last: Played | None = None
+        for last in run(program, trial):
+            pass
+        fault = last.fault if last else ""
+        where = f"{line.text('TABLE')}:{last.mark.line}" if last and fault else ""
+        results.append({"test": trial.name, "passed": not fault, "where": where, "fault": fault})
+    rows: list[str] = []
+    for one in results:
+        rows.append(f"{'✓' if one['passed'] else '✗'} {one['test']}")
+        if not one["passed"]:
+            rows.append(f"    {one['where']}: {one['fault']}")
+    failed = sum(not one["passed"] for one in results)
+    rows.append(f"{len(results) - failed} of {len(results)} passed")
+    answer("\n".join(rows), lambda: results)
+    return exit_codes.REFUSED if failed else exit_codes.DONE
+
+
+def _dry_run(line: Line) -> int:
+    program = _program(line.text("FILE"))
+    as_json = line.flag("--json")
+
+    def show(played: Played) -> None:
+        if as_json:
+            put(msgspec.json.encode(played).decode())
+            return
+        put(f"> {played.when}")
+        for text in (*(f"  {rule} fires" for rule in played.fired), *(f"  → {order}" for order in played.orders)):
+            put(text)
+        if played.fault:
+            put(f"  ✗ {played.fault}")
+
+    def begun(parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()) -> Rehearsal:
+        rehearsal = _rehearsal(program, parameters, missing)
+        for played in rehearsal.opening:
+            if played.fired or played.fault:
+                show(played)
+        return rehearsal
+
+    if not line.text("TABLE"):
+        rehearsal = begun()
+        for text in sys.stdin:
+            if text.strip() and not text.startswith("#"):
+                show(rehearsal.play(text.strip()))
+        return exit_codes.DONE
+    for trial in _table(line.text("TABLE"), line.text("FILE"))[1]:
+        if not as_json:
+            put(f"# {trial.name}")
+        rehearsal = begun(trial.parameters, trial.missing)
+        for step in trial.steps:
+            show(rehearsal.play(step.when, step.mark))
+    return exit_codes.DONE
+
+
+def _rehearsal(
+    program: Program, parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()
+) -> Rehearsal:
+    from robotree.vr.scripts.trial import Rehearsal
+
+    return Rehearsal(program, parameters, missing)
+
+
+def _explain(line: Line) -> int:
+    """Explain a rule at the beginning, or after the first test of a table."""
+    from robotree.vr.scripts import explain
+
+    program = _program(line.text("WHAT"))
+    if line.text("--after"):
+        trial = _table(line.text("--after"), line.text("WHAT"))[1][0]
+        rehearsal = _rehearsal(program, trial.parameters, trial.missing)
+        for step in trial.steps:
+            rehearsal.play(step.when, step.mark)
+    else:
+        rehearsal = _rehearsal(program)
+    rule = line.text("RULE")
+    text = explain.why(rehearsal.engine, rule) if rule else explain.state(rehearsal.engine)
+    answer(text, lambda: {"explanation": text.splitlines()})
+    return exit_codes.DONE

@@ -1,0 +1,231 @@
+"""Scripts tried out without any robot: a table of happenings and of the orders that must follow. No threads.
+
+    script: guide.yaml
+    tests:
+      - test: a visitor is greeted
+        parameters: {welcome: Hello}
+        missing: []                       # partners that are not there
+        steps:
+          - when: person_seen Anna kitchen
+            then:
+              - do robot wave
+              - do robot say text="Hello, Anna"
+          - when: done robot say as Anna
+            then: do robot go_to place=kitchen
+            facts: (visitor (id Anna) (place kitchen) (stage guided))
+
+A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `failed PARTNER ACT reason`,
+`progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `start`; at its end
+`as CONVERSATION` and `from NAME`.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+
+import msgspec
+
+from robotree.vr.scripts.engine import Engine, ScriptError
+from robotree.vr.scripts.happening import Happening, said
+from robotree.vr.scripts.program import Program
+from robotree.vr.written import Entries, Mark, Scalar, Word, Written, entries, items, read, value_of, word
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True):
+    """One happening, and what must follow."""
+
+    when: str
+    then: tuple[str, ...] | None
+    """Orders, as `said` writes them; None: whatever follows."""
+    facts: tuple[str, ...] = ()
+    mark: Mark = Mark()
+
+
+class Trial(msgspec.Struct, frozen=True, kw_only=True):
+    """One test."""
+
+    name: str
+    steps: tuple[Step, ...]
+    parameters: dict[str, Scalar] = {}
+    missing: tuple[str, ...] = ()
+    mark: Mark = Mark()
+
+
+class Played(msgspec.Struct, frozen=True, kw_only=True):
+    """One step as it went."""
+
+    when: str
+    orders: tuple[str, ...]
+    fired: tuple[str, ...]
+    fault: str = ""
+    """What is not as it should be; empty: nothing."""
+    mark: Mark = Mark()
+
+
+def read_table(source: str, path: str) -> tuple[str, tuple[Trial, ...]]:
+    """Read a table of tests.
+
+    Returns:
+        Path of the script, as written; and the tests.
+
+    Raises:
+        BrokenScript: it cannot be read, and where.
+    """
+    root = read(source, path)
+    if not isinstance(root, Entries):
+        raise root.mark.error("a table is written as `script: FILE` and `tests:`")
+    root.expect(("script", "tests"), "a table")
+    tests = tuple(_trial(one) for one in items(root.get("tests"), root.mark).items)
+    if not tests:
+        raise root.mark.error("there are no tests")
+    return word(root.get("script"), "`script: FILE`", root.mark).text, tests
+
+
+def _trial(given: Written) -> Trial:
+    test = entries(given, "a test", given.mark)
+    test.expect(("test", "parameters", "missing", "steps"), "a test")
+    mark = test.mark
+    parameters = {
+        key.text: value_of(word(value, "a value", key.mark))
+        for key, value in entries(test.get("parameters"), "parameters", mark)
+    }
+    return Trial(
+        name=word(test.get("test"), "`test: NAME`", mark).text,
+        parameters=parameters,
+        missing=tuple(word(one, "a partner", mark).text for one in items(test.get("missing"), mark).items),
+        steps=tuple(_step(one) for one in items(test.get("steps"), mark).items),
+        mark=mark,
+    )
+
+
+def _step(given: Written) -> Step:
+    step = entries(given, "a step", given.mark)
+    step.expect(("when", "then", "facts"), "a step")
+    then = step.get("then")
+    nothing = isinstance(then, Word) and then.text == "nothing"
+    lines = () if nothing else tuple(word(one, "an order", given.mark).text for one in items(then, given.mark).items)
+    return Step(
+        when=word(step.get("when"), "`when: …`", given.mark).text,
+        then=None if then is None else lines,
+        facts=tuple(word(one, "a fact", given.mark).text for one in items(step.get("facts"), given.mark).items),
+        mark=given.mark,
+    )
+
+
+def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # frozen
+    """Read a happening from one line.
+
+    Raises:
+        BrokenScript: it is none.
+    """
+    try:
+        words = shlex.split(line)
+    except ValueError:
+        raise mark.error(f"a quote is not closed: {line}") from None
+    conversation, sender = "none", "operator"
+    while len(words) > 2 and words[-2] in {"as", "from"}:
+        if words[-2] == "as":
+            conversation = words[-1]
+        else:
+            sender = words[-1]
+        del words[-2:]
+    if not words:
+        raise mark.error("a happening is missing")
+    head, *rest = words
+    values = tuple(value_of(Word(one, mark)) for one in rest)
+    least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "lost": 1, "found": 1}.get(head, 0)
+    if len(rest) < least:
+        raise mark.error(f"{head} needs {least} values: {line}")
+    match head:
+        case "done" | "progress":
+            return Happening(act=head, sender=rest[0], arguments=values[1:], conversation=conversation)
+        case "failed":
+            reason = values[2:] or ("it failed",)
+            return Happening(
+                performative="failure", act=rest[1], sender=rest[0], arguments=reason, conversation=conversation
+            )
+        case "lost":
+            why = (rest[0], *(values[1:] or ("it was lost",)))
+            return Happening(act="lost", sender=rest[0], partner=rest[0], arguments=why)
+        case "found":
+            robot = rest[1] if len(rest) > 1 else rest[0]
+            return Happening(act="found", sender=rest[0], partner=rest[0], robot=robot, arguments=(robot,))
+        case "timer" | "start":
+            return Happening(act=head, arguments=values, conversation=conversation)
+        case _:
+            return Happening(act=head, sender=sender, arguments=values, conversation=conversation)
+
+
+class Rehearsal:
+    """A script at work without robots: all partners are there but those that are said to be missing."""
+
+    def __init__(
+        self, program: Program, parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()
+    ) -> None:
+        """Begin as `start` does.
+
+        Raises:
+            ScriptError: the rules cannot be built, or fail at the beginning.
+        """
+        self.program = program
+        self.engine = Engine(program, parameters)
+        self.opening: list[Played] = []
+        for partner in program.partners:
+            if partner.name not in missing:
+                self.opening.append(self._played(happening(f"found {partner.name}"), f"found {partner.name}", Mark()))
+        self.opening.append(self._played(happening("start"), "start", Mark()))
+
+    def play(self, line: str, mark: Mark = Mark()) -> Played:  # noqa: B008 # frozen
+        """Tell the rules one happening.
+
+        Raises:
+            BrokenScript: the line is none, or the script does not know the message.
+        """
+        told = happening(line, mark)
+        heard = next((one for one in self.program.hears if one.name == told.act), None)
+        if heard is not None and told.performative == "inform" and len(told.arguments) != len(heard.parts):
+            takes = ", ".join(name for name, _ in heard.parts) or "nothing"
+            raise mark.error(f"{heard.name} takes {takes}: {line}")
+        return self._played(told, line, mark)
+
+    def _played(self, told: Happening, line: str, mark: Mark) -> Played:
+        before = self.engine.happened + 1
+        fault, orders = "", ()
+        try:
+            orders = tuple(map(said, self.engine.feed(told)))
+        except ScriptError as error:
+            fault = str(error)
+        fired = tuple(one.rule for one in self.engine.firings if one.number == before)
+        return Played(when=line, orders=orders, fired=fired, fault=fault, mark=mark)
+
+
+def run(program: Program, trial: Trial) -> Iterator[Played]:
+    """Play a test; its first step with a fault is the last one.
+
+    Raises:
+        BrokenScript: a line of it cannot be read.
+        ScriptError: the rules cannot be built.
+    """
+    for name in (*trial.missing, *trial.parameters):
+        known = [one.name for one in (*program.partners, *program.parameters)]
+        if name not in known:
+            raise trial.mark.error(f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}")
+    rehearsal = Rehearsal(program, trial.parameters, trial.missing)
+    for step in trial.steps:
+        played = rehearsal.play(step.when, step.mark)
+        fault = played.fault or _differs(step, played) or _lacks(step, rehearsal.engine.facts())
+        yield msgspec.structs.replace(played, fault=fault)
+        if fault:
+            return
+
+
+def _differs(step: Step, played: Played) -> str:
+    if step.then is None or step.then == played.orders:
+        return ""
+    return f"orders: {'; '.join(played.orders) or 'nothing'}; expected: {'; '.join(step.then) or 'nothing'}"
+
+
+def _lacks(step: Step, facts: Sequence[str]) -> str:
+    absent = [fact for fact in step.facts if fact not in facts]
+    return f"there is no fact {absent[0]}" if absent else ""
