@@ -126,14 +126,10 @@ def _start(line: Line, *, readonly: bool) -> int:
             import asyncio
 
             return asyncio.run(_agent(line, realm, tether=tether))
-        case verb if verb.startswith("wire "):
-            from robotree.tui import wire
+        case verb if verb.startswith("wire ") or (verb.startswith("rules ") and _offline(line)):
+            from importlib import import_module
 
-            return wire.start(line)
-        case verb if verb.startswith("rules ") and _offline(line):
-            from robotree.tui import rules
-
-            return rules.start(line)
+            return int(import_module(f"robotree.tui.{verb.partition(' ')[0]}").start(line))
         case verb:
             return _look(line, realm, readonly=readonly) if verb in {"info", "doctor"} else _ask(line, realm)
 

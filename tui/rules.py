@@ -1,15 +1,15 @@
 """`robotree rules …`: scripts checked, tested and explained without any robot.
 
-    robotree rules check guide.yaml --listing
-    robotree rules test guide.test.yaml
-    robotree rules dry-run guide.yaml          (one happening a line on standard input)
-    robotree rules explain guide.yaml greet --after guide.test.yaml
+robotree rules check guide.yaml --listing
+robotree rules test guide.test.yaml
+robotree rules dry-run guide.yaml          (one happening a line on standard input)
+robotree rules explain guide.yaml greet --after guide.test.yaml
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,9 +89,8 @@ def _test(line: Line) -> int:
     program, tests = _table(line.text("TABLE"))
     results: list[dict[str, Any]] = []
     for trial in tests:
-        last: Played | None = None
-        for last in run(program, trial):
-            pass
+        steps = list(run(program, trial))
+        last = steps[-1] if steps else None
         fault = last.fault if last else ""
         where = f"{line.text('TABLE')}:{last.mark.line}" if last and fault else ""
         results.append({"test": trial.name, "passed": not fault, "where": where, "fault": fault})
@@ -107,39 +106,34 @@ def _test(line: Line) -> int:
 
 
 def _dry_run(line: Line) -> int:
-    program = _program(line.text("FILE"))
-    as_json = line.flag("--json")
-
-    def show(played: Played) -> None:
-        if as_json:
-            put(msgspec.json.encode(played).decode())
-            return
-        put(f"> {played.when}")
-        for text in (*(f"  {rule} fires" for rule in played.fired), *(f"  → {order}" for order in played.orders)):
-            put(text)
-        if played.fault:
-            put(f"  ✗ {played.fault}")
-
-    def begun(parameters: Mapping[str, Scalar] | None = None, missing: Sequence[str] = ()) -> Rehearsal:
-        rehearsal = _rehearsal(program, parameters, missing)
-        for played in rehearsal.opening:
-            if played.fired or played.fault:
-                show(played)
-        return rehearsal
-
+    program, as_json = _program(line.text("FILE")), line.flag("--json")
     if not line.text("TABLE"):
-        rehearsal = begun()
+        rehearsal = _rehearsal(program)
+        _show(rehearsal.opening, as_json=as_json)
         for text in sys.stdin:
             if text.strip() and not text.startswith("#"):
-                show(rehearsal.play(text.strip()))
+                _show([rehearsal.play(text.strip())], as_json=as_json)
         return exit_codes.DONE
     for trial in _table(line.text("TABLE"), line.text("FILE"))[1]:
         if not as_json:
             put(f"# {trial.name}")
-        rehearsal = begun(trial.parameters, trial.missing)
-        for step in trial.steps:
-            show(rehearsal.play(step.when, step.mark))
+        rehearsal = _rehearsal(program, trial.parameters, trial.missing)
+        _show(rehearsal.opening, as_json=as_json)
+        _show((rehearsal.play(step.when, step.mark) for step in trial.steps), as_json=as_json)
     return exit_codes.DONE
+
+
+def _show(steps: Iterable[Played], *, as_json: bool) -> None:
+    for played in steps:
+        if as_json:
+            put(msgspec.json.encode(played).decode())
+            continue
+        if played.fired or played.fault or not played.opening:
+            put(f"> {played.when}")
+        for text in (*(f"{rule} fires" for rule in played.fired), *(f"→ {order}" for order in played.orders)):
+            put(f"  {text}")
+        if played.fault:
+            put(f"  ✗ {played.fault}")
 
 
 def _rehearsal(

@@ -420,7 +420,9 @@ class TwoRoles(RoleError):
 class TooWide(RoleError):
     """A role would allow more than the robot's own safety limit."""
 
-    sentence = "role {role}: {limit} {asked:g} is wider than the robot's own {own:g}; a role can only narrow a limit"
+    sentence = (
+        "role {role}: {limit} {asked:g} is wider than the robot's own {own:g}; a role can only narrow a limit"
+    )
 
 
 # -- space -----------------------------------------------------------------------------------------

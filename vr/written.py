@@ -1,9 +1,8 @@
 """YAML as it was written: plain values that know their line and column, and no value that YAML invents.
 
-Only what people type by hand is read: mappings, lists and single values. A single value stays the text that was
-written (`no`, `0123` and `12:30` are texts), so nothing changes its meaning behind the author's back; `value_of`
-reads numbers and yes/no where they are wanted. Anchors, aliases, tags and a second document are refused: they are
-what YAML is attacked with. Pure.
+Only what people type by hand is read: mappings, lists and single values. A single value stays the text that
+was written (`no`, `0123` and `12:30` are texts); `value_of` reads numbers and yes/no where they are wanted.
+Anchors, aliases, tags and a second document are refused: they are what YAML is attacked with. Pure.
 """
 
 from __future__ import annotations
@@ -78,7 +77,9 @@ Written = Word | Items | Entries
 
 _NUMBER = re.compile(r"[-+]?(\d+|\d*\.\d+|\d+\.\d*)([eE][-+]?\d+)?\Z")
 _TRUTH = {"yes": True, "true": True, "no": False, "false": False}
-_UNFIT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
+_UNFIT = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
+)
 _PROBLEMS = {
     "found character that cannot start any token": "a tab cannot indent here: use spaces",
     "found a tab character that violates indentation": "a tab cannot indent here: use spaces",
@@ -101,7 +102,9 @@ def read(source: str, path: str) -> Written:
     for number, line in enumerate(source.split("\n"), 1):
         if found := _UNFIT.search(line.removesuffix("\r")):
             mark = Mark(path, number, found.start() + 1)
-            raise mark.error(f"the invisible character U+{ord(found.group()):04X} cannot stand here: remove it")
+            raise mark.error(
+                f"the invisible character U+{ord(found.group()):04X} cannot stand here: remove it"
+            )
         indent = line[: len(line) - len(line.lstrip())]
         if "\t" in indent and line.strip():
             raise Mark(path, number, indent.index("\t") + 1).error("a tab cannot indent here: use spaces")
@@ -164,11 +167,9 @@ def value_of(word: Word) -> Scalar:
     if word.text.lower() in _TRUTH:
         return _TRUTH[word.text.lower()]
     if _NUMBER.match(word.text):
-        try:
-            number = int(word.text)
-        except ValueError:
-            number = float(word.text)
-        if abs(number) >= 2**63 and isinstance(number, int) or number in {float("inf"), float("-inf")}:
+        whole = word.text.lstrip("+-").isdigit()
+        number: int | float = int(word.text) if whole else float(word.text)
+        if (abs(number) >= 2**63 and isinstance(number, int)) or number in {float("inf"), float("-inf")}:
             raise word.mark.error(f"{word.text} is too large a number")
         return number
     return word.text

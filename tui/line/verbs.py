@@ -274,7 +274,11 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Have a command carried out and wait for it."""
     robot, command = values.dotted(line.text("ROBOT.COMMAND"), "ROBOT.COMMAND")
     given = values.assignments(line.many("PARAMETER=VALUE"))
-    limit = values.duration(line.text("--within")) if line.text("--within") else await _limit(fleet, robot, command)
+    limit = (
+        values.duration(line.text("--within"))
+        if line.text("--within")
+        else await _limit(fleet, robot, command)
+    )
     if line.flag("--detach"):
         await fleet.tell(robot, command, given, deadline=limit)
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"

@@ -309,7 +309,9 @@ def _role(app: Supervisor, place: Place) -> None:
         if line:
             app.perform(line)
 
-    app.push_screen(RoleDialog(place.name, known, robot.attributes.get("role", "") if robot else ""), answered)
+    app.push_screen(
+        RoleDialog(place.name, known, robot.attributes.get("role", "") if robot else ""), answered
+    )
 
 
 def _line(kind: Kind) -> Ask:

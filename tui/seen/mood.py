@@ -82,7 +82,9 @@ def mood(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Mood:
 
 def needs(slots: Iterable[SlotSpec]) -> str:
     """Return what must be enslaved before all commands can be used: `arm: Arm`; empty: nothing."""
-    return ", ".join(f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None and not slot.optional)
+    return ", ".join(
+        f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None and not slot.optional
+    )
 
 
 def span(seconds: float) -> str:
@@ -135,7 +137,7 @@ def doing(
 
 
 def told(robot: RobotDescription) -> str:
-    """Return how a robot is that tells of a condition of its own (a script): `inactive: needs robot (Arm)`."""
+    """Return how a robot is; a script has a condition of its own: `inactive: needs robot (Arm)`."""
     condition = robot.attributes.get(CONDITION, "")
     if not condition or not robot.online or robot.stopped or robot.abandoned:
         return words(robot, robot.slots)

@@ -32,7 +32,11 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
         home = f"host {robot.host}" if robot and robot.host else "its process"
         found.append(f"{', '.join(told.abandoned)} ignores cancel and still runs: restart {home}")
     slots = robot.slots if robot else ()
-    found += [f"slot {one.name} is empty, it takes {one.kind}" for one in slots if one.child is None and not one.optional]
+    found += [
+        f"slot {one.name} is empty, it takes {one.kind}"
+        for one in slots
+        if one.child is None and not one.optional
+    ]
     parent = store.by(name) if told and told.bond is not None else ""
     if parent:
         found.append(f"commanded by {parent}: command that one, or release this one")

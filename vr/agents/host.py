@@ -19,8 +19,8 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.errors import DuplicateName, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for
-from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.claim import claim, expect_free, new_address
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
 from robotree.vr.space.contract import Space

@@ -84,7 +84,9 @@ class Bundle(msgspec.Struct, frozen=True):
         from robotree.vr.scripts.script import read_program, script_class
 
         if self.wanted:
-            raise BrokenSource(path=self.path, reason=f"a script has no classes, so there is no {self.wanted!r}")
+            raise BrokenSource(
+                path=self.path, reason=f"a script has no classes, so there is no {self.wanted!r}"
+            )
         return script_class(read_program(self.source, self.path))
 
     def create(self, name: str, *, limit: float = LIMIT) -> VirtualRobot:

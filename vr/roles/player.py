@@ -159,6 +159,12 @@ class RolePlayer(VirtualRobot):
         profile, limits = self._profile, self._limits
         return Manner(profile.name, {**profile.manner, **profile.acts.get(act, {})}, profile.words, limits)
 
+    def way_to(self, act: str) -> Callable[..., Any] | None:
+        """Return the method in which the role carries out an act; None: as everybody does."""
+        return next(
+            (self._ways[role, act] for role in self._profile.chain if (role, act) in self._ways), None
+        )
+
     @command(effect="read")
     def play(
         self, role: Annotated[str, "butler, maid, man, woman, child, neutral, or one that it has learned"],
@@ -185,7 +191,9 @@ class RolePlayer(VirtualRobot):
             return forward(self, source, at, act="learn_role", argument="source")
         profile = read_profile(source, "role")
         if profile.name == NEUTRAL:
-            raise BrokenScript(path="role", line=1, column=1, reason=f"{NEUTRAL!r} is the robot without a role")
+            raise BrokenScript(
+                path="role", line=1, column=1, reason=f"{NEUTRAL!r} is the robot without a role"
+            )
         known = {**self._known, profile.name: profile}
         self._narrowed(resolve(profile.name, known), known)
         self._known = known
@@ -252,14 +260,13 @@ def _in_manner(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def played(self: RolePlayer, *values: Any, **arguments: Any) -> Any:
-        manner, chain = self.manner_of(act), self._profile.chain
+        manner, way = self.manner_of(act), self.way_to(act) or function
         for name, value in {**dict(zip(names, values, strict=False)), **arguments}.items():
             limit = manner.limits.get(name)
             if limit is not None and isinstance(value, int | float) and not limit.narrower(value):
                 side = "above" if limit.upper is not None else "below"
                 reason = f"{value:g} is {side} {limit.bound:g}, the limit of {self.name} as {manner.role}"
                 raise BadArgument(command=f"{self.name}.{act}", parameter=name, reason=reason)
-        way = next((self._ways[role, act] for role in chain if (role, act) in self._ways), function)
         token = _manner.set(manner)
         try:
             return way(self, *values, **arguments)

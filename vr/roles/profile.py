@@ -1,14 +1,14 @@
 """Profiles: what a role says, how it moves, and which limits it keeps. Pure.
 
-    role: child
-    inherits: person
-    doc: A child that helps.
-    manner: {voice: child-1, pitch: 1.3}      # of every act
-    acts:
-      wave: {times: 4}                        # of one act
-    words:
-      Welcome: Hi                             # said instead
-    limits: {speed: 0.3 }                     # may only be narrower than the robot's own
+role: child
+inherits: person
+doc: A child that helps.
+manner: {voice: child-1, pitch: 1.3}      # of every act
+acts:
+  wave: {times: 4}                        # of one act
+words:
+  Welcome: Hi                             # said instead
+limits: {speed: 0.3 }                     # may only be narrower than the robot's own
 """
 
 from __future__ import annotations
@@ -68,17 +68,26 @@ def read_profile(source: str, path: str) -> Profile:
         doc=word(root.get("doc") or Word("", root.mark), "doc", root.mark).text,
         manner=_values(root, "manner"),
         acts={
-            key.text: {name.text: value_of(word(one, "a value", name.mark)) for name, one in entries(given, "an act", key.mark)}
+            key.text: {
+                name.text: value_of(word(one, "a value", name.mark))
+                for name, one in entries(given, "an act", key.mark)
+            }
             for key, given in entries(root.get("acts"), "acts", root.mark)
         },
-        words={key.text: word(one, "a text", key.mark).text for key, one in entries(root.get("words"), "words", root.mark)},
+        words={
+            key.text: word(one, "a text", key.mark).text
+            for key, one in entries(root.get("words"), "words", root.mark)
+        },
         limits=limits,
         mark=root.mark,
     )
 
 
 def _values(root: Entries, name: str) -> dict[str, Scalar]:
-    return {key.text: value_of(word(one, "a value", key.mark)) for key, one in entries(root.get(name), name, root.mark)}
+    return {
+        key.text: value_of(word(one, "a value", key.mark))
+        for key, one in entries(root.get(name), name, root.mark)
+    }
 
 
 def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
@@ -95,7 +104,9 @@ def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
         last = chain[-1]
         if last.inherits not in known:
             there = ", ".join(sorted(known))
-            raise last.mark.error(f"role {last.name} inherits from {last.inherits!r}, which is not known; known: {there}")
+            raise last.mark.error(
+                f"role {last.name} inherits from {last.inherits!r}, which is not known; known: {there}"
+            )
         if any(one.name == last.inherits for one in chain) or len(chain) >= LONGEST_CHAIN:
             circle = " → ".join([*(one.name for one in chain), last.inherits])
             raise last.mark.error(f"these roles inherit in a circle: {circle}")
@@ -116,5 +127,7 @@ def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
 def shipped() -> dict[str, Profile]:
     """Return the roles that come with robotree: butler, maid, man, woman, child."""
     folder = files("robotree.vr.roles").joinpath("profiles")
-    found = (read_profile(one.read_text(), one.name) for one in folder.iterdir() if one.name.endswith(".yaml"))
+    found = (
+        read_profile(one.read_text(), one.name) for one in folder.iterdir() if one.name.endswith(".yaml")
+    )
     return {one.name: one for one in sorted(found, key=lambda one: one.name)}

@@ -1,14 +1,14 @@
 """Scripts for experts: CLIPS text, behind the guard. Pure.
 
-    (defscript guide "Greets visitors."
-      (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional))
-      (parameter greeting "Welcome")
-      (hears person_seen (who text) (place text))
-      (starts-by anna kim)       ; none: anyone
-      (starts-itself))
-    (deftemplate visitor (slot id) (slot stage (default waiting)))
-    (deffacts begin (visitor (id nobody)))
-    (defrule greet (msg (act person_seen) (args ?who ?place)) => (do robot say "Welcome"))
+(defscript guide "Greets visitors."
+  (partner robot (kind Companion) (needs say go_to) (attributes place=hall) (optional))
+  (parameter greeting "Welcome")
+  (hears person_seen (who text) (place text))
+  (starts-by anna kim)       ; none: anyone
+  (starts-itself))
+(deftemplate visitor (slot id) (slot stage (default waiting)))
+(deffacts begin (visitor (id nobody)))
+(defrule greet (msg (act person_seen) (args ?who ?place)) => (do robot say "Welcome"))
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def read_clp(source: str, path: str, name: str) -> Program:
                 add_rule(rules, construct, program)
             case head:
                 raise construct.mark.error(
-                    f"({head or '…'} …) cannot stand here; a script has: defscript, deftemplate, deffacts, defrule"
+                    f"({head or '…'} …) cannot stand here; a script has defscript, deftemplate, deffacts, defrule"
                 )
     return msgspec.structs.replace(program, facts=tuple(facts), rules=tuple(rules.values()))
 
@@ -93,7 +93,14 @@ def first_fact(fact: Node, program: Program) -> Form:
     """Check a fact with which a script begins."""
     if not isinstance(fact, Form):
         raise fact.mark.error("a fact stands in brackets")
-    rule = Form((Atom("symbol", "defrule"), Atom("symbol", "first"), Atom("symbol", "=>"), Form((Atom("symbol", "assert"), fact))))
+    rule = Form(
+        (
+            Atom("symbol", "defrule"),
+            Atom("symbol", "first"),
+            Atom("symbol", "=>"),
+            Form((Atom("symbol", "assert"), fact)),
+        )
+    )
     built, _, _ = Guard(program.template).rule(rule)
     asserted = built.parts[3]
     assert isinstance(asserted, Form)  # noqa: S101 # as it was put in
@@ -154,7 +161,7 @@ def _head(program: Program, construct: Form) -> Program:
                 itself = True
             case head:
                 raise part.mark.error(
-                    f"a script has no ({head or '…'} …); it has: partner, parameter, hears, starts-by, starts-itself"
+                    f"a script has no ({head or '…'} …), but partner, parameter, hears, starts-by, starts-itself"
                 )
     check_head(partners, parameters, hears, construct.mark)
     return msgspec.structs.replace(
@@ -172,10 +179,10 @@ def _head(program: Program, construct: Form) -> Program:
 def check_head(partners: list[Partner], parameters: list[Parameter], hears: list[Hears], mark: Mark) -> None:
     """Refuse names that the script's robot could not tell apart."""
     seen: set[str] = set()
-    for one in (*partners, *hears):
-        if one.name in seen:
-            raise mark.error(f"{one.name!r} is declared twice")
-        seen.add(one.name)
+    for name in [one.name for one in partners] + [one.name for one in hears]:
+        if name in seen:
+            raise mark.error(f"{name!r} is declared twice")
+        seen.add(name)
     names = [one.name for one in parameters]
     if len(names) != len(set(names)):
         raise mark.error("a parameter is declared twice")
@@ -196,7 +203,8 @@ def _part(node: Node) -> tuple[str, str]:
 
 
 def _partner(part: Form) -> Partner:
-    name, kind, needs, optional, doc = _first(part, "a partner"), "", (), False, ""
+    name, kind, optional, doc = _first(part, "a partner"), "", False, ""
+    needs: tuple[str, ...] = ()
     attributes: dict[str, str] = {}
     for facet in part.rest[1:]:
         if not isinstance(facet, Form):
@@ -216,8 +224,9 @@ def _partner(part: Form) -> Partner:
             case "doc" if len(values) == 1:
                 doc = values[0]
             case head:
-                raise facet.mark.error(f"a partner has no ({head} …); it has: kind, needs, attributes, optional, doc")
+                raise facet.mark.error(
+                    f"a partner has no ({head} …); it has: kind, needs, attributes, optional, doc"
+                )
     if not kind:
         raise part.mark.error(f"partner {name} needs a kind: (kind Arm)")
     return Partner(name=name, kind=kind, needs=needs, attributes=attributes, optional=optional, doc=doc)
-

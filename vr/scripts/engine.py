@@ -1,4 +1,4 @@
-"""The rules at work: a happening in, orders out. No threads, no robots, no clock but the one that is given.
+"""The rules at work: a happening in, orders out. No threads, robots or clock of its own.
 
 One CLIPS environment for each engine. The same happenings in the same order give the same orders. Whatever the
 rules do ends: after `MOST_FIRINGS`, after `LONGEST` seconds of the processor, or when memory grows too much.
@@ -17,10 +17,19 @@ import msgspec
 from clips._clips import ffi, lib
 from clips.common import CLIPSError
 
+from robotree.vr.scripts import expression
+from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
 from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
-from robotree.vr.scripts.program import LONGEST_LIST, MESSAGE, PARAMETER, PARTNER, ROLE, Program, template_form
-from robotree.vr.scripts.expression import Form, is_word, show, value
+from robotree.vr.scripts.program import (
+    LONGEST_LIST,
+    MESSAGE,
+    PARAMETER,
+    PARTNER,
+    ROLE,
+    Program,
+    template_form,
+)
 from robotree.vr.written import Scalar
 
 MOST_FIRINGS = 1500
@@ -106,7 +115,7 @@ class Engine:
         parameter: Any = self._env.find_template(PARAMETER)
         for name, value in values.items():
             parameter.assert_fact(name=into(name), value=into(value))
-        templates = {one.name: cast("Any", self._env.find_template(one.name)) for one in program.templates}
+        templates = {one.name: self._env.find_template(one.name) for one in program.templates}
         for count, fact in enumerate(program.facts):
             templates[fact.head].assert_fact(**_slots(program, fact))
             if count % _GLANCE == 0:
@@ -145,14 +154,17 @@ class Engine:
             event.retract()
             self._settle(event.index)
         if happening.act == "lost" and happening.partner and not self.handled:
-            raise ScriptError(f"{happening.partner} is lost ({_first(happening)}) and no rule of {self.program.name} handles it")
+            reason = f"{happening.partner} is lost ({_first(happening)})"
+            raise ScriptError(f"{reason} and no rule of {self.program.name} handles it")
         return list(self._orders)
 
     def role(self, partner: str, role: str) -> None:
         """Take note of the role that a partner plays from now on."""
         if fact := self._roles.pop(partner, None):
             fact.retract()
-        self._roles[partner] = cast("Any", self._env.find_template(ROLE)).assert_fact(partner=into(partner), name=into(role))
+        self._roles[partner] = self._env.find_template(ROLE).assert_fact(
+            partner=into(partner), name=into(role)
+        )
 
     # -- what it looks like ------------------------------------------------------------------------
 
@@ -232,9 +244,10 @@ class Engine:
         """Take note of the facts that are new, so that they can be told of when they are gone."""
         while self._tail and not self._tail[-1].exists:
             self._tail.pop()
-        last = self._tail[-1]._fact if self._tail else ffi.NULL
-        while (last := lib.GetNextFact(self._env._env, last)) != ffi.NULL:
-            fact = clips.facts.TemplateFact(self._env._env, last)
+        raw = self._env._env  # noqa: SLF001 # clipspy walks from the first fact only
+        last = self._tail[-1]._fact if self._tail else ffi.NULL  # noqa: SLF001
+        while (last := lib.GetNextFact(raw, last)) != ffi.NULL:
+            fact = clips.facts.TemplateFact(raw, last)
             self._known[fact.index] = fact
             self._tail.append(fact)
         if len(self._known) > 2 * len(self._tail) + 1000:
@@ -243,11 +256,18 @@ class Engine:
     def _busiest(self) -> str:
         last = [one.rule for one in self.firings][-20:]
         names = sorted(set(last), key=last.index)
-        return f"{' and '.join(names[:4])} set each other off" if len(names) > 1 else f"{names[0]} sets itself off"
+        return (
+            f"{' and '.join(names[:4])} set each other off"
+            if len(names) > 1
+            else f"{names[0]} sets itself off"
+        )
 
     def _look(self) -> None:
         if int(self._env.eval("(mem-used)")) > MOST_MEMORY:
-            self._error = self._error or f"the rules need more than {MOST_MEMORY // 1_000_000} MB: too many facts fit together"
+            self._error = (
+                self._error
+                or f"the rules need more than {MOST_MEMORY // 1_000_000} MB: too many facts fit together"
+            )
 
     def _raise(self, where: str) -> None:
         told = "".join(self._told).strip()
@@ -267,23 +287,26 @@ class Engine:
             try:
                 self._env.build(show(rule.form))
             except CLIPSError:
-                raise ScriptError(f"rule {rule.name} (line {rule.mark.line}): {_sentence(''.join(self._told))}") from None
+                raise ScriptError(
+                    f"rule {rule.name} (line {rule.mark.line}): {_sentence(''.join(self._told))}"
+                ) from None
 
     def _define(self) -> None:
-        for name, function in {
+        functions: dict[str, Callable[..., Any]] = {
             "do": self._do,
             "do-as": self._do_as,
             "reply": self._reply,
-            "cancel": lambda what: self._order(CancelAct(what=str(what))),
-            "play": lambda partner, role: self._order(Play(partner=str(partner), role=str(role))),
+            "cancel": self._cancel,
+            "play": self._play,
             "wait": self._wait,
-            "note": lambda *values: self._order(Log(text=joined(values))),
-            "end": lambda *values: self._order(End(text=joined(values))),
-            "fail": lambda *values: self._order(End(text=joined(values), well=False)),
-            "text": lambda *values: into(joined(values)),
+            "note": self._note,
+            "end": self._end,
+            "fail": self._fail,
+            "text": _text,
             "fields": _fields,
             CHECK: self._check,
-        }.items():
+        }
+        for name, function in functions.items():
             self._env.define_function(self._fenced(function), name)
 
     def _fenced(self, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -320,17 +343,46 @@ class Engine:
             else:
                 plain.append(out(value))
         self._order(
-            Do(conversation=str(conversation), partner=str(partner), act=str(act), values=tuple(plain), named=named)
+            Do(
+                conversation=str(conversation),
+                partner=str(partner),
+                act=str(act),
+                values=tuple(plain),
+                named=named,
+            )
         )
         return into(str(conversation))
 
     def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:
-        self._order(Reply(conversation=str(conversation), performative=str(performative), values=tuple(map(out, values))))
+        self._order(
+            Reply(
+                conversation=str(conversation), performative=str(performative), values=tuple(map(out, values))
+            )
+        )
 
     def _wait(self, name: Any, seconds: Any, conversation: Any = "none") -> None:
-        if not isinstance(seconds, int | float) or isinstance(seconds, bool) or not 0 <= seconds <= 7 * 24 * 3600:
+        if (
+            not isinstance(seconds, int | float)
+            or isinstance(seconds, bool)
+            or not 0 <= seconds <= 7 * 24 * 3600
+        ):
             raise ScriptError(f"wait {name}: {seconds} is no time in seconds")
         self._order(Wait(name=str(name), seconds=float(seconds), conversation=str(conversation)))
+
+    def _cancel(self, what: Any) -> None:
+        self._order(CancelAct(what=str(what)))
+
+    def _play(self, partner: Any, role: Any) -> None:
+        self._order(Play(partner=str(partner), role=str(role)))
+
+    def _note(self, *values: Any) -> None:
+        self._order(Log(text=joined(values)))
+
+    def _end(self, *values: Any) -> None:
+        self._order(End(text=joined(values)))
+
+    def _fail(self, *values: Any) -> None:
+        self._order(End(text=joined(values), well=False))
 
     def _check(self) -> None:
         self._look()
@@ -343,7 +395,7 @@ def _slots(program: Program, fact: Form) -> dict[str, Any]:
     slots: dict[str, Any] = {}
     for slot in fact.rest:
         assert isinstance(slot, Form)  # noqa: S101 # the guard has seen to it
-        values = [into(value(one)) for one in slot.rest]
+        values = [into(expression.value(one)) for one in slot.rest]
         known = template.slot(slot.head) if template else None
         slots[slot.head] = values if known is not None and known.several else values[0]
     return slots
@@ -391,6 +443,10 @@ def joined(values: tuple[Any, ...]) -> str:
     if len(text) > LONGEST_TEXT:
         raise ScriptError(f"a text of more than {LONGEST_TEXT} characters")
     return text
+
+
+def _text(*values: Any) -> Any:
+    return into(joined(values))
 
 
 def _fields(*values: Any) -> list[Any]:

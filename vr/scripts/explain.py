@@ -31,11 +31,12 @@ def state(engine: Engine, condition: str = "") -> str:
 def why(engine: Engine, name: str) -> str:
     """Tell why a rule fired last, or why it does not fire; without a name, which rules fired last."""
     if not name:
-        lines = [
+        latest = list(engine.firings)[-LATEST:]
+        told = (
             f"{one.number}: {one.rule}" + "".join(f"\n    {said(order)}" for order in one.orders)
-            for one in list(engine.firings)[-LATEST:]
-        ]
-        return "\n".join(lines) or "no rule has fired"
+            for one in latest
+        )
+        return "\n".join(told) or "no rule has fired"
     rule = engine.program.rule(name)
     if rule is None:
         known = ", ".join(one.name for one in engine.program.rules)
@@ -68,27 +69,28 @@ def why_not(engine: Engine, rule: Rule) -> str:
 
 def _lack(engine: Engine, condition: Condition) -> str:
     """Return what keeps one condition from being met by itself; empty: nothing does."""
-    if not condition.template:
-        return ""
-    facts = list(engine.facts_of(condition.template))
+    facts = list(engine.facts_of(condition.template)) if condition.template else []
     fit = [slots for _, slots in facts if _fits(slots, condition)]
+    if not condition.template or bool(fit) != condition.negated:
+        return ""
     if condition.negated:
-        if fit and not re.search(r"\?", condition.text):
-            return f"there is a fact {_words(condition)}, and there must be none"
-        return ""
-    if fit:
-        return ""
+        return "" if "?" in condition.text else f"there is a fact {_words(condition)}, and there must be none"
     if condition.template == MESSAGE:
         return f"nothing has just happened that fits {_words(condition)}"
-    if not facts:
-        return f"there is no fact {condition.template}"
-    nearest = min(facts, key=lambda fact: sum(str(fact[1].get(key)) != _text(value) for key, value in condition.wanted.items()))
-    differs = [
-        f"{key} is {nearest[1].get(key)}, wanted {_text(value)}"
-        for key, value in condition.wanted.items()
-        if str(nearest[1].get(key)) != _text(value)
-    ]
-    return f"no fact fits {_words(condition)}; the nearest is f-{nearest[0]}: {'; '.join(differs) or 'other values'}"
+    return _nearest(facts, condition) if facts else f"there is no fact {condition.template}"
+
+
+def _nearest(facts: list[tuple[int, dict[str, object]]], condition: Condition) -> str:
+    def differences(slots: dict[str, object]) -> list[str]:
+        return [
+            f"{key} is {_text(slots.get(key))}, wanted {_text(value)}"
+            for key, value in condition.wanted.items()
+            if _text(slots.get(key)) != _text(value)
+        ]
+
+    number, slots = min(facts, key=lambda fact: len(differences(fact[1])))
+    told = "; ".join(differences(slots)) or "other values"
+    return f"no fact fits {_words(condition)}; the nearest is f-{number}: {told}"
 
 
 def _fits(slots: dict[str, object], condition: Condition) -> bool:
@@ -116,4 +118,4 @@ def _together(engine: Engine, rule: Rule) -> str | None:
             break
     if not last:
         return None
-    return f"its conditions hold one by one, but no facts meet the first {last} together: compare their variables"
+    return f"its conditions hold one by one, but no facts meet the first {last} together: see their variables"

@@ -63,7 +63,9 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
-_UNFIT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
+_UNFIT = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
+)
 _WORD = re.compile(r"[^\W\d][\w-]*=?\Z")
 
 
@@ -106,7 +108,9 @@ def _tokens(source: str, path: str) -> Iterator[tuple[str, str, Mark]]:
         found = _TOKEN.match(source, at)
         mark = Mark(path, line, at - begin + 1)
         if found is None:
-            raise mark.error(f"{source[at]!r} cannot be read here: a string that is not closed, or a stray character")
+            raise mark.error(
+                f"{source[at]!r} cannot be read here: a string that is not closed, or a stray character"
+            )
         text = found.group()
         if found.lastgroup != "space":
             yield str(found.lastgroup), text, mark

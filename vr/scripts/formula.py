@@ -1,4 +1,4 @@
-"""Short formulas in YAML scripts: `$battery < 20`, `$count + 1`, `$place != hall and not $busy`. Pure.
+"""Short formulas in YAML scripts: `$battery < 20`, `$count + 1`. Pure.
 
 From loose to tight: or; and; not; < <= > >= = !=; + -; * /; brackets. Values are variables, numbers, words and
 texts in quotes.
@@ -116,7 +116,7 @@ class _Reader:
                 truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
                 return Atom("symbol", truth, self._mark) if truth else plain(text, self._mark)
             case _:
-                self._fail(f"{text!r} is not expected in")
+                return self._fail(f"{text!r} is not expected in")
 
 
 def formula(text: str, mark: Mark) -> Node:

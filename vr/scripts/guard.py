@@ -1,11 +1,12 @@
 """What a rule may say: everything that is not listed here is refused before CLIPS sees it. Pure.
 
-A rule script is code: CLIPS can run programs (`system`), open files, load more code and end the process. No name
-can be taken out of CLIPS, but which function is called is fixed by the text, so a list of what may stand at the
-head of each bracket, checked on our own tree, is enough; loops, recursion and code made of text are not on it.
+A rule script is code: CLIPS can run programs (`system`), open files, load more code and end the process. No
+name can be taken out of CLIPS, but which function is called is fixed by the text: so a list of what may stand
+at the head of each bracket, checked on our own tree, is enough. Loops, recursion and code made of text are
+not on it.
 
-What would make memory grow without end is bounded as well: texts and lists are put together by functions of ours,
-and after each assertion the memory of the environment is looked at (`CHECK`).
+Memory is bounded as well: texts and lists are put together by functions of ours, and after each assertion the
+memory of the environment is looked at (`CHECK`).
 """
 
 from __future__ import annotations
@@ -13,16 +14,64 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from robotree.vr.scripts.expression import Atom, Form, Node, form, show, variables
-from robotree.vr.scripts.program import MESSAGE, MOST_CONDITIONS, PARAMETER, PARTNER, ROLE, Condition, Template, check_name
+from robotree.vr.scripts.program import (
+    MESSAGE,
+    MOST_CONDITIONS,
+    PARAMETER,
+    PARTNER,
+    ROLE,
+    Condition,
+    Template,
+    check_name,
+)
 from robotree.vr.written import Mark, Scalar
 
 Find = Callable[[str], Template | None]
 
 CHECK = "robotree-check"
 PURE = frozenset(
-    "+ - * / div mod abs min max round integer float sqrt "
-    "= <> < <= > >= eq neq and or not numberp integerp floatp lexemep stringp symbolp evenp oddp "
-    "length$ nth$ member$ first$ rest$ subseq$ text fields".split()
+    {
+        "+",
+        "-",
+        "*",
+        "/",
+        "div",
+        "mod",
+        "abs",
+        "min",
+        "max",
+        "round",
+        "integer",
+        "float",
+        "sqrt",
+        "=",
+        "<>",
+        "<",
+        "<=",
+        ">",
+        ">=",
+        "eq",
+        "neq",
+        "and",
+        "or",
+        "not",
+        "numberp",
+        "integerp",
+        "floatp",
+        "lexemep",
+        "stringp",
+        "symbolp",
+        "evenp",
+        "oddp",
+        "length$",
+        "nth$",
+        "member$",
+        "first$",
+        "rest$",
+        "subseq$",
+        "text",
+        "fields",
+    }
 )
 """Functions that compute a value and do nothing else."""
 REWRITTEN = {"str-cat": "text", "create$": "fields"}
@@ -80,9 +129,11 @@ class Guard:
         arrow = next((at for at, part in enumerate(rest) if _is(part, "=>")), None)
         if arrow is None:
             raise rule.mark.error(f"rule {name.text} has no =>")
-        parts += self._left(rest[:arrow], rule.mark)
+        parts += self._left(rest[:arrow])
         if len(self._conditions) > MOST_CONDITIONS:
-            raise rule.mark.error(f"rule {name.text} has more than {MOST_CONDITIONS} conditions; make two rules of it")
+            raise rule.mark.error(
+                f"rule {name.text} has more than {MOST_CONDITIONS} conditions; make two rules of it"
+            )
         parts.append(Atom("symbol", "=>"))
         for action in rest[arrow + 1 :]:
             parts += self._action(action)
@@ -92,7 +143,7 @@ class Guard:
 
     # -- conditions --------------------------------------------------------------------------------
 
-    def _left(self, parts: Sequence[Node], mark: Mark) -> list[Node]:
+    def _left(self, parts: Sequence[Node]) -> list[Node]:
         done: list[Node] = []
         rest = list(parts)
         while rest:
@@ -110,7 +161,6 @@ class Guard:
                 done.append(self._condition(part))
             else:
                 raise part.mark.error(f"{part.text!r} is no condition")
-        del mark
         return done
 
     def _condition(self, part: Form, *, negated: bool = False) -> Form:
@@ -129,13 +179,13 @@ class Guard:
                 if not part.rest:
                     raise part.mark.error(f"{part.head} takes conditions")
                 inside = part.head == "forall"
-                before = set(self._bound)
                 inner = self._inside(part.rest, negated=negated) if inside else self._each(part.rest, negated)
                 if part.head == "or":
                     self._rewrites += len(inner) - 1
                     if self._rewrites > 3:
-                        raise part.mark.error("more than four alternatives in one rule; make several rules of it")
-                del before
+                        raise part.mark.error(
+                            "more than four alternatives in one rule; make several rules of it"
+                        )
                 return form(part.head, *inner, mark=part.mark)
             case _:
                 return self._pattern(part, negated=negated)
@@ -161,13 +211,21 @@ class Guard:
         slots: list[Node] = []
         for part in pattern.rest:
             if not isinstance(part, Form):
-                raise part.mark.error(f"write the slots of {template.name} in brackets: ({template.name} (slot value))")
+                raise part.mark.error(
+                    f"write the slots of {template.name} in brackets: ({template.name} (slot value))"
+                )
             self._slot(template, part)
             slots.append(form(part.head, *self._constraint(part.rest), mark=part.mark))
-            if len(part.rest) == 1 and isinstance(one := part.rest[0], Atom) and one.sort in {"symbol", "string", "number"}:
+            if (
+                len(part.rest) == 1
+                and isinstance(one := part.rest[0], Atom)
+                and one.sort in {"symbol", "string", "number"}
+            ):
                 wanted[part.head] = one.text
         self._conditions.append(
-            Condition(text=show(pattern), mark=pattern.mark, template=template.name, wanted=wanted, negated=negated)
+            Condition(
+                text=show(pattern), mark=pattern.mark, template=template.name, wanted=wanted, negated=negated
+            )
         )
         return form(template.name, *slots, mark=pattern.mark)
 
@@ -178,10 +236,17 @@ class Guard:
                 done.append(part)
                 if part.sort == "variable":
                     self._bound.update(variables(part))
-            elif at and isinstance(before := parts[at - 1], Atom) and before.sort == "mark" and before.text in ":=":
+            elif (
+                at
+                and isinstance(before := parts[at - 1], Atom)
+                and before.sort == "mark"
+                and before.text in ":="
+            ):
                 done.append(self._expression(part))
             else:
-                raise part.mark.error(f"({part.head} …) cannot stand in a slot; a test is written as ?x&:(> ?x 3)")
+                raise part.mark.error(
+                    f"({part.head} …) cannot stand in a slot; a test is written as ?x&:(> ?x 3)"
+                )
         return done
 
     # -- actions -----------------------------------------------------------------------------------
@@ -195,33 +260,46 @@ class Guard:
             if len(rest) < least:
                 raise mark.error(f"{head} needs {what}")
             return [form("note" if head == "log" else head, *map(self._expression, rest), mark=mark)]
-        match head:
-            case "assert":
-                return [one for fact in rest for one in (form("assert", self._new(fact), mark=mark), form(CHECK))]
-            case "modify" | "duplicate":
-                fact = rest[0] if rest else None
-                if not isinstance(fact, Atom) or fact.text not in self._facts:
-                    raise mark.error(f"{head} needs a fact that a condition has named: ?f <- (…)")
-                template = self._facts[fact.text]
-                self._mine(template, mark)
-                return [form(head, fact, *self._values(template, rest[1:], mark), mark=mark), form(CHECK)]
-            case "retract":
-                for fact in rest:
-                    if not isinstance(fact, Atom) or fact.text not in self._facts:
-                        raise mark.error("retract takes facts that conditions have named: ?f <- (…)")
-                    if self._facts[fact.text].name != MESSAGE:
-                        self._mine(self._facts[fact.text], mark)
-                return [form(head, *rest, mark=mark)]
-            case "bind":
-                if len(rest) != 2 or not isinstance(rest[0], Atom) or rest[0].sort != "variable":
-                    raise mark.error("bind takes a variable and one value")
-                value = self._act_or_value(rest[1])
-                self._bound.update(variables(rest[0]))
-                return [form(head, rest[0], value, mark=mark)]
-            case "if":
-                return [self._choice(action)]
-            case _:
-                raise mark.error(_not_known(head, "no action that a rule may take"))
+        actions: dict[str, Callable[[Form], list[Node]]] = {
+            "assert": self._assert,
+            "modify": self._change,
+            "duplicate": self._change,
+            "retract": self._retract,
+            "bind": self._bind,
+            "if": self._choice,
+        }
+        if head not in actions:
+            raise mark.error(_not_known(head, "no action that a rule may take"))
+        return actions[head](action)
+
+    def _assert(self, action: Form) -> list[Node]:
+        made = [form("assert", self._new(fact), mark=action.mark) for fact in action.rest]
+        return [one for fact in made for one in (fact, form(CHECK))]
+
+    def _change(self, action: Form) -> list[Node]:
+        fact = action.rest[0] if action.rest else None
+        if not isinstance(fact, Atom) or fact.text not in self._facts:
+            raise action.mark.error(f"{action.head} needs a fact that a condition has named: ?f <- (…)")
+        template = self._facts[fact.text]
+        self._mine(template, action.mark)
+        values = self._values(template, action.rest[1:])
+        return [form(action.head, fact, *values, mark=action.mark), form(CHECK)]
+
+    def _retract(self, action: Form) -> list[Node]:
+        for fact in action.rest:
+            if not isinstance(fact, Atom) or fact.text not in self._facts:
+                raise action.mark.error("retract takes facts that conditions have named: ?f <- (…)")
+            if self._facts[fact.text].name != MESSAGE:
+                self._mine(self._facts[fact.text], action.mark)
+        return [action]
+
+    def _bind(self, action: Form) -> list[Node]:
+        rest = action.rest
+        if len(rest) != 2 or not isinstance(rest[0], Atom) or rest[0].sort != "variable":
+            raise action.mark.error("bind takes a variable and one value")
+        value = self._act_or_value(rest[1])
+        self._bound.update(variables(rest[0]))
+        return [form("bind", rest[0], value, mark=action.mark)]
 
     def _act_or_value(self, node: Node) -> Node:
         if isinstance(node, Form) and node.head in {"do", "do-as"}:
@@ -229,33 +307,34 @@ class Guard:
             return done
         return self._expression(node)
 
-    def _choice(self, action: Form) -> Form:
+    def _choice(self, action: Form) -> list[Node]:
         rest = list(action.rest)
         if len(rest) < 3 or not _is(rest[1], "then"):
             raise action.mark.error("if is written as (if TEST then … else …)")
         done: list[Node] = [self._expression(rest[0]), rest[1]]
         for part in rest[2:]:
             done += [part] if _is(part, "else") else self._action(part)
-        return form("if", *done, mark=action.mark)
+        return [form("if", *done, mark=action.mark)]
 
     def _new(self, fact: Node) -> Form:
         if not isinstance(fact, Form):
             raise fact.mark.error("assert takes facts in brackets")
         template = self._template(fact)
         self._mine(template, fact.mark)
-        return form(template.name, *self._values(template, fact.rest, fact.mark), mark=fact.mark)
+        return form(template.name, *self._values(template, fact.rest), mark=fact.mark)
 
-    def _values(self, template: Template, slots: Sequence[Node], mark: Mark) -> list[Node]:
+    def _values(self, template: Template, slots: Sequence[Node]) -> list[Node]:
         done: list[Node] = []
         for slot in slots:
             if not isinstance(slot, Form):
-                raise slot.mark.error(f"write the slots of {template.name} in brackets: ({template.name} (slot value))")
+                raise slot.mark.error(
+                    f"write the slots of {template.name} in brackets: ({template.name} (slot value))"
+                )
             self._slot(template, slot)
             known = template.slot(slot.head)
             if known is not None and not known.several and len(slot.rest) != 1:
                 raise slot.mark.error(f"{template.name}.{slot.head} holds one value")
             done.append(form(slot.head, *map(self._expression, slot.rest), mark=slot.mark))
-        del mark
         return done
 
     # -- values ------------------------------------------------------------------------------------
@@ -264,8 +343,14 @@ class Guard:
         if isinstance(node, Atom):
             if node.sort == "mark":
                 raise node.mark.error(f"{node.text!r} cannot stand here")
-            if node.sort == "variable" and node.text.lstrip("$?") not in self._bound and node.text not in self._facts:
-                raise node.mark.error(f"{node.text} is not known here: no condition before it gives it a value")
+            if (
+                node.sort == "variable"
+                and node.text.lstrip("$?") not in self._bound
+                and node.text not in self._facts
+            ):
+                raise node.mark.error(
+                    f"{node.text} is not known here: no condition before it gives it a value"
+                )
             return node
         head = REWRITTEN.get(node.head, node.head)
         if head not in PURE:
@@ -276,7 +361,9 @@ class Guard:
         template = self._find(pattern.head)
         if template is None:
             raise pattern.mark.error(
-                f"there is no fact {pattern.head!r}; declare it first" if pattern.head else "a fact begins with its name"
+                f"there is no fact {pattern.head!r}; declare it first"
+                if pattern.head
+                else "a fact begins with its name"
             )
         return template
 
@@ -309,7 +396,9 @@ def _named(construct: Form, what: str) -> tuple[Atom, str, tuple[Node, ...]]:
 
 def _salience(declare: Form) -> Form:
     only = declare.rest[0] if len(declare.rest) == 1 else None
-    value = only.rest[0] if isinstance(only, Form) and only.head == "salience" and len(only.rest) == 1 else None
+    value = (
+        only.rest[0] if isinstance(only, Form) and only.head == "salience" and len(only.rest) == 1 else None
+    )
     if not isinstance(value, Atom) or value.sort != "number" or not value.text.lstrip("+-").isdigit():
         raise declare.mark.error("declare takes only (salience NUMBER), a whole number")
     if abs(int(value.text)) > HIGHEST:

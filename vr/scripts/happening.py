@@ -11,7 +11,7 @@ class Happening(msgspec.Struct, frozen=True, kw_only=True):
     """Something that the rules are told: a message, the end of an act, a timer, a partner that goes."""
 
     act: str
-    """A message's name, or `start`, `done`, `progress`, `lost`, `found`, `timer`; of a failure the act that failed."""
+    """A message's name, or `start`, `done`, `progress`, `lost`, `found`, `timer`; the act that failed."""
     performative: str = "inform"
     sender: str = "script"
     """Slot of a partner, name of a caller, or `script`."""
@@ -84,20 +84,21 @@ def said(order: Order) -> str:
     """Write an order in one line, as tables of tests and dry runs show it."""
     match order:
         case Do(partner=partner, act=act, values=values, named=named):
-            words = [partner, act, *map(spell, values), *(f"{key}={spell(value)}" for key, value in named.items())]
-            return f"do {' '.join(words)}"
+            given = [*map(spell, values), *(f"{key}={spell(value)}" for key, value in named.items())]
+            words = ["do", partner, act, *given]
         case Reply(conversation=conversation, performative=performative, values=values):
-            return " ".join(["reply", conversation, performative, *map(spell, values)])
+            words = ["reply", conversation, performative, *map(spell, values)]
         case Wait(name=name, seconds=seconds):
-            return f"wait {name} {seconds:g}"
+            words = ["wait", name, f"{seconds:g}"]
         case CancelAct(what=what):
-            return f"cancel {what}"
+            words = ["cancel", what]
         case Play(partner=partner, role=role):
-            return f"role {partner} {role}"
+            words = ["role", partner, role]
         case Log(text=text):
-            return f"log {spell(text)}"
+            words = ["log", spell(text)]
         case End(text=text, well=well):
-            return f"{'end' if well else 'fail'} {spell(text) if text else ''}".rstrip()
+            words = ["end" if well else "fail", *([spell(text)] if text else [])]
+    return " ".join(words)
 
 
 def spell(value: Scalar) -> str:

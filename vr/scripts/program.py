@@ -1,7 +1,6 @@
 """A script as it was read: what it needs, what it hears, its facts and its rules. Pure.
 
-Both ways to write a script end here, so everything behind it (engine, tests, explanations, the robot) knows one
-form only.
+Both ways to write a script end here, so engine, tests, explanations and the robot know one form only.
 """
 
 from __future__ import annotations
@@ -104,12 +103,8 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def clips(self) -> str:
         """The rule as CLIPS is given it, and as `robotree rules check --listing` prints it."""
-        parts: list[str] = []
-        line = "(defrule"
-        for part in self.form.rest:
-            parts.append(show(part))
-        name, *rest = parts
-        lines = [f"{line} {name}"]
+        name, *rest = map(show, self.form.rest)
+        lines = [f"(defrule {name}"]
         bound = ""
         for text in rest:
             if text.startswith("?") or text == "<-":
@@ -170,8 +165,8 @@ MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
 SYSTEM = (
     Template(
         name=MESSAGE,
-        doc="Something that has just happened: a message, the end of an act, a timer. It is gone when the rules "
-        "have come to rest.",
+        doc="What has just happened: a message, the end of an act, a timer. It is gone when the rules have come"
+        " to rest.",
         slots=(
             Slot(name="perf"),
             Slot(name="from"),
@@ -189,15 +184,70 @@ SYSTEM = (
     Template(name=PARAMETER, slots=(Slot(name="name"), Slot(name="value"))),
     Template(name=ROLE, doc="Which role a partner plays.", slots=(Slot(name="partner"), Slot(name="name"))),
 )
-"""The facts that every script has: performative, sender, act, arguments, conversation and reply-by of a message."""
+"""The facts of every script; a message: performative, sender, act, arguments, conversation, reply-by."""
 
 RESERVED = frozenset(
-    "and or not test exists forall logical object declare if then else while is-a name initial-fact "
-    "do do-as reply cancel play wait log end fail remember forget update slot multislot default".split()
+    {
+        "and",
+        "or",
+        "not",
+        "test",
+        "exists",
+        "forall",
+        "logical",
+        "object",
+        "declare",
+        "if",
+        "then",
+        "else",
+        "while",
+        "is-a",
+        "initial-fact",
+        "do",
+        "do-as",
+        "reply",
+        "cancel",
+        "play",
+        "wait",
+        "log",
+        "end",
+        "fail",
+        "remember",
+        "forget",
+        "update",
+        "slot",
+        "multislot",
+        "default",
+    }
 )
 TAKEN = frozenset(
-    "start finish message facts why whynot play name attributes online halted readings safe_stop resume context "
-    "cancelled check sleep progress kinds child_slots program reading_units condition begins".split()
+    {
+        "start",
+        "finish",
+        "message",
+        "facts",
+        "why",
+        "whynot",
+        "play",
+        "name",
+        "attributes",
+        "online",
+        "halted",
+        "readings",
+        "safe_stop",
+        "resume",
+        "context",
+        "cancelled",
+        "check",
+        "sleep",
+        "progress",
+        "kinds",
+        "child_slots",
+        "program",
+        "reading_units",
+        "condition",
+        "begins",
+    }
 )
 """Names that the script's robot uses itself."""
 
@@ -231,11 +281,11 @@ def check_name(name: str, mark: Mark, what: str) -> str:
     Raises:
         BrokenScript: it cannot be one.
     """
-    if not _NAME.match(name) or name in RESERVED:
-        raise mark.error(
-            f"{name!r} cannot be the name of {what}: use small letters, digits, '-' or '_', beginning with a letter"
-            + (", and none of the words of the language" if name in RESERVED else "")
-        )
+    if what == "a fact" and name in RESERVED:
+        raise mark.error(f"{name!r} cannot be the name of a fact: it is a word of the language")
+    if not _NAME.match(name):
+        reason = "use small letters, digits, '-' or '_', beginning with a letter"
+        raise mark.error(f"{name!r} cannot be the name of {what}: {reason}")
     return name
 
 

@@ -1,4 +1,4 @@
-"""One run of a script, in the thread of the command `start`: happenings to the rules, their orders to robots.
+"""One run of a script, in the thread of the command `start`: happenings in, orders to robots out.
 
 The thread waits in one place only. Acts, timers and messages wake it; `do` starts an act and never waits for it.
 """
@@ -46,7 +46,9 @@ class _Act(msgspec.Struct):
 class ScriptRun:
     """Leads the partners of one script until it ends."""
 
-    def __init__(self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], runner: Runner) -> None:
+    def __init__(
+        self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], runner: Runner
+    ) -> None:
         """Build the rules; nothing is done yet.
 
         Raises:
@@ -161,11 +163,15 @@ class ScriptRun:
             if before:
                 reason = self._robot.child_slots[partner.name].lost or "it was released"
                 self.inbox.put(
-                    Happening(act="lost", sender=partner.name, partner=partner.name, arguments=(before, reason))
+                    Happening(
+                        act="lost", sender=partner.name, partner=partner.name, arguments=(before, reason)
+                    )
                 )
             if name:
                 self.inbox.put(
-                    Happening(act="found", sender=partner.name, partner=partner.name, robot=name, arguments=(name,))
+                    Happening(
+                        act="found", sender=partner.name, partner=partner.name, robot=name, arguments=(name,)
+                    )
                 )
         self.missing = lacking(self._robot, self._program)
 
@@ -216,9 +222,13 @@ class ScriptRun:
 
     def _do(self, order: Do) -> None:
         if len(self._acts) >= MOST_ACTS:
-            raise ScriptError(f"it floods: {MOST_ACTS} acts are under way, and {order.partner}.{order.act} would be one more")
+            raise ScriptError(
+                f"it floods: {MOST_ACTS} acts are under way, {order.partner}.{order.act} would be one more"
+            )
         try:
-            call = ChildCommand(self._robot.child_slots, order.partner, order.act).start(*order.values, **order.named)
+            call = ChildCommand(self._robot.child_slots, order.partner, order.act).start(
+                *order.values, **order.named
+            )
         except CommandCancelled:
             raise
         except VrError as error:

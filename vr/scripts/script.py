@@ -15,7 +15,7 @@ from robotree.vr.child import Child
 from robotree.vr.command import command
 from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile
 from robotree.vr.roles.player import forward
-from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.running.runner import Threads
 from robotree.vr.scripts import explain
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import ScriptError
@@ -36,7 +36,7 @@ class Script(VirtualRobot):
     """Rules that lead partners."""
 
     program: ClassVar[Program]
-    runner: ClassVar[Runner] = Threads()
+    runner: ClassVar[Threads] = Threads()
     reading_units: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
@@ -46,7 +46,7 @@ class Script(VirtualRobot):
         self._numbers = 0
 
     @property
-    def attributes(self) -> dict[str, str]:  # type: ignore[override] # written once, by the base class
+    def attributes(self) -> dict[str, str]:
         """Free pairs, its condition among them."""
         return {**self._given, "condition": self.condition, "script": self.program.hash[:12]}
 
@@ -74,7 +74,9 @@ class Script(VirtualRobot):
         caller = self.context.caller
         allowed = self.program.starters
         if allowed and caller not in {*allowed, self.name}:
-            raise self._failed("start", f"{caller or 'this caller'} may not start it; those may: {', '.join(allowed)}")
+            raise self._failed(
+                "start", f"{caller or 'this caller'} may not start it; those may: {', '.join(allowed)}"
+            )
         try:
             run = ScriptRun(self, self.program, parameters, self.runner)
         except ScriptError as error:
@@ -87,7 +89,9 @@ class Script(VirtualRobot):
 
     def hear(self, act: str, values: tuple[Scalar, ...]) -> None:
         """Take a message of a caller in."""
-        self._deliver(Happening(act=act, sender=self._sender, arguments=values, conversation=self._conversation()))
+        self._deliver(
+            Happening(act=act, sender=self._sender, arguments=values, conversation=self._conversation())
+        )
 
     @command(effect="read")
     def finish(self) -> None:
@@ -147,10 +151,16 @@ class Script(VirtualRobot):
         """Give a partner another role; the script goes on as it is."""
         if not at:
             able = [
-                name for name, bond in self.child_slots.bonds().items() if bond.description.command("play") is not None
+                name
+                for name, bond in self.child_slots.bonds().items()
+                if bond.description.command("play") is not None
             ]
             if len(able) != 1:
-                reason = f"say which partner is meant: {', '.join(able)}" if able else "none of its partners plays roles"
+                reason = (
+                    f"say which partner is meant: {', '.join(able)}"
+                    if able
+                    else "none of its partners plays roles"
+                )
                 raise NoRoles(robot=self.name, reason=reason)
             (at,) = able
         played = forward(self, role, at)
@@ -191,7 +201,9 @@ class Script(VirtualRobot):
 
     def _deliver(self, happening: Happening) -> None:
         if not self._running(happening.act).inbox.offer(happening):
-            raise self._failed(happening.act, "it is flooded: too many messages wait for its rules; send fewer")
+            raise self._failed(
+                happening.act, "it is flooded: too many messages wait for its rules; send fewer"
+            )
 
     def _answer(self, run: ScriptRun, conversation: str, act: str, within: float) -> str:
         until = self.runner.now() + within
@@ -281,4 +293,3 @@ def _signed(
     function.__annotations__ = {part: kind for part, kind, _ in parts} | {"return": returns}
     function.__signature__ = inspect.Signature([mine, *parameters])  # type: ignore[attr-defined] # PEP 362
     return function
-

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import msgspec
 
@@ -58,6 +59,8 @@ class Played(msgspec.Struct, frozen=True, kw_only=True):
     when: str
     orders: tuple[str, ...]
     fired: tuple[str, ...]
+    opening: bool = False
+    """It belongs to the beginning of every script."""
     fault: str = ""
     """What is not as it should be; empty: nothing."""
     mark: Mark = Mark()
@@ -104,11 +107,17 @@ def _step(given: Written) -> Step:
     step.expect(("when", "then", "facts"), "a step")
     then = step.get("then")
     nothing = isinstance(then, Word) and then.text == "nothing"
-    lines = () if nothing else tuple(word(one, "an order", given.mark).text for one in items(then, given.mark).items)
+    lines = (
+        ()
+        if nothing
+        else tuple(word(one, "an order", given.mark).text for one in items(then, given.mark).items)
+    )
     return Step(
         when=word(step.get("when"), "`when: …`", given.mark).text,
         then=None if then is None else lines,
-        facts=tuple(word(one, "a fact", given.mark).text for one in items(step.get("facts"), given.mark).items),
+        facts=tuple(
+            word(one, "a fact", given.mark).text for one in items(step.get("facts"), given.mark).items
+        ),
         mark=given.mark,
     )
 
@@ -119,42 +128,41 @@ def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # froz
     Raises:
         BrokenScript: it is none.
     """
-    try:
-        words = shlex.split(line)
-    except ValueError:
-        raise mark.error(f"a quote is not closed: {line}") from None
-    conversation, sender = "none", "operator"
-    while len(words) > 2 and words[-2] in {"as", "from"}:
-        if words[-2] == "as":
-            conversation = words[-1]
-        else:
-            sender = words[-1]
-        del words[-2:]
-    if not words:
-        raise mark.error("a happening is missing")
+    words, conversation, sender = _words(line, mark)
     head, *rest = words
     values = tuple(value_of(Word(one, mark)) for one in rest)
     least = {"done": 2, "failed": 2, "progress": 3, "timer": 1, "lost": 1, "found": 1}.get(head, 0)
     if len(rest) < least:
         raise mark.error(f"{head} needs {least} values: {line}")
+    told = Happening(act=head, sender=sender, arguments=values, conversation=conversation)
+    change = partial(msgspec.structs.replace, told)
     match head:
         case "done" | "progress":
-            return Happening(act=head, sender=rest[0], arguments=values[1:], conversation=conversation)
+            return change(sender=rest[0], arguments=values[1:])
         case "failed":
             reason = values[2:] or ("it failed",)
-            return Happening(
-                performative="failure", act=rest[1], sender=rest[0], arguments=reason, conversation=conversation
-            )
+            return change(performative="failure", act=rest[1], sender=rest[0], arguments=reason)
         case "lost":
-            why = (rest[0], *(values[1:] or ("it was lost",)))
-            return Happening(act="lost", sender=rest[0], partner=rest[0], arguments=why)
+            return change(sender=rest[0], partner=rest[0], arguments=(*values, "it was lost")[:2])
         case "found":
-            robot = rest[1] if len(rest) > 1 else rest[0]
-            return Happening(act="found", sender=rest[0], partner=rest[0], robot=robot, arguments=(robot,))
-        case "timer" | "start":
-            return Happening(act=head, arguments=values, conversation=conversation)
+            return change(sender=rest[0], partner=rest[0], robot=rest[-1], arguments=values[-1:])
         case _:
-            return Happening(act=head, sender=sender, arguments=values, conversation=conversation)
+            return change(sender="script") if head in {"timer", "start"} else told
+
+
+def _words(line: str, mark: Mark) -> tuple[list[str], str, str]:
+    """Return the words of a line without its end, and the conversation and sender of its end."""
+    try:
+        words = shlex.split(line)
+    except ValueError:
+        raise mark.error(f"a quote is not closed: {line}") from None
+    said = {"as": "none", "from": "operator"}
+    while len(words) > 2 and words[-2] in said:
+        said[words[-2]] = words[-1]
+        del words[-2:]
+    if not words:
+        raise mark.error("a happening is missing")
+    return words, said["as"], said["from"]
 
 
 class Rehearsal:
@@ -173,8 +181,12 @@ class Rehearsal:
         self.opening: list[Played] = []
         for partner in program.partners:
             if partner.name not in missing:
-                self.opening.append(self._played(happening(f"found {partner.name}"), f"found {partner.name}", Mark()))
-        self.opening.append(self._played(happening("start"), "start", Mark()))
+                self._open(f"found {partner.name}")
+        self._open("start")
+
+    def _open(self, line: str) -> None:
+        played = self._played(happening(line), line, Mark())
+        self.opening.append(msgspec.structs.replace(played, opening=True))
 
     def play(self, line: str, mark: Mark = Mark()) -> Played:  # noqa: B008 # frozen
         """Tell the rules one happening.
@@ -191,7 +203,8 @@ class Rehearsal:
 
     def _played(self, told: Happening, line: str, mark: Mark) -> Played:
         before = self.engine.happened + 1
-        fault, orders = "", ()
+        fault = ""
+        orders: tuple[str, ...] = ()
         try:
             orders = tuple(map(said, self.engine.feed(told)))
         except ScriptError as error:
@@ -208,9 +221,11 @@ def run(program: Program, trial: Trial) -> Iterator[Played]:
         ScriptError: the rules cannot be built.
     """
     for name in (*trial.missing, *trial.parameters):
-        known = [one.name for one in (*program.partners, *program.parameters)]
+        known = [one.name for one in program.partners] + [one.name for one in program.parameters]
         if name not in known:
-            raise trial.mark.error(f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}")
+            raise trial.mark.error(
+                f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}"
+            )
     rehearsal = Rehearsal(program, trial.parameters, trial.missing)
     for step in trial.steps:
         played = rehearsal.play(step.when, step.mark)

@@ -17,8 +17,8 @@
           - do: robot.say
             with: {text: "Welcome, $who"}
 
-Each rule becomes one `defrule` (`robotree rules check FILE --listing`), made as a tree and never as text, and goes
-through the same guard as an expert's.
+Each rule becomes one `defrule` (`robotree rules check FILE --listing`), made as a tree and never as text, and
+goes through the same guard as an expert's.
 """
 
 from __future__ import annotations
@@ -97,7 +97,9 @@ def read_yaml(source: str, path: str) -> Program:
 def _head(program: Program, root: Entries) -> Program:
     mark = root.mark
     partners = [_partner(key, given) for key, given in entries(root.get("partners"), "partners", mark)]
-    parameters = [_parameter(key, given) for key, given in entries(root.get("parameters"), "parameters", mark)]
+    parameters = [
+        _parameter(key, given) for key, given in entries(root.get("parameters"), "parameters", mark)
+    ]
     hears = [_hears(key, given) for key, given in entries(root.get("hears"), "hears", mark)]
     check_head(partners, parameters, hears, mark)
     for one in hears:
@@ -126,7 +128,9 @@ def _partner(key: Word, given: Written) -> Partner:
     return Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
         kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
-        needs=tuple(word(one, "a command", key.mark).text for one in items(facets.get("needs"), key.mark).items),
+        needs=tuple(
+            word(one, "a command", key.mark).text for one in items(facets.get("needs"), key.mark).items
+        ),
         attributes={
             name.text: word(one, "an attribute", key.mark).text
             for name, one in entries(facets.get("attributes"), "attributes", key.mark)
@@ -143,7 +147,9 @@ def _parameter(key: Word, given: Written) -> Parameter:
     facets = entries(given, "a parameter", key.mark)
     facets.expect(("default", "doc"), "a parameter")
     default = value_of(word(facets.get("default"), "the default", key.mark))
-    return Parameter(name=name, default=default, doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text)
+    return Parameter(
+        name=name, default=default, doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text
+    )
 
 
 def _hears(key: Word, given: Written) -> Hears:
@@ -186,18 +192,14 @@ def _fact(given: Written, what: str) -> Form:
     if len(one.entries) != 1:
         raise given.mark.error(f"{what} is written as `NAME: {{slot: value}}`")
     key, slots = one.entries[0]
-    made = [
-        form(slot.text, *map(_value, given.items if isinstance(given, Items) else (given,)), mark=slot.mark)
-        for slot, given in entries(slots, "the slots", key.mark)
-    ]
-    return form(key.text, *made, mark=key.mark)
+    return form(key.text, *_slots(slots, key.mark), mark=key.mark)
 
 
 # -- values -----------------------------------------------------------------------------------------
 
 
 def _value(given: Written) -> Node:
-    """Return what an action computes: a variable, a formula (`= $n + 1`), a text with variables in it, a value."""
+    """Return what an action computes: a variable, a formula (`= $n + 1`), a text with variables, a value."""
     if not isinstance(given, Word):
         raise given.mark.error("this must be one value")
     text = given.text
@@ -224,40 +226,42 @@ def _wanted(given: Written, number: int) -> list[Node]:
     if isinstance(given, Items):
         return [one for part in given.items for one in _wanted(part, number)]
     if isinstance(given, Word):
-        if found := _VARIABLE.fullmatch(given.text):
-            return [Atom("variable", f"?{found.group(1)}", mark)]
-        if "$" in given.text:
-            raise mark.error(f"{given.text!r}: a condition takes a value, or a variable alone: $name")
-        if given.text in {"anything", ""} and not given.quoted:
-            return [Atom("variable", "?", mark)]
-        return [literal(value_of(given), mark)]
+        return [_wanted_word(given)]
     given.expect((*COMPARISONS, "has", "not", "any", "as"), "a wish")
-    done: list[Node] = []
-    variable = Atom("variable", f"?slot{number}", mark)
-    for key, value in given:
-        match key.text:
-            case "as":
-                variable = Atom("variable", _variable(value).text, mark)
-            case "has":
-                return [Atom("variable", "$?", mark), *_wanted(value, number), Atom("variable", "$?", mark)]
-            case "not":
-                done += [Atom("mark", "&", mark), Atom("mark", "~", mark), *_wanted(value, number)]
-            case "any":
-                choices = [one for part in items(value, mark).items for one in _wanted(part, number)]
-                for at, one in enumerate(choices):
-                    done += [Atom("mark", "|" if at else "&", mark), one]
-            case sign:
-                right = _value(value)
-                test = form(COMPARISONS[sign], Atom("variable", "?", mark), right, mark=mark)
-                done += [Atom("mark", "&", mark), Atom("mark", ":", mark), test]
-    return [variable, *(_with(one, variable) for one in done)]
+    if (has := given.get("has")) is not None:
+        return [Atom("variable", "$?", mark), *_wanted(has, number), Atom("variable", "$?", mark)]
+    named = given.get("as")
+    variable = Atom("variable", f"?slot{number}", mark) if named is None else _variable(named)
+    return [variable, *(part for key, value in given for part in _compared(key, value, variable))]
 
 
-def _with(node: Node, variable: Atom) -> Node:
-    """Put the variable where a comparison has left room for it."""
-    if isinstance(node, Form):
-        return Form(tuple(_with(part, variable) for part in node.parts), node.mark)
-    return variable if node.sort == "variable" and node.text == "?" else node
+def _wanted_word(given: Word) -> Node:
+    if found := _VARIABLE.fullmatch(given.text):
+        return Atom("variable", f"?{found.group(1)}", given.mark)
+    if "$" in given.text:
+        raise given.mark.error(f"{given.text!r}: a condition takes a value, or a variable alone: $name")
+    if given.text in {"anything", ""} and not given.quoted:
+        return Atom("variable", "?", given.mark)
+    return literal(value_of(given), given.mark)
+
+
+def _compared(key: Word, value: Written, variable: Atom) -> list[Node]:
+    mark = key.mark
+    match key.text:
+        case "as":
+            return []
+        case "not":
+            return [Atom("mark", "&", mark), Atom("mark", "~", mark), *_wanted(value, 0)]
+        case "any":
+            choices = [one for part in items(value, mark).items for one in _wanted(part, 0)]
+            return [
+                node
+                for at, one in enumerate(choices)
+                for node in (Atom("mark", "|" if at else "&", mark), one)
+            ]
+        case sign:
+            test = form(COMPARISONS[sign], variable, _value(value), mark=mark)
+            return [Atom("mark", "&", mark), Atom("mark", ":", mark), test]
 
 
 def _variable(given: Written) -> Atom:
@@ -290,7 +294,9 @@ class _Rule:
             said = word(priority, "the priority", mark)
             if not re.fullmatch(r"-?\d+", said.text):
                 raise said.mark.error("a priority is a whole number: the higher one goes first")
-            parts.append(form("declare", form("salience", Atom("number", said.text, said.mark)), mark=said.mark))
+            parts.append(
+                form("declare", form("salience", Atom("number", said.text, said.mark)), mark=said.mark)
+            )
         when = items(self._given.get("when"), mark).items
         then = items(self._given.get("then"), mark).items
         if not when or not then:
@@ -319,13 +325,7 @@ class _Rule:
     # -- when
 
     def _condition(self, given: Written) -> list[Node]:
-        if isinstance(given, Word):
-            given = Entries(((given, Word("", given.mark)),), given.mark)
-        one = entries(given, "a condition", given.mark)
-        rest = [(key, value) for key, value in one if key.text != "as"]
-        if len(rest) != 1:
-            raise given.mark.error("write each condition on its own line, beginning with `- `")
-        key, value = rest[0]
+        key, value, one = _only(given, "a condition", {"as"})
         if key.text == "if":
             said = word(value, "`if`", key.mark)
             return [form("test", formula(said.text, said.mark), mark=key.mark)]
@@ -354,7 +354,10 @@ class _Rule:
             )
         return form(
             name.text,
-            *(form(slot.text, *self._wish(value), mark=slot.mark) for slot, value in entries(given, "the slots", name.mark)),
+            *(
+                form(slot.text, *self._wish(value), mark=slot.mark)
+                for slot, value in entries(given, "the slots", name.mark)
+            ),
             mark=name.mark,
         )
 
@@ -368,14 +371,21 @@ class _Rule:
         wishes.expect((*names, "from", "conversation", "reply by"), f"message {hears.name}")
         said = {key.text: value for key, value in wishes}
         args = [
-            node for part in names for node in (self._wish(said[part]) if part in said else [Atom("variable", "?", name.mark)])
+            node
+            for part in names
+            for node in (self._wish(said[part]) if part in said else [Atom("variable", "?", name.mark)])
         ]
         return self._message(name.mark, said, form("act", plain(hears.name)), form("args", *args))
 
     def _message(self, mark: Mark, said: dict[str, Written], *slots: Node) -> Form:
         more = [
             form(slot, *self._wish(said[key]))
-            for key, slot in (("partner", "from"), ("from", "from"), ("conversation", "conv"), ("reply by", "by"))
+            for key, slot in (
+                ("partner", "from"),
+                ("from", "from"),
+                ("conversation", "conv"),
+                ("reply by", "by"),
+            )
             if key in said
         ]
         return form(MESSAGE, *slots, *more, mark=mark)
@@ -391,77 +401,56 @@ class _Rule:
 
         def args(*names: str) -> Form:
             nodes = [
-                node for one in names for node in (self._wish(said[one]) if one in said else [Atom("variable", "?")])
+                node
+                for one in names
+                for node in (self._wish(said[one]) if one in said else [Atom("variable", "?")])
             ]
             while nodes and isinstance(last := nodes[-1], Atom) and last.text == "?":
                 nodes.pop()
             return form("args", *nodes, Atom("variable", "$?"))
 
         inform, failure = form("perf", plain("inform")), form("perf", plain("failure"))
-        match name.text:
-            case "done":
-                slots = [inform, form("act", plain("done")), args("act", "result")]
-            case "failed":
-                act = self._wish(said["act"]) if "act" in said else [Atom("variable", "?")]
-                slots = [failure, form("act", *act), args("reason")]
-            case "progress":
-                slots = [form("act", plain("progress")), args("act", "fraction", "text")]
-            case "lost" | "found":
-                slots = [form("act", plain(name.text)), args("robot", "reason")]
-            case "timer":
-                slots = [form("act", plain("timer")), args("name")]
-            case "message":
-                slots = [
-                    form(slot, *self._wish(said[key]))
-                    for key, slot in (("performative", "perf"), ("act", "act"), ("arguments", "args"))
-                    if key in said
-                ]
-            case _:
-                slots = [form("act", plain(name.text))]
-        return self._message(name.mark, said, *slots)
+        act = self._wish(said["act"]) if "act" in said else [Atom("variable", "?")]
+        fields = (("performative", "perf"), ("act", "act"), ("arguments", "args"))
+        slots: dict[str, list[Form]] = {
+            "done": [inform, form("act", plain("done")), args("act", "result")],
+            "failed": [failure, form("act", *act), args("reason")],
+            "progress": [form("act", plain("progress")), args("act", "fraction", "text")],
+            "lost": [form("act", plain("lost")), args("robot", "reason")],
+            "found": [form("act", plain("found")), args("robot")],
+            "timer": [form("act", plain("timer")), args("name")],
+            "message": [form(slot, *self._wish(said[key])) for key, slot in fields if key in said],
+            "start": [form("act", plain("start"))],
+        }
+        return self._message(name.mark, said, *slots[name.text])
 
     # -- then
 
     def _action(self, given: Written) -> list[Node]:
-        if isinstance(given, Word):
-            given = Entries(((given, Word("", given.mark)),), given.mark)
-        one = entries(given, "an action", given.mark)
-        rest = [(key, value) for key, value in one if key.text not in {"as", "with"}]
-        if len(rest) != 1:
-            raise given.mark.error("write each action on its own line, beginning with `- `")
-        key, value = rest[0]
+        key, value, one = _only(given, "an action", {"as", "with"})
         mark = key.mark
         if key.text != "do" and len(one.entries) > 1:
             raise given.mark.error("only `do` has `with` and `as`")
+        if key.text.startswith("update "):
+            fact = _variable(Word(key.text.removeprefix("update ").strip(), mark))
+            return [form("modify", fact, *_slots(value, mark), mark=mark)]
         match key.text:
             case "do":
-                return [self._do(mark, value, one)]
+                made = [self._do(mark, value, one)]
             case "remember":
-                return [
-                    form("assert", _fact(Entries((fact,), mark), "a fact"), mark=mark)
-                    for fact in entries(value, "a fact", mark)
-                ]
+                facts = entries(value, "a fact", mark)
+                made = [form("assert", _fact(Entries((fact,), mark), "a fact"), mark=mark) for fact in facts]
             case "forget":
-                return [form("retract", *map(_variable, items(value, mark).items), mark=mark)]
-            case text if text.startswith("update "):
-                slots = [
-                    form(slot.text, *map(_value, new.items if isinstance(new, Items) else (new,)), mark=slot.mark)
-                    for slot, new in entries(value, "the slots", mark)
-                ]
-                return [form("modify", _variable(Word(text.removeprefix("update ").strip(), mark)), *slots, mark=mark)]
+                made = [form("retract", *map(_variable, items(value, mark).items), mark=mark)]
             case "wait":
-                return [self._wait(mark, value)]
+                made = [self._wait(mark, value)]
             case "role":
-                pairs = value.entries if isinstance(value, Entries) else ()
-                if len(pairs) != 1:
-                    raise mark.error("role is written as `role: {PARTNER: ROLE}`; two roles at once cannot be played")
-                return [form("play", _value(pairs[0][0]), _value(pairs[0][1]), mark=mark)]
-            case "reply" | "cancel":
-                return [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
-            case "log" | "end" | "fail":
-                return [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
+                made = [_role(mark, value)]
+            case "reply" | "cancel" | "log" | "end" | "fail":
+                made = [form(key.text, *map(_value, items(value, mark).items), mark=mark)]
             case other:
                 raise mark.error(f"there is no action {other!r}; there are: {', '.join(ACTIONS)}")
+        return [*made]
 
     def _do(self, mark: Mark, value: Written, one: Entries) -> Form:
         given = list(items(value, mark).items)
@@ -509,6 +498,31 @@ class _Rule:
         return form("wait", _value(name), number, *rest, mark=mark)
 
 
+def _only(given: Written, what: str, beside: set[str]) -> tuple[Word, Written, Entries]:
+    """Return the one thing that a condition or action says, and all of it; a bare word says it without more."""
+    if isinstance(given, Word):
+        given = Entries(((given, Word("", given.mark)),), given.mark)
+    one = entries(given, what, given.mark)
+    rest = [(key, value) for key, value in one if key.text not in beside]
+    if len(rest) != 1:
+        raise given.mark.error(f"write {what} on a line of its own, beginning with `- `")
+    return *rest[0], one
+
+
+def _slots(given: Written, mark: Mark) -> list[Form]:
+    return [
+        form(slot.text, *map(_value, new.items if isinstance(new, Items) else (new,)), mark=slot.mark)
+        for slot, new in entries(given, "the slots", mark)
+    ]
+
+
+def _role(mark: Mark, given: Written) -> Form:
+    pairs = given.entries if isinstance(given, Entries) else ()
+    if len(pairs) != 1:
+        raise mark.error("write `role: {PARTNER: ROLE}`; two roles at once cannot be played")
+    return form("play", _value(pairs[0][0]), _value(pairs[0][1]), mark=mark)
+
+
 def check_argument(key: Word) -> str:
     """Return the name of an argument of an act."""
     if not re.fullmatch(r"[a-z_]\w*", key.text):
@@ -520,6 +534,11 @@ def _plain_variables(node: Node) -> list[str]:
     """Return the variables that a pattern gives a value: not those inside of its tests."""
     if isinstance(node, Atom):
         return [*variables(node)]
-    return [name for slot in node.rest if isinstance(slot, Form) for part in slot.rest if isinstance(part, Atom) for name in variables(part)]
-
-
+    return [
+        name
+        for slot in node.rest
+        if isinstance(slot, Form)
+        for part in slot.rest
+        if isinstance(part, Atom)
+        for name in variables(part)
+    ]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from robotree.vr import command
 from robotree.vr.agents.agent import RobotAgent
@@ -21,7 +22,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 class Companion(RolePlayer):
     """A small robot that notes what it does."""
 
-    limits = {"speed": Limit(upper=0.7), "distance": Limit(lower=0.5)}
+    limits: ClassVar[Mapping[str, Limit]] = {"speed": Limit(upper=0.7), "distance": Limit(lower=0.5)}
 
     def __init__(self, name: str) -> None:
         super().__init__(name)

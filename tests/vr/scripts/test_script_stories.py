@@ -1,11 +1,5 @@
 """A script leads robots: figure 4 of the NBSA paper, and what it claims of scripts and roles."""
 
-import asyncio
-
-import pytest
-
-from robotree.vr.errors import CommandCancelled, CommandFailed
-
 from tests.vr.scripts.stage import EXAMPLES, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
@@ -15,7 +9,9 @@ async def test_a_message_goes_through_the_rules_to_the_robot_and_its_end_comes_b
     robot, script = await stage.companion(), await stage.script(GUIDE)
     assert script.condition == "inactive: needs robot (Companion)"
     running = stage.begin("guide")
-    await stage.until(lambda: script.condition.startswith("inactive") and stage.agents["guide"].description().busy)
+    await stage.until(
+        lambda: script.condition.startswith("inactive") and stage.agents["guide"].description().busy
+    )
     await stage.enslave("guide", "robot", "c1")
     await stage.until(lambda: script.condition == "active" and script._run.engine.happened)
     await stage.call("guide", "person_seen", who="Anna Maria", place="kitchen")

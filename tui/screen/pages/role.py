@@ -26,7 +26,11 @@ class RoleDialog(Modal[Line | None]):
     def box(self) -> ComposeResult:
         """A list."""
         with Vertical(classes="dialog"):
-            yield Label(f"Which role does {self._robot} play from its next act on?", classes="dialog-title", markup=False)
+            yield Label(
+                f"Which role does {self._robot} play from its next act on?",
+                classes="dialog-title",
+                markup=False,
+            )
             options = [
                 Option(Text.assemble((role, "bold"), "  now" if role == self._present else ""), id=role)
                 for role in self._roles
