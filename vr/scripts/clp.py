@@ -61,9 +61,8 @@ def read_clp(source: str, path: str, name: str) -> Program:
             case "defrule":
                 add_rule(rules, construct, program)
             case head:
-                raise construct.mark.error(
-                    f"({head or '…'} …) cannot stand here; a script has defscript, deftemplate, deffacts, defrule"
-                )
+                known = "defscript, deftemplate, deffacts, defrule"
+                raise construct.mark.error(f"({head or '…'} …) cannot stand here; a script has: {known}")
     return msgspec.structs.replace(program, facts=tuple(facts), rules=tuple(rules.values()))
 
 
@@ -160,9 +159,8 @@ def _head(program: Program, construct: Form) -> Program:
             case "starts-itself":
                 itself = True
             case head:
-                raise part.mark.error(
-                    f"a script has no ({head or '…'} …), but partner, parameter, hears, starts-by, starts-itself"
-                )
+                known = "partner, parameter, hears, starts-by, starts-itself"
+                raise part.mark.error(f"a script has no ({head or '…'} …); it has: {known}")
     check_head(partners, parameters, hears, construct.mark)
     return msgspec.structs.replace(
         program,

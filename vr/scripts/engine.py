@@ -1,7 +1,7 @@
-"""The rules at work: a happening in, orders out. No threads, robots or clock of its own.
+"""The rules at work: a happening in, orders out. It has no thread, no robot and no clock of its own.
 
-One CLIPS environment for each engine. The same happenings in the same order give the same orders. Whatever the
-rules do ends: after `MOST_FIRINGS`, after `LONGEST` seconds of the processor, or when memory grows too much.
+One CLIPS environment for each engine. The same happenings in the same order give the same orders. Whatever
+the rules do ends: after `MOST_FIRINGS`, after `LONGEST` of processor time, or when memory grows too much.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Short formulas in YAML scripts: `$battery < 20`, `$count + 1`. Pure.
 
-From loose to tight: or; and; not; < <= > >= = !=; + -; * /; brackets. Values are variables, numbers, words and
-texts in quotes.
+From loose to tight: or; and; not; < <= > >= = !=; + -; * /; brackets. Values are variables, numbers, words
+and texts in quotes.
 """
 
 from __future__ import annotations
@@ -105,18 +105,16 @@ class _Reader:
             self._fail("something is missing at the end of")
         sort, text = self._tokens[self._at]
         self._at += 1
-        match sort:
-            case "number":
-                return Atom("number", repr(value_of(Word(text, self._mark))), self._mark)
-            case "variable":
-                return Atom("variable", f"?{text[1:]}", self._mark)
-            case "text":
-                return plain(text[1:-1], self._mark)
-            case "word":
-                truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
-                return Atom("symbol", truth, self._mark) if truth else plain(text, self._mark)
-            case _:
-                return self._fail(f"{text!r} is not expected in")
+        truth = {"yes": "TRUE", "no": "FALSE", "true": "TRUE", "false": "FALSE"}.get(text)
+        nodes = {
+            "number": lambda: Atom("number", repr(value_of(Word(text, self._mark))), self._mark),
+            "variable": lambda: Atom("variable", f"?{text[1:]}", self._mark),
+            "text": lambda: plain(text[1:-1], self._mark),
+            "word": lambda: Atom("symbol", truth, self._mark) if truth else plain(text, self._mark),
+        }
+        if sort not in nodes:
+            self._fail(f"{text!r} is not expected in")
+        return nodes[sort]()
 
 
 def formula(text: str, mark: Mark) -> Node:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from robotree.vr.running.runner import Runner
+from robotree.vr.running.runner import Threads
 from robotree.vr.scripts.happening import Happening
 
 LONGEST = 500
@@ -14,7 +14,7 @@ LONGEST = 500
 class Inbox:
     """Takes happenings from any thread; one thread takes them out."""
 
-    def __init__(self, runner: Runner) -> None:
+    def __init__(self, runner: Threads) -> None:
         """Begin empty."""
         self._waiting: deque[Happening | int] = deque()
         self._waiter = runner.waiter()

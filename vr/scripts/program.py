@@ -165,8 +165,8 @@ MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
 SYSTEM = (
     Template(
         name=MESSAGE,
-        doc="What has just happened: a message, the end of an act, a timer. It is gone when the rules have come"
-        " to rest.",
+        doc="What has just happened: a message, the end of an act, a timer. It is gone when the rules have"
+        " come to rest.",
         slots=(
             Slot(name="perf"),
             Slot(name="from"),

@@ -1,6 +1,6 @@
-"""One run of a script, in the thread of the command `start`: happenings in, orders to robots out.
+"""One run of a script, in the thread of `start`: happenings go to the rules, their orders to robots.
 
-The thread waits in one place only. Acts, timers and messages wake it; `do` starts an act and never waits for it.
+The thread waits in one place only. Acts, timers and messages wake it; `do` begins an act and never waits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import msgspec
 from robotree.vr.child import ChildCommand, Record
 from robotree.vr.context import CallFuture, running
 from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
-from robotree.vr.running.runner import Runner
+from robotree.vr.running.runner import Threads
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
 from robotree.vr.scripts.inbox import Inbox
@@ -47,7 +47,7 @@ class ScriptRun:
     """Leads the partners of one script until it ends."""
 
     def __init__(
-        self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], runner: Runner
+        self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], runner: Threads
     ) -> None:
         """Build the rules; nothing is done yet.
 

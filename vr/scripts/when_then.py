@@ -499,7 +499,7 @@ class _Rule:
 
 
 def _only(given: Written, what: str, beside: set[str]) -> tuple[Word, Written, Entries]:
-    """Return the one thing that a condition or action says, and all of it; a bare word says it without more."""
+    """Return the one thing that a condition or action says, and all of it; a bare word says no more."""
     if isinstance(given, Word):
         given = Entries(((given, Word("", given.mark)),), given.mark)
     one = entries(given, what, given.mark)
