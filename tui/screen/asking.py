@@ -298,7 +298,7 @@ def _pane(name: str) -> Ask:
     return lambda app, _place: main_page(app).show_pane(name)
 
 
-def _role(app: Supervisor, place: Place) -> None:
+def _role(app: OperatorApp, place: Place) -> None:
     robot = app.store.descriptions.get(place.name)
     known = robot.attributes.get("roles", "").split() if robot else []
     if not known:
