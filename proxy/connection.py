@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-import time
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -23,6 +22,7 @@ from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
 from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect, Event, OnlineChanged, Redial
+from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +77,7 @@ class Connection:
         dial: opens a link.
         chance: for the jitter of the waits between attempts.
         security: the keys of our links.
+        runner: its clock, and what the threads of commands wait in.
     """
 
     def __init__(
@@ -88,8 +89,10 @@ class Connection:
         dial: Dial = connect,
         chance: random.Random | None = None,
         security: LinkSecurity = UNSIGNED,
+        runner: Runner | None = None,
     ) -> None:
         self.url = url
+        self.runner: Runner = runner or Threads()
         self.session = session
         self._security = security
         self._signer_pair = SignerPair(signer=None, verifier=None)
@@ -105,7 +108,7 @@ class Connection:
 
     def now(self) -> float:
         """The time [s] on the clock of this connection."""
-        return time.monotonic()
+        return self.runner.now()
 
     async def run(self) -> None:
         """Keep the session connected until cancelled.

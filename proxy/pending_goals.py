@@ -6,7 +6,6 @@ the only object that both sides touch.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 
 from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, GoalSilent
@@ -14,6 +13,7 @@ from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.session import Event
 from robotree.vr.context import Activity
+from robotree.vr.running.runner import Waiter
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,10 @@ class PendingGoal:
     Args:
         key: of the goal.
         activity: the command that asks for it.
+        waiter: in which the command's thread waits for the end.
     """
 
-    def __init__(self, key: int, activity: Activity) -> None:
+    def __init__(self, key: int, activity: Activity, waiter: Waiter) -> None:
         self.key = key
         self.activity = activity
         self.epoch = activity.context.epoch
@@ -49,17 +50,19 @@ class PendingGoal:
         """Progress, 0 to 1."""
         self.end: End | None = None
         """How it ended; None: it has not."""
-        self._over = threading.Event()
+        self._waiter = waiter
 
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most `timeout` [s]; returns whether it has ended. Not on the loop."""
-        return self._over.wait(timeout)
+        if self.end is None:
+            self._waiter.wait(timeout)
+        return self.end is not None
 
     def finish(self, end: End) -> None:
         """Set the end; only the first call counts."""
         if self.end is None:
             self.end = end
-            self._over.set()
+            self._waiter.wake()
 
 
 class PendingGoals:
@@ -86,7 +89,7 @@ class PendingGoals:
         Returns:
             The goal; it ends at once if the controller is offline or the command has ended.
         """
-        pending = PendingGoal(key, activity)
+        pending = PendingGoal(key, activity, self._connection.runner.waiter())
         self._connection.soon(lambda: self._start(pending, request, ttl, repeatable=repeatable))
         return pending
 

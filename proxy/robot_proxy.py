@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import os
 import random
-import time
 from collections.abc import Callable
 from typing import TypeVar
 from weakref import WeakKeyDictionary
@@ -38,6 +37,7 @@ from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
 from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded
 from robotree.vr.robot import Robot
 from robotree.vr.running.chance import bits
+from robotree.vr.running.runner import Runner
 
 _log = logging.getLogger(__name__)
 
@@ -81,6 +81,7 @@ class RobotProxy(Robot):
         chance: random.Random | None = None,
         security: LinkSecurity = UNSIGNED,
         take_over: bool = False,
+        runner: Runner | None = None,
     ) -> None:
         """Prepare the proxy; nothing is opened before `run`.
 
@@ -92,6 +93,7 @@ class RobotProxy(Robot):
             chance: for the waits between attempts to connect.
             security: the keys of our links.
             take_over: have the controller obey us also if another proxy holds it.
+            runner: its clock, and what its commands wait in; None: threads.
 
         Raises:
             BadName: that cannot be a name.
@@ -111,7 +113,13 @@ class RobotProxy(Robot):
         )
         self._session = ControllerSession(component=component_of(name), readers=self.readers, claim=claim)
         self._connection = Connection(
-            url, self._session, on_event=self._handle, dial=dial, chance=chance, security=security
+            url,
+            self._session,
+            on_event=self._handle,
+            dial=dial,
+            chance=chance,
+            security=security,
+            runner=runner,
         )
         self._pending = PendingGoals(self._connection)
         self._mode_requests = ModeRequests(name)
@@ -199,7 +207,7 @@ class RobotProxy(Robot):
         if not self._session.claims:
             self._epochs.raise_to(self.controller_epoch)
         self._epochs.admit(context.epoch)
-        ttl = time_to_live(context.deadline_at - time.monotonic())
+        ttl = time_to_live(context.deadline_at - self._connection.now())
         effect = self._effect_of(motion)
         pending = self._pending.start(
             self._next_key(), motion.request(), activity=running(), ttl=ttl, repeatable=effect != "once"
