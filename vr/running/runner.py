@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 LONGEST_WAIT = 1e6
 """[s] Longest wait that an operating system lock takes."""
@@ -97,13 +97,16 @@ class ThreadWaiter:
 class Threads:
     """The production form of `Runner`."""
 
-    simulated: ClassVar[bool] = False
-    waiter: ClassVar[type[ThreadWaiter]] = ThreadWaiter
+    simulated: bool = False
     lock = staticmethod(threading.Lock)
     now = staticmethod(time.monotonic)
     unix = staticmethod(time.time)
     random = staticmethod(random.random)
     here = staticmethod(threading.get_ident)
+
+    def waiter(self) -> Waiter:
+        """See `Runner.waiter`."""
+        return ThreadWaiter()
 
     def spawn(self, work: Callable[[], None], name: str) -> None:
         """See `Runner.spawn`. The thread is a daemon: whatever it does, its process can end."""
