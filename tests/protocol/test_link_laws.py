@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from robotree.protocol.links.can import host as can_host
 from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.loopback import Loopback
 from robotree.protocol.links.url import SCHEMES, connect, listen
@@ -144,7 +145,10 @@ NOBODY = {
 
 
 @pytest.mark.parametrize("scheme", sorted(set(SCHEMES) - {"udp"}))
-async def test_a_link_that_cannot_be_had_is_refused_in_one_sentence(scheme: str) -> None:
+async def test_a_link_that_cannot_be_had_is_refused_in_one_sentence(
+    scheme: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can_host, "CONNECT_TIMEOUT", 0.3)
     await check_refused(lambda accept: connect(NOBODY[scheme], accept))
 
 

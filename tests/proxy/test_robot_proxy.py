@@ -7,6 +7,7 @@ import random
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -14,6 +15,8 @@ import pytest
 from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reason, Verb
+from robotree.protocol.services.goal_client import GoalClient
+from robotree.proxy import outcome, session
 from robotree.proxy.arm import Arm
 from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy
@@ -224,6 +227,14 @@ async def test_a_dead_controller_fails_commands_at_once_and_leaves_old_readings(
     await listener.close()
 
 
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A goal without an answer is given up soon, and its controller counts as silent."""
+    monkeypatch.setattr(session, "GoalClient", partial(GoalClient, patience=0.3))
+    monkeypatch.setattr(outcome, "PERIOD", 0.1)
+
+
+@pytest.mark.usefixtures("impatient")
 async def test_a_goal_whose_controller_dies_does_not_hang(make_controller: type[Controller]) -> None:
     async with acting(make_controller()) as scene:
         await scene.online()
@@ -234,6 +245,7 @@ async def test_a_goal_whose_controller_dies_does_not_hang(make_controller: type[
             await call
 
 
+@pytest.mark.usefixtures("impatient")
 async def test_what_adds_up_and_is_not_heard_of_any_more_is_in_doubt(
     make_controller: type[Controller],
 ) -> None:

@@ -132,7 +132,7 @@ async def test_a_flood_slows_neither_the_arm_nor_others_and_their_stop_is_obeyed
         async with keeping_pace(server):
             for _ in range(50):
                 await client.ping()
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.4)
         client.say(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
         await client.until(Mode, mode=ModeKind.SAFE_STOP)
         assert server._controller.firmware.gauges.overrun > 0, "it was a flood"
@@ -150,7 +150,7 @@ async def test_a_flood_of_work_is_carried_out_at_a_bearable_pace() -> None:
         async with keeping_pace(server):
             for _ in range(20):
                 await client.ping()
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.4)
         flooding.cancel()
 
 
@@ -177,7 +177,7 @@ async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
             last = await Client().dial(server.address)
             await last.ping()
             await first.ping()
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.4)
             assert len(server._connections) <= MAX_CLIENTS
 
 
@@ -260,7 +260,7 @@ async def test_a_flood_of_datagrams_of_who_is_not_served_costs_nobody_anything_t
     ):
         began = time.monotonic()
         async with keeping_pace(server):
-            for _ in range(1500):
+            for _ in range(500):
                 newcomer.say(BEAT)
                 await asyncio.sleep(0.002)
         told = [each for each in newcomer.heard if isinstance(each, Statustext)]
@@ -309,7 +309,7 @@ async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -
         client = await Client().dial(server.address)
         await client.ping()
         async with keeping_pace(server):
-            await asyncio.sleep(3.0)
+            await asyncio.sleep(1.0)
             for _ in range(20):
                 await client.ping()
         assert all(each.endpoint.link.statistics.waiting < 200_000 for each in server._connections.values())

@@ -12,6 +12,7 @@ import can
 import pytest
 
 from robotree.protocol.links.can import CanAddress
+from robotree.protocol.links.can import host as can_host
 
 _COUNT = count()
 Spawn = Callable[..., "Popen[str]"]
@@ -59,6 +60,12 @@ def address(request: pytest.FixtureRequest, channel: str) -> CanAddress:
     """An interface that is used from the event loop, and one that needs threads."""
     interface, _, kind = request.param.partition(", ")
     return CanAddress(interface=interface, channel=channel, fd=kind == "fd")
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody will answer: who connects does not wait for long."""
+    monkeypatch.setattr(can_host, "CONNECT_TIMEOUT", 0.3)
 
 
 @pytest.fixture

@@ -132,6 +132,7 @@ async def test_nothing_is_kept_of_a_pulled_adapter_while_it_is_away(
         await until(lambda: bus() is None)
 
 
+@pytest.mark.usefixtures("impatient")
 async def test_who_finds_nobody_is_refused_although_the_bus_cannot_be_shut_down(pulled: CanAddress) -> None:
     with pytest.raises(LinkRefused, match="no controller with node=1 answers"):
         await connect(pulled, RecordingHandler)

@@ -132,6 +132,7 @@ async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(cha
             assert [heard(each, kind) for kind in (Gripper, Heartbeat, NamedValueFloat)] == [10, 10, 1]
 
 
+@pytest.mark.usefixtures("impatient")
 async def test_nobody_answers_on_an_empty_bus(here: CanAddress) -> None:
     with pytest.raises(LinkRefused, match="no controller with node=1 answers"):
         await connect(here, RecordingHandler)

@@ -21,7 +21,7 @@ from robotree.protocol.tools.capture import BadRecording, Captured, Decoder, Rec
 from robotree.protocol.tools.capture.decode import LARGEST_CROWD, READERS
 from robotree.protocol.tools.capture.replay import LONGEST_GAP, schedule
 
-NOISE = 10_000_000
+NOISE = 2_000_000
 """[bytes]"""
 NOON = 1_700_000_000_000_000
 PIECE = 64 * 1024
@@ -29,7 +29,7 @@ GRIP = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
 
 
 @pytest.mark.parametrize("form", READERS)
-def test_ten_million_bytes_of_noise_raise_nothing_and_are_not_kept(form: str) -> None:
+def test_two_million_bytes_of_noise_raise_nothing_and_are_not_kept(form: str) -> None:
     chance, decoder = random.Random(1), Decoder(form)
     tracemalloc.start()
     try:
