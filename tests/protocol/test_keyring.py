@@ -6,7 +6,7 @@ import fcntl
 import os
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -109,6 +109,10 @@ def test_an_address_is_matched_as_its_links_will_be_called(
 ) -> None:
     path.write_text(f"{pattern} {ONE}\n")
     Keyring(path).require(address, listening=listening)
+    path.write_text(f"tcp:192.0.2.1:* {ONE}\n")
+    unknown_host = address.endswith(".invalid:5760")
+    with nullcontext() if unknown_host else pytest.raises(UnmatchedLink):
+        Keyring(path).require(address, listening=listening)
 
 
 def test_a_missing_file_is_told_in_one_sentence(tmp_path: Path) -> None:

@@ -210,6 +210,7 @@ async def test_a_disk_that_is_full_for_a_while_ends_no_link(
             while "cannot keep the signing time" not in caplog.text:  # noqa: ASYNC110  a log has no event
                 await asyncio.sleep(0.001)
         in_the_way.rmdir()
+    assert keys.with_name("wire.keys.time").is_file(), "it is kept as soon as there is room"
 
 
 async def test_a_place_where_time_cannot_be_kept_is_told_at_once(keys: Path) -> None:

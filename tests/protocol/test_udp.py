@@ -68,6 +68,7 @@ async def test_a_client_may_come_before_its_controller() -> None:
     listener = await listen(address, accept)
     link.send(b"now?")
     await until(lambda: heard and heard[0].data == b"now?")
+    assert len(heard) == 1
     link.close()
     await listener.close()
 

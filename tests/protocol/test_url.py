@@ -66,6 +66,8 @@ async def test_nobody_listens_to_the_world_by_accident(host: str) -> None:
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_loopback_is_always_allowed(host: str) -> None:
     require_loopback("tcp:…", host, exposed=False)
+    with pytest.raises(BadUrl):
+        require_loopback("tcp:…", "192.0.2.1", exposed=False)
 
 
 def test_the_advice_for_a_taken_address_fits_its_scheme() -> None:

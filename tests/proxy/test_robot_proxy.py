@@ -136,6 +136,8 @@ async def test_progress_is_passed_up(scene: Scene) -> None:
     await until(lambda: 0.5 in seen, "progress arrives")
     scene.controller.finish(GoalState.SUCCEEDED)
     await call
+    assert {0.25, 0.5} <= set(seen)
+    assert seen == sorted(seen)
 
 
 async def test_the_reason_of_a_refusal_reaches_the_caller(scene: Scene) -> None:

@@ -210,6 +210,7 @@ async def test_a_view_has_its_poses_sent_ten_times_a_second_and_a_proxy_beside_i
         running = [asyncio.create_task(each.run()) for each in (view, proxy)]
         await until(lambda: gaps(heard["view"])[-5:] == [100] * 5, "the view's rate is the one it wants")
         await until(lambda: gaps(heard["proxy"])[-5:] == [20] * 5, "and the proxy's is its own")
+        assert not any(each.done() for each in running), "both go on"
         for each in running:
             each.cancel()
         await asyncio.gather(*running, return_exceptions=True)

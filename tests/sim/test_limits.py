@@ -20,6 +20,8 @@ def on_the_wire(value: float) -> float:
 def test_a_limit_itself_is_allowed_though_the_wire_rounds_it(limit: float) -> None:
     require("speed", on_the_wire(limit), limit, 2 * limit, "m/s")
     require("speed", on_the_wire(limit), limit / 2, limit, "m/s")
+    with pytest.raises(BadArgument):
+        require("speed", on_the_wire(limit), 2 * limit, 3 * limit, "m/s")
 
 
 @given(limit=st.floats(1e-3, 1e3), beyond=st.floats(1e-5, 1.0))

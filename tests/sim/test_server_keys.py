@@ -233,6 +233,7 @@ async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
         owner = await Client(30, Punctual(OLD)).dial(there)
         owner.say(STOP)
         await until(lambda: server._controller.stops > 0)
+        assert server._controller.stops == 1, "only the owner's"
         owner.link.close()
 
 

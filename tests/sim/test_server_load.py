@@ -323,4 +323,6 @@ async def test_control_ends_with_the_link_of_its_owner() -> None:
         await other.until(ControlStatus, gcs_main=9)
         other.heard.clear()
         owner.link.close()
-        await other.until(ControlStatus, gcs_main=0)
+        freed = await other.until(ControlStatus, gcs_main=0)
+        assert isinstance(freed, ControlStatus)
+        assert freed.gcs_main == 0

@@ -51,7 +51,8 @@ def test_nothing_raises(form: str, pieces: list[bytes]) -> None:
     for piece in pieces:
         decoder.feed(piece)
     decoder.flush()
-    msgspec.json.encode(decoder.statistics)
+    assert decoder.statistics.bytes == sum(map(len, pieces))
+    assert msgspec.json.encode(decoder.statistics)
 
 
 def test_a_frame_as_plain_data_is_json_whatever_its_numbers_are() -> None:

@@ -195,8 +195,8 @@ def test_a_forged_file_never_raises(seed: int, count: int) -> None:
     for _ in range(count):
         data[chance.randrange(len(MAGIC), len(data))] = chance.randrange(256)
     reader = McapReader()
-    reader.feed(bytes(data))
-    reader.flush()
+    found = [*reader.feed(bytes(data)), *reader.flush()]
+    assert len(found) <= 5, "nothing is invented"
 
 
 @pytest.mark.parametrize("length", [0, 1, 2**31, 2**63, 2**64 - 1])
