@@ -6,81 +6,23 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robotree.protocol import Endpoint, Frame, encode
+from robotree.protocol import encode
 from robotree.protocol.links.keyring import Keyring
-from robotree.protocol.links.link import Link
-from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, SignerPair
-from robotree.protocol.links.url import connect
-from robotree.protocol.messages import AnyMessage, CommandLong, MavCmd, Ping, SetupSigning
-from robotree.protocol.services.statustext import StatustextReceiver
+from robotree.protocol.links.security import UNSIGNED, Security, SignerPair
+from robotree.protocol.messages import CommandLong, MavCmd, Ping, SetupSigning
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.sim.serving.server import Server, serving
+from tests.station import PATIENCE, Station
 
 ANY = "tcp:127.0.0.1:0"
-PATIENCE = 20.0
 OLD, NEW = b"o" * 32, b"n" * 32
 TEXT = f"# the cell\ntcp:127.0.0.1:*  {{key}}\ncan:* {'7f' * 32}\n"
 CHANGED = "The signing key was changed by system 7."
-
-
-class Client:
-    """Somebody with a key, or none, at the other end of the socket."""
-
-    def __init__(self, system: int, security: LinkSecurity | Punctual = UNSIGNED) -> None:
-        self.system, self.security = system, security
-        self.pings: set[int] = set()
-        self.sentences: list[str] = []
-        self.heard: list[AnyMessage] = []
-        self._listener = StatustextReceiver()
-        self._news = asyncio.Event()
-        self._numbers = count(1)
-
-    async def dial(self, address: str) -> Client:
-        self.link = await connect(address, self._accept)
-        return self
-
-    def say(self, message: AnyMessage) -> None:
-        self.endpoint.send(message)
-
-    def hand_out(self, key: bytes, moment: int = 0) -> None:
-        """Send a key and use it from now on, as MAVProxy does."""
-        self.say(SetupSigning(1, 1, key, moment))
-        self.endpoint.set_signer_pair(**Punctual(key).signer_pair(""))
-
-    async def until(self, happened: Callable[[], object]) -> None:
-        async with asyncio.timeout(PATIENCE):
-            while not happened():
-                self._news.clear()
-                await self._news.wait()
-
-    async def ping(self) -> None:
-        """Ask, and wait for the answer: then all that was said before was heard, too."""
-        number = next(self._numbers)
-        self.say(Ping(0, number))
-        await self.until(lambda: number in self.pings)
-
-    @property
-    def refused(self) -> int:
-        return self.endpoint.statistics.refused
-
-    def _accept(self, link: Link) -> Endpoint:
-        signer_pair = self.security.signer_pair(link.address)
-        self.endpoint = Endpoint(link, system=self.system, component=190, on_frame=self._hear, **signer_pair)
-        return self.endpoint
-
-    def _hear(self, frame: Frame) -> None:
-        message = frame.message
-        self.heard.append(message)
-        self.sentences += [one.text for one in self._listener.receive(frame, None, 0.0)]
-        if isinstance(message, Ping) and message.target_system == self.system:
-            self.pings.add(message.seq)
-        self._news.set()
 
 
 class Punctual:
@@ -92,6 +34,17 @@ class Punctual:
     def signer_pair(self, _: str) -> SignerPair:
         verifier = Verifier(self.key, self.time, StreamTable())
         return SignerPair(signer=Signer(self.key, self.time, 200), verifier=verifier)
+
+
+def station(system: int, security: Any = UNSIGNED) -> Station:
+    """Somebody with a key, or none, at the other end of the socket."""
+    return Station(system, security=security, greets=False)
+
+
+def hand_out(sender: Station, key: bytes, moment: int = 0) -> None:
+    """Send a key and use it from now on, as MAVProxy does."""
+    sender.say(SetupSigning(1, 1, key, moment))
+    sender.endpoint.set_signer_pair(**Punctual(key).signer_pair(""))
 
 
 async def until(happened: Callable[[], object]) -> None:
@@ -127,7 +80,7 @@ def holding(keys: Path, first_link: int = 0) -> Security:
 
 async def test_without_a_key_file_a_key_is_refused_in_a_sentence_that_is_said_once() -> None:
     async with serving("rover", ANY) as server:
-        client, other = await Client(7).dial(server.address), await Client(8).dial(server.address)
+        client, other = await station(7).dial(server.address), await station(8).dial(server.address)
         for _ in range(5):
             client.say(SetupSigning(1, 1, NEW, 1))
         await client.ping()
@@ -146,11 +99,11 @@ async def test_who_has_the_key_changes_it_for_everybody_and_all_are_told(
     caplog.set_level(logging.DEBUG)
     former = file_with(tmp_path / "former.keys", content(keys))
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
-        changer = await Client(7, holding(keys)).dial(server.address)
-        other = await Client(8, holding(former, 50)).dial(server.address)
+        changer = await station(7, holding(keys)).dial(server.address)
+        other = await station(8, holding(former, 50)).dial(server.address)
         await changer.ping()
         await other.ping()
-        changer.hand_out(NEW)
+        hand_out(changer, NEW)
         await other.until(lambda: CHANGED in other.sentences)  # it has the old key only, and hears it
         before = other.refused
         await changer.ping()
@@ -158,11 +111,13 @@ async def test_who_has_the_key_changes_it_for_everybody_and_all_are_told(
         asked = next(other._numbers)
         other.say(Ping(0, asked))
         await changer.ping()
-        assert asked not in other.pings, "the old key is obeyed no more"
+        assert not [each for each in other.heard if isinstance(each, Ping) and each.seq == asked], (
+            "the old key is obeyed no more"
+        )
         await until(lambda: other.refused > before)  # nor is anything said with it
-        late = await Client(9, holding(former, 60)).dial(server.address)
+        late = await station(9, holding(former, 60)).dial(server.address)
         late.say(Ping(0, 1))
-        again = await Client(10, holding(keys, 70)).dial(server.address)
+        again = await station(10, holding(keys, 70)).dial(server.address)
         await again.ping()
         assert late.heard == []
         assert server.rotations == 1
@@ -180,12 +135,12 @@ async def test_who_has_not_the_key_changes_nothing(keys: Path, tmp_path: Path) -
     news = file_with(tmp_path / "new.keys", f"* {NEW.hex()}\n")
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
         strangers = [
-            await Client(7).dial(server.address),
-            await Client(8, holding(news)).dial(server.address),
+            await station(7).dial(server.address),
+            await station(8, holding(news)).dial(server.address),
         ]
         for stranger in strangers:
             stranger.say(SetupSigning(1, 1, NEW, 0))
-        friend = await Client(9, holding(keys)).dial(server.address)
+        friend = await station(9, holding(keys)).dial(server.address)
         for _ in strangers:
             await friend.ping()
         refused = [each.endpoint.statistics.refused for each in server._connections.values()]
@@ -200,12 +155,12 @@ async def test_the_time_of_who_changes_the_key_is_taken_over_but_locks_nobody_ou
 ) -> None:
     security = holding(keys, 100)
     async with serving("rover", ANY, security=security) as server:
-        changer = await Client(7, holding(keys)).dial(server.address)
+        changer = await station(7, holding(keys)).dial(server.address)
         before = security.now
-        changer.hand_out(NEW, before + seconds * 100_000)
+        hand_out(changer, NEW, before + seconds * 100_000)
         await until(lambda: server.rotations)
         assert min(seconds, 30) * 100_000 <= security.now - before < (min(seconds, 30) + PATIENCE) * 100_000
-        punctual = await Client(8, Punctual(NEW)).dial(server.address)
+        punctual = await station(8, Punctual(NEW)).dial(server.address)
         await punctual.ping()
 
 
@@ -224,13 +179,13 @@ async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
     async with serving("rover", here, security=holding(keys)) as server:
         there = cable.url(0) if cable else server.address
         for number, security in enumerate((UNSIGNED, Punctual(NEW))):
-            stranger = await Client(20 + number, security).dial(there)
+            stranger = await station(20 + number, security).dial(there)
             for _ in range(3):
                 stranger.say(STOP)
             await until(lambda: server._controller.stops == 0 and garbled(server) >= 3)
             stranger.link.close()
             await until(lambda: garbled(server) == 0 or scheme in {"udp", "can", "serial"})
-        owner = await Client(30, Punctual(OLD)).dial(there)
+        owner = await station(30, Punctual(OLD)).dial(there)
         owner.say(STOP)
         await until(lambda: server._controller.stops > 0)
         assert server._controller.stops == 1, "only the owner's"
@@ -240,7 +195,7 @@ async def test_on_no_kind_of_link_is_anybody_obeyed_without_the_key(
 async def test_signing_is_not_switched_off_over_the_wire(keys: Path) -> None:
     before = content(keys)
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
-        client = await Client(7, holding(keys)).dial(server.address)
+        client = await station(7, holding(keys)).dial(server.address)
         for _ in range(3):
             client.say(SetupSigning(1, 1, bytes(32), 0))
         await client.ping()
@@ -252,7 +207,7 @@ async def test_signing_is_not_switched_off_over_the_wire(keys: Path) -> None:
 async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
     """Some send it twice, since it is not answered; both may come in one piece."""
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
-        client = await Client(7, holding(keys)).dial(server.address)
+        client = await station(7, holding(keys)).dial(server.address)
         await client.ping()
         signer = client.security.signer_pair(client.link.address)["signer"]
         client.link.send(
@@ -271,7 +226,7 @@ async def test_a_key_that_is_sent_twice_is_changed_once(keys: Path) -> None:
 async def test_a_key_for_somebody_else_is_nobodys_business(keys: Path) -> None:
     before = content(keys)
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
-        client = await Client(7, holding(keys)).dial(server.address)
+        client = await station(7, holding(keys)).dial(server.address)
         client.say(SetupSigning(2, 1, NEW, 0))
         client.say(SetupSigning(1, 99, NEW, 0))
         await client.ping()
@@ -282,7 +237,7 @@ async def test_a_key_for_somebody_else_is_nobodys_business(keys: Path) -> None:
 async def test_a_file_that_cannot_be_written_keeps_the_key_and_its_holder_is_told(keys: Path) -> None:
     keys.with_name("cell.keys.new").mkdir()
     async with serving("rover", ANY, security=holding(keys, 100)) as server:
-        client = await Client(7, holding(keys)).dial(server.address)
+        client = await station(7, holding(keys)).dial(server.address)
         client.say(SetupSigning(1, 1, NEW, 0))
         await client.ping()  # with the old key
         assert "The key file was changed, or cannot be written; the old key stays." in client.sentences
@@ -308,7 +263,7 @@ async def test_a_client_whose_frames_are_refused_is_told_once_why(
             return SignerPair(signer=Signer(self.key, self.time, 200), verifier=None)
 
     async with serving("arm", ANY, security=holding(keys)) as server:
-        client = await Client(9, Seal()).dial(server.address)
+        client = await station(9, Seal()).dial(server.address)
         client.say(Ping(0, 1))
         await client.until(lambda: any(words in each for each in client.sentences))
         for _ in range(5):

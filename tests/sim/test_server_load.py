@@ -11,25 +11,17 @@ import contextlib
 import os
 import time
 from collections.abc import AsyncIterator
-from itertools import count
 
 import pytest
 
-from robotree.protocol import Endpoint, Frame
 from robotree.protocol.frame import encode
-from robotree.protocol.links.link import Link
-from robotree.protocol.links.url import connect
 from robotree.protocol.messages import (
     AnyMessage,
     CommandAck,
     CommandLong,
     ControlStatus,
-    Heartbeat,
-    MavAutopilot,
     MavCmd,
     MavResult,
-    MavState,
-    MavType,
     Mode,
     ModeKind,
     Ping,
@@ -40,56 +32,11 @@ from robotree.protocol.testing import until
 from robotree.sim.serving import server as server_module
 from robotree.sim.serving.realtime import LARGEST_DEBT
 from robotree.sim.serving.server import MAX_CLIENTS, MAX_REFUSED, Server, serving
+from tests.station import BEAT, PATIENCE, Station
 from tests.withheld import Withheld
 
 ANY = "tcp:127.0.0.1:0"
 UDP = "udp:127.0.0.1:0"
-PATIENCE = 20.0
-BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
-
-
-class Client:
-    """A well-behaved client."""
-
-    def __init__(self, system: int = 255) -> None:
-        self.system = system
-        self.heard: list[AnyMessage] = []
-        self.ended = asyncio.get_running_loop().create_future()
-        self._news = asyncio.Event()
-        self._numbers = count(1)
-
-    async def dial(self, address: str) -> Client:
-        self.link = await connect(address, self._accept)
-        self.say(BEAT)
-        return self
-
-    def say(self, message: AnyMessage) -> None:
-        self._endpoint.send(message)
-
-    async def until(self, kind: type[AnyMessage], **fields: object) -> AnyMessage:
-        async with asyncio.timeout(PATIENCE):
-            while True:
-                for message in self.heard:
-                    if isinstance(message, kind) and all(getattr(message, k) == v for k, v in fields.items()):
-                        return message
-                self._news.clear()
-                await self._news.wait()
-
-    async def ping(self) -> None:
-        """Ask, and wait until the answer has come."""
-        number = next(self._numbers)
-        self.say(Ping(0, number))
-        await self.until(Ping, seq=number, target_system=self.system)
-
-    def _accept(self, link: Link) -> Endpoint:
-        self._endpoint = Endpoint(
-            link, system=self.system, component=190, on_frame=self._hear, on_closed=self.ended.set_result
-        )
-        return self._endpoint
-
-    def _hear(self, frame: Frame) -> None:
-        self.heard.append(frame.message)
-        self._news.set()
 
 
 @contextlib.asynccontextmanager
@@ -125,7 +72,7 @@ async def _drain(reader: asyncio.StreamReader) -> None:
 
 async def test_a_flood_slows_neither_the_arm_nor_others_and_their_stop_is_obeyed() -> None:
     async with serving("arm", ANY) as server:
-        client = await Client().dial(server.address)
+        client = await Station().dial(server.address)
         await client.ping()
         flooding = asyncio.create_task(flood(server.address, [BEAT] * 2000))
         await asyncio.sleep(0.5)
@@ -134,7 +81,7 @@ async def test_a_flood_slows_neither_the_arm_nor_others_and_their_stop_is_obeyed
                 await client.ping()
             await asyncio.sleep(0.4)
         client.say(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
-        await client.until(Mode, mode=ModeKind.SAFE_STOP)
+        await client.told(Mode, mode=ModeKind.SAFE_STOP)
         assert server._controller.firmware.gauges.overrun > 0, "it was a flood"
         flooding.cancel()
 
@@ -144,7 +91,7 @@ async def test_a_flood_of_work_is_carried_out_at_a_bearable_pace() -> None:
     plan = CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, 0.3, 0.3, 0.2, 0.5, 0.0, 0.0, 0.0)
     unreachable = CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, 0.6, 0.3, 0.2, 0.5, 0.0, 0.0, 0.0)
     async with serving("arm", ANY) as server:
-        client = await Client().dial(server.address)
+        client = await Station().dial(server.address)
         flooding = asyncio.create_task(flood(server.address, [plan, unreachable] * 500))
         await asyncio.sleep(0.5)
         async with keeping_pace(server):
@@ -171,10 +118,10 @@ async def half_open(address: str, number: int) -> AsyncIterator[None]:
 
 async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
     async with serving("arm", ANY) as server:
-        first = await Client().dial(server.address)
+        first = await Station().dial(server.address)
         await first.ping()
         async with keeping_pace(server), half_open(server.address, 1000):
-            last = await Client().dial(server.address)
+            last = await Station().dial(server.address)
             await last.ping()
             await first.ping()
             await asyncio.sleep(0.4)
@@ -183,22 +130,22 @@ async def test_a_thousand_half_open_connections_keep_nobody_out() -> None:
 
 async def test_where_all_places_are_taken_by_speakers_the_newcomer_is_told_so() -> None:
     async with serving("rover", ANY) as server:
-        crowd = [await Client(1 + i).dial(server.address) for i in range(MAX_CLIENTS)]
+        crowd = [await Station(1 + i).dial(server.address) for i in range(MAX_CLIENTS)]
         for each in crowd:
             await each.ping()
-        newcomer = await Client(250).dial(server.address)
-        told = await newcomer.until(Statustext)
+        newcomer = await Station(250).dial(server.address)
+        told = await newcomer.told(Statustext)
         assert isinstance(told, Statustext)
         assert f"{MAX_CLIENTS} clients" in told.text
         async with asyncio.timeout(PATIENCE):
             await newcomer.ended
         crowd[0].link.close()
         await crowd[0].ended
-        await (await Client(251).dial(server.address)).ping()
+        await (await Station(251).dial(server.address)).ping()
 
 
 @contextlib.asynccontextmanager
-async def beating(crowd: list[Client]) -> AsyncIterator[None]:
+async def beating(crowd: list[Station]) -> AsyncIterator[None]:
     """All of a crowd say a heartbeat twice a second inside the block."""
 
     async def beat() -> None:
@@ -213,9 +160,9 @@ async def beating(crowd: list[Client]) -> AsyncIterator[None]:
 
 
 @contextlib.asynccontextmanager
-async def clients(address: str, count: int, first: int = 1) -> AsyncIterator[list[Client]]:
+async def clients(address: str, count: int, first: int = 1) -> AsyncIterator[list[Station]]:
     """Some clients with system ids in a row, who leave at the end."""
-    crowd = [await Client(first + i).dial(address) for i in range(count)]
+    crowd = [await Station(first + i).dial(address) for i in range(count)]
     yield crowd
     for each in crowd:
         each.link.close()
@@ -225,7 +172,7 @@ async def clients(address: str, count: int, first: int = 1) -> AsyncIterator[lis
 
 
 @contextlib.asynccontextmanager
-async def full_house(address: str) -> AsyncIterator[list[Client]]:
+async def full_house(address: str) -> AsyncIterator[list[Station]]:
     """As many clients as are served, all served."""
     async with clients(address, MAX_CLIENTS) as crowd:
         for each in crowd:
@@ -241,13 +188,13 @@ async def test_a_stop_of_who_is_not_served_is_obeyed_and_answered(url: str) -> N
         beating(crowd),
         clients(server.address, 1, first=250) as (newcomer,),
     ):
-        await newcomer.until(Statustext)
+        await newcomer.told(Statustext)
         newcomer.say(CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, *(0.0,) * 7))
-        await newcomer.until(CommandAck, result=MavResult.ACCEPTED)
-        await crowd[0].until(Mode, mode=ModeKind.SAFE_STOP)
+        await newcomer.told(CommandAck, result=MavResult.ACCEPTED)
+        await crowd[0].told(Mode, mode=ModeKind.SAFE_STOP)
         newcomer.say(Ping(0, 77))
         newcomer.say(SetMode(0, 0, 0, ModeKind.SAFE_STOP))
-        await newcomer.until(Mode, mode=ModeKind.SAFE_STOP)
+        await newcomer.told(Mode, mode=ModeKind.SAFE_STOP)
         assert not [each for each in newcomer.heard if isinstance(each, Ping)], "nothing else is heard"
 
 
@@ -279,7 +226,7 @@ async def test_short_clients_over_datagrams_leave_their_places_to_those_who_come
         async with full_house(server.address):
             pass  # that they have left nobody hears
         async with clients(server.address, 1, first=250) as (newcomer,), beating([newcomer]):
-            await newcomer.until(Mode)
+            await newcomer.told(Mode)
             await newcomer.ping()
             assert len(server._connections) == MAX_CLIENTS
 
@@ -306,7 +253,7 @@ async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -
         for msgid in (57600, 57601, 57602):
             order = CommandLong(1, 1, MavCmd.SET_MESSAGE_INTERVAL, 0, msgid, 5000.0, 0, 0, 0, 0, 0)
             writer.write(encode(order, sequence=0, system=9, component=1))
-        client = await Client().dial(server.address)
+        client = await Station().dial(server.address)
         await client.ping()
         async with keeping_pace(server):
             await asyncio.sleep(1.0)
@@ -318,11 +265,11 @@ async def test_a_client_that_never_reads_costs_nothing_but_its_own_telemetry() -
 
 async def test_control_ends_with_the_link_of_its_owner() -> None:
     async with serving("rover", ANY) as server:
-        owner, other = await Client(9).dial(server.address), await Client(10).dial(server.address)
+        owner, other = await Station(9).dial(server.address), await Station(10).dial(server.address)
         owner.say(CommandLong(1, 1, MavCmd.REQUEST_OPERATOR_CONTROL, 0, 1.0, *(0.0,) * 6))
-        await other.until(ControlStatus, gcs_main=9)
+        await other.told(ControlStatus, gcs_main=9)
         other.heard.clear()
         owner.link.close()
-        freed = await other.until(ControlStatus, gcs_main=0)
+        freed = await other.told(ControlStatus, gcs_main=0)
         assert isinstance(freed, ControlStatus)
         assert freed.gcs_main == 0
