@@ -17,6 +17,7 @@ from robotree.protocol.services.fence import LAST_EPOCH
 from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
 from robotree.proxy.robot_proxy import RobotProxy
+from robotree.proxy.session import CONTROLLER
 from robotree.proxy.view import WorkspaceView
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.view import ViewAgent
@@ -43,6 +44,7 @@ async def run_proxy(
     space_path: Path | None = None,
     security: LinkSecurity = UNSIGNED,
     take_over: bool = False,
+    component: int = CONTROLLER.component,
     ready: Ready = _ignore,
 ) -> None:
     """Run the proxy of one robot in a realm until cancelled. The controller may come and go.
@@ -55,6 +57,7 @@ async def run_proxy(
         space_path: file in which calls are counted over restarts; None: they are not.
         security: the keys of the link to the controller.
         take_over: have the controller obey this proxy also if another one holds it.
+        component: MAVLink component of the controller that moves the robot.
         ready: called with the address once the robot can be called.
 
     Raises:
@@ -64,7 +67,7 @@ async def run_proxy(
         DuplicateName: a living robot has the name.
         TransportError: the realm cannot be joined.
     """
-    robot = kinds.make(kind, name, _checked(url), security=security, take_over=take_over)
+    robot = kinds.make(kind, name, _checked(url), security=security, take_over=take_over, component=component)
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)

@@ -30,7 +30,15 @@ from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of, silence_in_words
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
-from robotree.proxy.translate import READERS, UNITS, Readers, component_of, goal_key, time_to_live
+from robotree.proxy.translate import (
+    READERS,
+    UNITS,
+    Readers,
+    Target,
+    component_of,
+    goal_key,
+    time_to_live,
+)
 from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
@@ -82,6 +90,7 @@ class RobotProxy(Robot):
         security: LinkSecurity = UNSIGNED,
         take_over: bool = False,
         runner: Runner | None = None,
+        component: int = CONTROLLER.component,
     ) -> None:
         """Prepare the proxy; nothing is opened before `run`.
 
@@ -94,6 +103,7 @@ class RobotProxy(Robot):
             security: the keys of our links.
             take_over: have the controller obey us also if another proxy holds it.
             runner: its clock, and what its commands wait in; None: threads.
+            component: MAVLink component of the controller that moves this robot; a controller may have several.
 
         Raises:
             BadName: that cannot be a name.
@@ -105,13 +115,16 @@ class RobotProxy(Robot):
         self.on_change: Callable[[], None] = lambda: None
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self.limits = changed(self.limits, limits)
+        controller = Target(CONTROLLER.system, component)
         claim = ClaimClient(
-            *CONTROLLER,
+            *controller,
             holder=bits(64) or 1,
             name=f"{name}, pid {os.getpid()}",
             take_over=take_over,
         )
-        self._session = ControllerSession(component=component_of(name), readers=self.readers, claim=claim)
+        self._session = ControllerSession(
+            component=component_of(name), controller=controller, readers=self.readers, claim=claim
+        )
         self._connection = Connection(
             url,
             self._session,

@@ -6,17 +6,18 @@ device with verbs, its telemetry and its world, and one line here.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
-from robotree.protocol.messages import MavComponent, MavProtocolCapability, MavType
+from robotree.protocol.messages import MavComponent, MavProtocolCapability, MavType, Speech
 from robotree.sim.errors import UnknownKind
 
 if TYPE_CHECKING:
-    from robotree.protocol.services.fence import Fence
     from robotree.sim.arm.world import ArmWorld
+    from robotree.sim.companion.world import CompanionWorld
     from robotree.sim.controller.controller import Controller
     from robotree.sim.controller.fence_file import FenceFile
-    from robotree.sim.firmware import Identity
+    from robotree.sim.firmware import Gauges, Identity
+    from robotree.sim.firmware.device import Device
     from robotree.sim.firmware.telemetry import Stream
     from robotree.sim.physics.cell import Cell
     from robotree.sim.rover.world import RoverWorld
@@ -25,16 +26,49 @@ NOTHING_MORE: Final = MavProtocolCapability(0)
 """What a kind offers beyond every controller of ours, if nothing."""
 
 
+BASE: Final = MavComponent.AUTOPILOT1
+LEFT_ARM, RIGHT_ARM, HEAD = 25, 26, 27
+"""Components of the companion; MAVLink leaves 25 to 99 to its users."""
+EYE: Final = 102
+"""MAV_COMP_ID_CAMERA3: the right eye; the left one is CAMERA2."""
+
+
 class World(Protocol):
     """A cell, and what is known of the things in it."""
 
     @property
     def cell(self) -> "Cell":
-        """The physics, and the one device that moves in it."""
+        """The physics, and what moves in it."""
         ...
 
 
 W = TypeVar("W", bound=World)
+
+
+class Part(NamedTuple):
+    """What one MAVLink component of a controller moves.
+
+    Attributes:
+        component: its id.
+        device: what it moves.
+        streams: what it tells about that.
+        mav_type: what its heartbeats say that it is.
+        capabilities: what it offers beyond every controller of ours.
+        speech: takes a text that is to be spoken; None: it cannot speak.
+    """
+
+    component: int
+    device: "Device"
+    streams: "Sequence[Stream]"
+    mav_type: MavType
+    capabilities: MavProtocolCapability = NOTHING_MORE
+    speech: "Callable[[Speech], None] | None" = None
+
+
+def _counters(_: World) -> "Gauges":
+    from robotree.sim.firmware import Gauges
+
+    return Gauges()
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +79,17 @@ class Kind(Generic[W]):
         name: as people write it.
         summary: one line for people.
         world: builds its world, in its first place.
-        streams: what it tells about itself in that world.
-        mav_type: what its heartbeats say that it is.
+        parts: the components of its controller in that world; the first one answers for all.
         cameras: names of the cameras in its cell by their MAVLink component.
-        capabilities: what it offers beyond every controller of ours.
+        gauges: what is measured of it outside of its programs.
     """
 
     name: str
     summary: str
     world: Callable[[], W]
-    streams: "Callable[[W], Sequence[Stream]]"
-    mav_type: MavType
+    parts: "Callable[[W], Sequence[Part]]"
     cameras: Mapping[int, str] = field(default_factory=dict[int, str])
-    capabilities: MavProtocolCapability = NOTHING_MORE
+    gauges: "Callable[[W], Gauges]" = _counters
 
     def build(self, system: int, silence: float, memory: "FenceFile | None" = None) -> "Controller":
         """A controller with a world of its own.
@@ -69,34 +101,40 @@ class Kind(Generic[W]):
         """
         from robotree.sim.controller.fence_file import FenceFile
 
-        known = memory or FenceFile(None)
-        return self.controller(self.world(), system, silence, self._identity(system, known.life), known.fence)
+        return self._controller(self.world(), system, silence, memory or FenceFile(None))
 
-    def controller(
-        self,
-        world: W,
-        system: int,
-        silence: float,
-        identity: "Identity | None" = None,
-        fence: "Fence | None" = None,
+    def controller(self, world: W, system: int, silence: float) -> "Controller":
+        """A controller of a world that was built already; it tells no wall clock, and keeps nothing."""
+        return self._controller(world, system, silence, None)
+
+    def _controller(
+        self, world: W, system: int, silence: float, memory: "FenceFile | None"
     ) -> "Controller":
-        """A controller of a world that was built already; without an identity it tells no wall clock."""
         from robotree.sim.controller.controller import Controller
-        from robotree.sim.firmware import Firmware
+        from robotree.sim.firmware import COMPONENT, Firmware
 
-        firmware = Firmware(
-            world.cell.device,
-            self.streams(world),
-            system=system,
-            mav_type=self.mav_type,
-            silence=silence,
-            identity=identity,
-            fence=fence,
-        )
-        return Controller(world.cell, firmware, self.cameras)
+        gauges = self.gauges(world)
+        programs: list[Firmware] = []
+        for part in self.parts(world):
+            known = memory and (memory if part.component == COMPONENT else memory.of_component(part.component))
+            programs.append(
+                Firmware(
+                    part.device,
+                    part.streams,
+                    system=system,
+                    component=part.component,
+                    mav_type=part.mav_type,
+                    silence=silence,
+                    identity=known and self._identity(system, part, known.life),
+                    fence=known and known.fence,
+                    gauges=gauges,
+                    speech=part.speech,
+                )
+            )
+        return Controller(world.cell, programs[0], self.cameras, programs[1:])
 
-    def _identity(self, system: int, life: int) -> "Identity":
-        """What the controller says of itself; its uid is the same at every start, its life is not."""
+    def _identity(self, system: int, part: Part, life: int) -> "Identity":
+        """What a component says of itself; its uid is the same at every start, its life is not."""
         from hashlib import sha256
         from importlib.metadata import version
         from time import time
@@ -105,7 +143,7 @@ class Kind(Generic[W]):
 
         uid = int.from_bytes(sha256(f"robotree {self.name} {system}".encode()).digest()[:8])
         return Identity(
-            version=version("robotree"), uid=uid, capabilities=self.capabilities, wall=time, life=life
+            version=version("robotree"), uid=uid, capabilities=part.capabilities, wall=time, life=life
         )
 
 
@@ -126,10 +164,15 @@ def _arm_world() -> "ArmWorld":
     return world.build()
 
 
-def _arm_streams(world: "ArmWorld") -> "Sequence[Stream]":
+def _arm_parts(world: "ArmWorld") -> "Sequence[Part]":
     from robotree.sim.arm import telemetry
 
-    return telemetry.streams(world)
+    streams = telemetry.streams(world)
+    return (
+        Part(
+            MavComponent.AUTOPILOT1, world.arm, streams, MavType.GENERIC, MavProtocolCapability.GRIPPER
+        ),
+    )
 
 
 def _rover_world() -> "RoverWorld":
@@ -138,28 +181,53 @@ def _rover_world() -> "RoverWorld":
     return world.build()
 
 
-def _rover_streams(world: "RoverWorld") -> "Sequence[Stream]":
+def _rover_parts(world: "RoverWorld") -> "Sequence[Part]":
     from robotree.sim.rover.world import streams
 
-    return streams(world)
+    return (Part(MavComponent.AUTOPILOT1, world.rover, streams(world), MavType.GROUND_ROVER),)
+
+
+def _companion_world() -> "CompanionWorld":
+    from robotree.sim.companion import world
+
+    return world.build()
+
+
+def _companion_parts(world: "CompanionWorld") -> "Sequence[Part]":
+    from robotree.sim.companion import telemetry
+
+    body, gripper = world.body, MavProtocolCapability.GRIPPER
+    left, right = body.limbs
+    head = telemetry.head_streams(world)
+    return (
+        Part(BASE, body.base, telemetry.base_streams(world), MavType.GROUND_ROVER),
+        Part(LEFT_ARM, left, telemetry.limb_streams(left), MavType.GENERIC, gripper),
+        Part(RIGHT_ARM, right, telemetry.limb_streams(right), MavType.GENERIC, gripper),
+        Part(HEAD, body.head, head, MavType.GENERIC, speech=body.head.hear),
+    )
 
 
 ARM: Final["Kind[ArmWorld]"] = Kind(
     "arm",
     "a compliant six-joint arm with a gripper, at a table with a bistable lever",
     _arm_world,
-    _arm_streams,
-    MavType.GENERIC,
+    _arm_parts,
     {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "arm/wrist"},
-    MavProtocolCapability.GRIPPER,
 )
 ROVER: Final["Kind[RoverWorld]"] = Kind(
     "rover",
     "a holonomic mobile robot on a walled floor",
     _rover_world,
-    _rover_streams,
-    MavType.GROUND_ROVER,
+    _rover_parts,
     {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "rover/front"},
 )
-KINDS: Final[Mapping[str, Kind[Any]]] = {each.name: each for each in (ARM, ROVER)}
+COMPANION: Final["Kind[CompanionWorld]"] = Kind(
+    "companion",
+    "a wheeled base with a waist, two arms and a head, in a flat with cups and visitors",
+    _companion_world,
+    _companion_parts,
+    {MavComponent.CAMERA: "cell", MavComponent.CAMERA2: "companion/eye_left", EYE: "companion/eye_right"},
+    lambda world: world.gauges,
+)
+KINDS: Final[Mapping[str, Kind[Any]]] = {each.name: each for each in (ARM, ROVER, COMPANION)}
 """The worlds that can be simulated."""

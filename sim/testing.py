@@ -36,9 +36,11 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.sim.arm.world import ArmWorld
+from robotree.sim.companion.world import CompanionWorld
+from robotree.sim.companion.world import build as build_flat
 from robotree.sim.controller.controller import Controller
-from robotree.sim.firmware import SILENCE
-from robotree.sim.kinds import ARM, ROVER, Kind, W
+from robotree.sim.firmware import COMPONENT, SILENCE
+from robotree.sim.kinds import ARM, COMPANION, HEAD, LEFT_ARM, RIGHT_ARM, ROVER, Kind, W
 from robotree.sim.rover.world import RoverWorld
 
 NAN: Final = float("nan")
@@ -55,6 +57,7 @@ class Operator:
         component: under which it speaks.
         system: whose component that is.
         crowd: everybody who is connected to that controller, itself included.
+        target: the component of the controller that it commands.
     """
 
     def __init__(
@@ -64,8 +67,10 @@ class Operator:
         component: int = 190,
         system: int = 255,
         crowd: "list[Operator] | None" = None,
+        target: int = COMPONENT,
     ) -> None:
         self.controller, self.system, self.component = controller, system, component
+        self.target = target
         self._crowd = [] if crowd is None else crowd
         self._crowd.append(self)
         self.heard: list[tuple[float, AnyMessage]] = []
@@ -84,9 +89,11 @@ class Operator:
         """The world's time [s]."""
         return self.controller.cell.time_ms / 1000
 
-    def another(self, component: int = 190, system: int = 254) -> "Operator":
+    def another(self, component: int = 190, system: int = 254, target: int = COMPONENT) -> "Operator":
         """Somebody else, connected to the same controller by a wire of their own."""
-        return Operator(self.controller, component=component, system=system, crowd=self._crowd)
+        return Operator(
+            self.controller, component=component, system=system, crowd=self._crowd, target=target
+        )
 
     def leave(self) -> None:
         """Close the wire."""
@@ -100,7 +107,7 @@ class Operator:
         for outgoing in self.controller.advance():
             for each in self._crowd:
                 if outgoing.via in {None, each.far}:
-                    each.far.send(outgoing.message)
+                    each.far.send(outgoing.message, component=outgoing.component)
         for each in self._crowd:
             each.carry()
 
@@ -145,7 +152,7 @@ class Operator:
         """Send a goal and do not wait for it; returns its key."""
         key = next(self._keys) if key is None else key
         padded = (*args, *(NAN,) * (_ARGUMENTS - len(args)))
-        self.say(Goal(key, epoch, round(1000 * ttl), padded, verb, 1, 1))
+        self.say(Goal(key, epoch, round(1000 * ttl), padded, verb, 1, self.target))
         return key
 
     def status_of(self, key: int) -> GoalStatus:
@@ -178,7 +185,7 @@ class Operator:
 
     def cancel(self, key: int, epoch: int = 1) -> None:
         """Ask for the end of a goal; key 0: of whichever runs."""
-        self.say(GoalCancel(key, epoch, 1, 1))
+        self.say(GoalCancel(key, epoch, 1, self.target))
 
     def set_mode(self, mode: ModeKind, epoch: int = 1) -> None:
         """Ask for a mode."""
@@ -264,3 +271,24 @@ class RoverBench(Bench[RoverWorld]):
 
     def __init__(self, delay: float = 0.0, silence: float = SILENCE) -> None:
         super().__init__(ROVER, delay, silence)
+
+
+class CompanionBench:
+    """The companion's controller with an operator for each of its components; see `Bench`.
+
+    Args:
+        world: of the companion; None: one with visitors who stay outside.
+        start: x, y [m] and heading [rad] of the companion in that one.
+    """
+
+    def __init__(
+        self,
+        world: CompanionWorld | None = None,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.world = world or build_flat(plays=(), start=start)
+        self.controller = COMPANION.controller(self.world, 1, SILENCE)
+        self.base = Operator(self.controller)
+        self.left = self.base.another(component=191, target=LEFT_ARM)
+        self.right = self.base.another(component=192, target=RIGHT_ARM)
+        self.head = self.base.another(component=193, target=HEAD)

@@ -272,6 +272,7 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
     space, take_over = space_file(line.text("--space"), realm), line.flag("--take-over")
+    component = _component(line.text("--component", "1"))
     async with securing(line) as security:
         await run_proxy(
             kind,
@@ -281,8 +282,18 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
             space_path=space,
             security=security,
             take_over=take_over,
+            component=component,
             ready=ready,
         )
+
+
+def _component(text: str) -> int:
+    """A MAVLink component id, 1 to 255."""
+    from robotree.tui.errors import ValueRefused
+
+    if not text.isdecimal() or not 1 <= int(text) <= 255:  # noqa: PLR2004  MAVLink's ids are one byte
+        raise ValueRefused("N", f"{text!r} is no component; write a number from 1 to 255")
+    return int(text)
 
 
 async def _view(line: Line, realm: str, ready: Ready) -> None:

@@ -25,6 +25,7 @@ from robotree.protocol.messages.base import (
 __all__ = [
     "AnyMessage",
     "AutopilotVersion",
+    "BaseState",
     "Claim",
     "ClaimStatus",
     "ClaimWish",
@@ -80,10 +81,12 @@ __all__ = [
     "Setpoint",
     "SetpointKind",
     "SetupSigning",
+    "Speech",
     "Statustext",
     "SysStatus",
     "SystemTime",
     "TYPED",
+    "Tags",
     "Timesync",
     "Tool",
     "Untyped",
@@ -281,6 +284,27 @@ class Verb(IntEnum):
     """Move a mobile base by dx, dy [m] along the axes of W. args: dx, dy, speed [m/s]."""
     HOLD = 4
     """Stay where you are, compliantly, and drop any other goal."""
+    REACH = 5
+    """Bring a hand to a pose in B.
+
+    args: x, y, z [m], twist [rad] about the vertical, tilt [rad] (0: fingers down, pi/2: level), speed [m/s].
+    Twist and tilt NaN: any that suits.
+    """
+    POSTURE = 6
+    """Bring the joints of an arm to angles. args: j1 to j6 [rad], speed of the hand [m/s]."""
+    TURN = 7
+    """Turn a base on the spot. args: heading [rad] in W, rate [rad/s]."""
+    DRIVE = 8
+    """Drive a base to a place, around what stands in the way.
+
+    args: x, y [m] and heading [rad] in W, speed [m/s].
+    """
+    LEAN = 9
+    """Lean the waist. args: angle [rad], forward, rate [rad/s]."""
+    LOOK = 10
+    """Turn a head. args: pan [rad] to the left, tilt [rad] downward, rate [rad/s]."""
+    SAY = 11
+    """Speak the text of a SPEECH that came before. args: its number."""
 
 
 class GoalState(GoalStateBase):
@@ -342,6 +366,12 @@ class Reason(IntEnum):
     """The epoch is above the last one, or further ahead than an honest clock explains. Nothing was obeyed."""
     OTHER_LIFE = 15
     """It was made for another life of the controller, which has restarted since. Nothing was obeyed."""
+    SELF_COLLISION = 16
+    """Two parts of the robot would touch on every way that was tried."""
+    TIP_OVER = 17
+    """The robot's weight would leave its wheels when it brakes."""
+    TOO_NEAR = 18
+    """It leads too near to a person, or is too fast near one."""
 
 
 class ModeKind(IntEnum):
@@ -1041,3 +1071,74 @@ class ClaimStatus(Message, frozen=True, gc=False):
     """Why the CLAIM that is answered was refused; NONE: it was not."""
     name: str
     """Of the holder, for people. at most 24 bytes"""
+
+
+@wire("ROBOTREE_SPEECH")
+class Speech(Message, frozen=True, gc=False):
+    """A text to be spoken by the goal SAY, or one that was heard; the latest that was heard is told again and
+    again.
+    """
+
+    time_boot_ms: int
+    """Controller time at which it was heard; 0: it is to be spoken. [ms]"""
+    number: int
+    """To be spoken: the argument of SAY. Heard: grows by one with each text."""
+    target_system: int
+    """System; 0: it was heard."""
+    target_component: int
+    """Component; 0: it was heard."""
+    speaker: int
+    """Tag of who spoke; 0: unknown, or the robot itself."""
+    text: str
+    """UTF-8. at most 200 bytes"""
+
+
+@wire("ROBOTREE_TAGS")
+class Tags(Message, frozen=True, gc=False):
+    """Tags that the cameras see or have seen, each with its place in W.
+
+    A tag is on a thing or on a person.
+    """
+
+    time_boot_ms: int
+    """Controller time. [ms]"""
+    x: tuple[float, ...]
+    """Places; unused ones are 0. (12,), [m]"""
+    y: tuple[float, ...]
+    """Places. (12,), [m]"""
+    z: tuple[float, ...]
+    """Places. (12,), [m]"""
+    age: tuple[int, ...]
+    """Since each was seen last; 65535: longer. (12,), [cs]"""
+    tag: bytes
+    """Their numbers. (12,)"""
+    count: int
+    """How many."""
+
+
+@wire("ROBOTREE_BASE_STATE")
+class BaseState(Message, frozen=True, gc=False):
+    """Pose of a mobile base in W, its waist and its balance."""
+
+    time_boot_ms: int
+    """Controller time. [ms]"""
+    x: float
+    """Position. [m]"""
+    y: float
+    """Position. [m]"""
+    heading: float
+    """About the vertical. [rad]"""
+    vx: float
+    """Along x of W. [m/s]"""
+    vy: float
+    """Along y of W. [m/s]"""
+    turning: float
+    """Of the heading. [rad/s]"""
+    lean: float
+    """Of the waist, forward. [rad]"""
+    balance: float
+    """By which the weight stays inside the wheels when the base brakes. [m]"""
+    nearest: float
+    """To the nearest person. [m]"""
+    charging: int
+    """1 while the battery charges."""

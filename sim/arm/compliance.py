@@ -11,9 +11,10 @@ however late.
     v_r += dt (a_r + LEAK (v - v_r))                    a reference with the arm's own inertia
     tau += BETA M (v_r - v)                             velocity servo on that reference
 
-The posture term is a weak spring on the forearm's roll: where the forearm hangs vertically, roll and twist
-turn about one line, and the tool's spring alone would leave their difference to chance. It is at rest
-whenever the tool points down, so it costs no accuracy.
+The posture term is a weak spring between the joints and those of a posture that brings the tool to the
+attractor. It decides where the tool's spring alone leaves the joints to chance: in the arm of the cell, whose
+forearm may hang vertically, roll and twist turn about one line; in an arm that can be stretched, the elbow
+may bend to either side. The posture has its tool at the attractor, so the term costs no accuracy.
 
 Keeping the arm's own inertia in the reference is what makes the admittance *natural* (Newman, "Stability and
 performance limits of interaction controllers", ASME JDSMC 1992; Glosser and Newman, "The implementation of a
@@ -31,9 +32,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from robotree.sim.arm.kinematics import ROLL, Dynamics, tool_down
+from robotree.sim.arm.kinematics import Dynamics, tool_down
 from robotree.sim.motion.path import Reference
-from robotree.sim.physics.vectors import Vector
+from robotree.sim.physics.vectors import Matrix, Vector
 
 FORCE_LIMIT: Final = 30.0
 """[N] pull of the translational spring; the steady force the tool can exert."""
@@ -55,18 +56,49 @@ class Gains:
     Attributes:
         stiffness: (6,) K, x y z [N/m] and about x y z [N m/rad].
         damping: (6,) D, [N s/m] and [N m s/rad]; critical for the 6 kg felt at the tool.
-        roll_stiffness: of the posture spring [N m/rad].
-        roll_damping: [N m s/rad].
+        posture_stiffness: (6,) of the posture spring, by joint [N m/rad].
+        posture_damping: (6,) [N m s/rad].
         beta: gain of the velocity servo [1/s].
         leak: how fast the reference forgets what the arm does not follow [1/s].
     """
 
     stiffness: tuple[float, ...] = (TOOL_STIFFNESS, TOOL_STIFFNESS, TOOL_STIFFNESS, 30.0, 30.0, 12.0)
     damping: tuple[float, ...] = (110.0, 110.0, 110.0, 3.2, 3.2, 1.0)
-    roll_stiffness: float = 6.0
-    roll_damping: float = 0.6
+    posture_stiffness: tuple[float, ...] = (0.0, 0.0, 0.0, 6.0, 0.0, 0.0)
+    posture_damping: tuple[float, ...] = (0.0, 0.0, 0.0, 0.6, 0.0, 0.0)
     beta: float = 80.0
     leak: float = 8.0
+
+
+class Attractor(NamedTuple):
+    """The far end of the spring.
+
+    Attributes:
+        position: (3,) of the tool [m].
+        rotation: (3, 3) of the tool.
+        velocity: (6,) linear [m/s] and angular [rad/s].
+        posture: (6,) joint angles to which the posture spring leads [rad].
+    """
+
+    position: Vector
+    rotation: Matrix
+    velocity: Vector
+    posture: Vector
+
+
+def pointing_down(reference: Reference) -> Attractor:
+    """The attractor of a tool that points down.
+
+    Args:
+        reference: x, y, z [m] and twist [rad], and their velocities.
+    """
+    (_, _, _, twist), (vx, vy, vz, spin) = reference
+    velocity = np.array((vx, vy, vz, 0.0, 0.0, spin))
+    return Attractor(reference.pose[:3], tool_down(float(twist)), velocity, _STRAIGHT)
+
+
+_STRAIGHT: Final = np.zeros(6)
+"""The posture spring of the cell's arm acts on the forearm's roll alone, which is best at 0."""
 
 
 class Effort(NamedTuple):
@@ -90,7 +122,8 @@ class NaturalAdmittance:
         gains = gains or Gains()
         self._stiffness: Vector = np.array(gains.stiffness)
         self._damping: Vector = np.array(gains.damping)
-        self._roll_stiffness, self._roll_damping = gains.roll_stiffness, gains.roll_damping
+        self._posture_stiffness: Vector = np.array(gains.posture_stiffness)
+        self._posture_damping: Vector = np.array(gains.posture_damping)
         self._beta, self._leak = gains.beta, gains.leak
         self._reference: Vector = np.zeros(6)
         self._critical = gains.damping[0] / math.sqrt(gains.stiffness[0])
@@ -122,7 +155,7 @@ class NaturalAdmittance:
         self._reference = np.array(v)
 
     def effort(
-        self, dynamics: Dynamics, q: Vector, v: Vector, attractor: Reference, wrench: Vector, dt: float
+        self, dynamics: Dynamics, q: Vector, v: Vector, attractor: Attractor, wrench: Vector, dt: float
     ) -> Effort:
         """Torques for the next `dt` [s].
 
@@ -130,7 +163,7 @@ class NaturalAdmittance:
             dynamics: of the arm now.
             q: (6,) joint angles [rad].
             v: (6,) joint velocities [rad/s].
-            attractor: far end of the spring: x, y, z [m] in W and twist [rad] of a tool that points down.
+            attractor: far end of the spring.
             wrench: (6,) of the world on the tool, at T, axes of W [N, N m].
             dt: control period [s].
 
@@ -139,8 +172,8 @@ class NaturalAdmittance:
         """
         jacobian = dynamics.jacobian
         error: Vector = np.empty(6)
-        error[:3] = attractor.pose[:3] - dynamics.position
-        error[3:] = pin.log3(tool_down(float(attractor.pose[3])) @ dynamics.rotation.T)
+        error[:3] = attractor.position - dynamics.position
+        error[3:] = pin.log3(attractor.rotation @ dynamics.rotation.T)
         force = self._stiffness * error
         fx, fy, fz, tx, ty, tz = force.tolist()
         pull, turn = math.hypot(fx, fy, fz) / self.force_limit, math.hypot(tx, ty, tz) / TORQUE_LIMIT
@@ -148,14 +181,12 @@ class NaturalAdmittance:
             force[:3] /= pull
         if turn > 1.0:
             force[3:] /= turn
-        slip = jacobian @ v
-        slip[:3] -= attractor.velocity[:3]
-        slip[5] -= attractor.velocity[3]
+        slip = jacobian @ v - attractor.velocity
         slip[:3] *= self.braking
         force -= self._damping * slip
         transposed = jacobian.T
         wanted = transposed @ force
-        wanted[ROLL] -= self._roll_stiffness * q[ROLL] + self._roll_damping * v[ROLL]
+        wanted += self._posture_stiffness * (attractor.posture - q) - self._posture_damping * v
         self._reference += dt * (
             dynamics.mass_inverse @ (wanted + transposed @ wrench) + self._leak * (v - self._reference)
         )

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
-from robotree.sim.arm.compliance import NaturalAdmittance
+from robotree.sim.arm.compliance import NaturalAdmittance, pointing_down
 from robotree.sim.arm.gripper import Grip, Gripper
 from robotree.sim.arm.kinematics import Kinematics, twist_of
 from robotree.sim.arm.model import ArmPorts
@@ -199,7 +199,7 @@ class Arm:
         if self._braking is not None:
             self._brake(self._braking, dt)
         setpoint = self._follower.advance(dt, self._load)
-        effort = self._law.effort(dynamics, ports.q, ports.v, setpoint, self._wrench, dt)
+        effort = self._law.effort(dynamics, ports.q, ports.v, pointing_down(setpoint), self._wrench, dt)
         ports.torque[:] = effort.torque
         self._load, self._error = effort.load, effort.error
         self._waited = 0.0 if self._follower.moving else self._waited + dt

@@ -12,7 +12,7 @@ from robotree.sim.firmware.telemetry import HOT, WARM, Stream
 from robotree.sim.physics.vectors import Matrix, Vector
 
 _JOINT_PLACES: Final = 8
-_GRIPPER_STATES: Final = {
+GRIPPER_STATES: Final = {
     Grip.AT_WIDTH: GripperState.AT_WIDTH,
     Grip.MOVING: GripperState.MOVING,
     Grip.HOLDING: GripperState.HOLDING,
@@ -27,7 +27,7 @@ def streams(world: ArmWorld) -> tuple[Stream, ...]:
 
     def joints(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
         q = world.arm.state().q
-        return (Joints(time_boot_ms=now, position=_padded(q), count=len(q)),)
+        return (Joints(time_boot_ms=now, position=padded(q), count=len(q)),)
 
     def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001
         state = world.arm.state()
@@ -37,7 +37,7 @@ def streams(world: ArmWorld) -> tuple[Stream, ...]:
 
     def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
         state = world.arm.state()
-        grip = _GRIPPER_STATES[state.grip]
+        grip = GRIPPER_STATES[state.grip]
         return (Gripper(now, state.width, state.width_commanded, state.grip_force, grip),)
 
     def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
@@ -61,5 +61,6 @@ def quaternion(rotation: Matrix) -> tuple[int, int, int, int]:
     return round(w * sign), round(x * sign), round(y * sign), round(z * sign)
 
 
-def _padded(joints: Vector) -> tuple[float, ...]:
+def padded(joints: Vector) -> tuple[float, ...]:
+    """Joints as JOINTS holds them: eight, the unused ones 0."""
     return (*joints.tolist(), *(0.0,) * (_JOINT_PLACES - len(joints)))

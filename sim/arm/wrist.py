@@ -25,15 +25,17 @@ class WristSensor:
     Args:
         mass: of everything beyond the sensor [kg].
         centre: (3,) its centre of mass in the sensor's frame [m].
+        smoothing: share of a new reading in the filtered one.
     """
 
-    def __init__(self, mass: float, centre: Vector) -> None:
+    def __init__(self, mass: float, centre: Vector, smoothing: float = SMOOTHING) -> None:
+        self._smoothing = smoothing
         self._weight = mass * GRAVITY
         self._moment = self._weight * centre
         self._filtered: Vector = np.zeros(6)
 
     def update(self, force: Vector, torque: Vector, rotation: Matrix) -> Vector:
-        """Take one reading, one per millisecond.
+        """Take one reading, one per control period.
 
         Args:
             force: (3,) of the arm on the hand, sensor axes [N].
@@ -50,5 +52,5 @@ class WristSensor:
         rx, ry, rz = (TOOL_OFFSET * rotation[:, 2]).tolist()
         fz += self._weight
         turn = (nx + my - ry * fz + rz * fy, ny - mx - rz * fx + rx * fz, nz - rx * fy + ry * fx)
-        self._filtered += SMOOTHING * (np.array((fx, fy, fz, *turn)) - self._filtered)
+        self._filtered += self._smoothing * (np.array((fx, fy, fz, *turn)) - self._filtered)
         return self._filtered

@@ -1,29 +1,37 @@
 """One robot's controller: the cell, its firmware, and the inbox between them and the links.
 
+A controller has one MAVLink component or several, each with a program and a device of its own in the same
+cell: an arm has one, a companion four. Every program receives every frame and takes what is for it.
+
 Frames may be posted from any thread; everything else happens in the thread that calls `advance`, one batch of
 steps at a time. So a test in virtual time and a server in real time run the same code.
 """
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 
 from robotree.protocol.frame import Frame
-from robotree.sim.controller.inbox import Inbox, Opened, Received
-from robotree.sim.firmware import Firmware, Outgoing
+from robotree.sim.controller.inbox import Event, Inbox, Opened, Received
+from robotree.sim.firmware import COMPONENT, Firmware, Outgoing
 from robotree.sim.physics.cell import Cell
 
 
 class Controller:
-    """A cell with its firmware.
+    """A cell with its programs.
 
     Args:
         cell: the world.
-        firmware: the program, moving that world's robot.
+        firmware: the program of the first component, which answers for the whole controller.
         cameras: names of the world's cameras by their MAVLink component.
+        others: the programs of its other components.
     """
 
-    def __init__(self, cell: Cell, firmware: Firmware, cameras: Mapping[int, str]) -> None:
+    def __init__(
+        self, cell: Cell, firmware: Firmware, cameras: Mapping[int, str], others: Iterable[Firmware] = ()
+    ) -> None:
         self.cell, self.firmware, self.cameras = cell, firmware, cameras
-        self._inbox = Inbox(firmware.system)
+        self.programs = (firmware, *others)
+        self.components = tuple(each.component for each in self.programs)
+        self._inbox = Inbox(firmware.system, self.components)
 
     @property
     def stops(self) -> int:
@@ -55,15 +63,23 @@ class Controller:
         out: list[Outgoing] = []
         now = self.cell.time_ms
         for event in self._inbox.take():
-            if isinstance(event, Received):
-                out += self.firmware.receive(
-                    event.frame, event.via, now, arrived=event.arrived, overtaken=event.overtaken
-                )
-            elif isinstance(event, Opened):
-                out += self.firmware.greet(event.via, now)
-            else:
-                out += self.firmware.leave(event.via, now)
+            for program in self.programs:
+                out += _spoken_by(program, _take(program, event, now))
         self.firmware.gauges.overrun = self._inbox.dropped
         self.cell.advance()
-        out += self.firmware.tick(self.cell.time_ms)
+        for program in self.programs:
+            out += _spoken_by(program, program.tick(self.cell.time_ms))
         return out
+
+
+def _take(program: Firmware, event: Event, now: int) -> list[Outgoing]:
+    if isinstance(event, Received):
+        return program.receive(event.frame, event.via, now, arrived=event.arrived, overtaken=event.overtaken)
+    return program.greet(event.via, now) if isinstance(event, Opened) else program.leave(event.via, now)
+
+
+def _spoken_by(program: Firmware, out: list[Outgoing]) -> Iterator[Outgoing]:
+    """What a program says, with its component as the speaker."""
+    if program.component == COMPONENT:
+        return iter(out)
+    return (each._replace(component=program.component) for each in out)

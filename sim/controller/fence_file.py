@@ -58,7 +58,8 @@ class FenceFile:
     """
 
     def __init__(self, path: Path | None, *, reset: bool = False) -> None:
-        self._path = path
+        self._path, self._reset = path, reset
+        self._parts: list[FenceFile] = []
         self._syncing = ThreadPoolExecutor(1, thread_name_prefix="fence") if path else None
         self._sync: Future[None] | None = None
         """Asked for last; a flood of epochs must not make a queue."""
@@ -71,8 +72,17 @@ class FenceFile:
         self.fence = Fence(known.epoch, known.holder, known.name, clock=time.time, keep=self._write)
         self._write(self.fence)
 
+    def of_component(self, component: int) -> FenceFile:
+        """The memory of one more component of the same controller, in a file beside this one."""
+        path = self._path and self._path.with_name(f"{self._path.name}.{component}")
+        part = FenceFile(path, reset=self._reset)
+        self._parts.append(part)
+        return part
+
     def close(self) -> None:
         """Wait until what was written is on the disk."""
+        for part in self._parts:
+            part.close()
         syncing, self._syncing = self._syncing, None
         if syncing is not None:
             syncing.shutdown()

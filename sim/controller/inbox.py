@@ -15,7 +15,7 @@ arrived before it on any link; a frame with an older stamp than the newest stop 
 
 import threading
 from collections import deque
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from robotree.protocol.frame import Frame
@@ -76,10 +76,11 @@ class Inbox:
 
     Args:
         system: the controller's MAVLink system id; stops for other systems are ordinary frames.
+        components: its MAVLink components.
     """
 
-    def __init__(self, system: int) -> None:
-        self._system = system
+    def __init__(self, system: int, components: Sequence[int] = (COMPONENT,)) -> None:
+        self._system, self._components = system, components
         self._lock = threading.Lock()
         self._arrived = 0
         self._stops: dict[Hashable, deque[Received]] = {}
@@ -107,7 +108,7 @@ class Inbox:
             stops: the stamp of the moment when its bytes came, if they waited since; None: they came now.
             now: controller time [ms].
         """
-        stop = stop_asked_by(frame.message) and frame.is_for(self._system, COMPONENT)
+        stop = stop_asked_by(frame.message) and frame.is_for(self._system, *self._components)
         with self._lock:
             stamp = self._arrived if stops is None else stops
             self._arrived += stop

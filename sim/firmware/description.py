@@ -5,7 +5,7 @@ Pure; the wall clock is handed in.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 from robotree.protocol.messages import (
     AutopilotVersion,
@@ -47,10 +47,34 @@ class Identity:
     life: int = 1
 
 
-class Gauges:
-    """What is counted outside of the firmware. Written by whoever runs it."""
+class Source(Protocol):
+    """A battery."""
 
-    def __init__(self) -> None:
+    @property
+    def voltage(self) -> float:
+        """[V]"""
+        ...
+
+    @property
+    def current(self) -> float:
+        """[A] out of it."""
+        ...
+
+    @property
+    def charge(self) -> float:
+        """Share, 0 to 1."""
+        ...
+
+
+class Gauges:
+    """What is counted and measured outside of the firmware.
+
+    Args:
+        battery: that feeds the robot; None: it hangs on the mains.
+    """
+
+    def __init__(self, battery: Source | None = None) -> None:
+        self.battery = battery
         self.load = 0.0
         """Share of the time of a batch that computing it takes."""
         self.overrun = 0
@@ -79,7 +103,7 @@ def system_time(identity: Identity, now: int) -> SystemTime:
 
 
 def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
-    """Load and counters; there is no battery.
+    """Load, counters and battery.
 
     `errors_comm` counts what the links brought in vain: frames beyond what is heard of one link, what
     was lost unread, and what was no frame, unknown, or not signed as it must be; `errors_count1` to
@@ -91,10 +115,15 @@ def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
         0,
         0,
         min(round(1000 * gauges.load), _LARGEST),
-        UNKNOWN_VOLTAGE,
-        -1,
-        -1,
+        *_battery(gauges.battery),
         0,
         min(gauges.overrun + gauges.lost + gauges.garbled, _LARGEST),
         *(min(count, _LARGEST) for count in counts),
     )
+
+
+def _battery(source: Source | None) -> tuple[int, int, int]:
+    """Voltage [mV], current [cA] and what is left [%], each as SYS_STATUS says that it is not known."""
+    if source is None:
+        return UNKNOWN_VOLTAGE, -1, -1
+    return round(1000 * source.voltage), round(100 * source.current), round(100 * source.charge)

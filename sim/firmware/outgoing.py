@@ -8,16 +8,20 @@ from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import StatustextSender
 
 COMPONENT: Final = MavComponent.AUTOPILOT1
-"""The controller's own component, where ground stations look for it."""
+"""The controller's first component, where ground stations look for it; it answers for the whole controller."""
 
 
 class Outgoing(NamedTuple):
-    """Something to say: to `via` alone, or to all (None); of telemetry only the newest matters."""
+    """Something to say: to `via` alone, or to all (None); of telemetry only the newest matters.
+
+    `component` is the one of the controller that speaks.
+    """
 
     message: AnyMessage
     via: Hashable | None = None
     telemetry: bool = False
     instance: Hashable = None
+    component: int = COMPONENT
 
 
 def sends(effects: Iterable[object]) -> list[Outgoing]:

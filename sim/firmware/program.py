@@ -39,6 +39,7 @@ from robotree.protocol.messages import (
     ProtocolVersion,
     SetMode,
     Setpoint,
+    Speech,
     SysStatus,
     SystemTime,
     Timesync,
@@ -69,6 +70,7 @@ from robotree.sim.firmware.outgoing import COMPONENT, Announcer, Outgoing
 from robotree.sim.firmware.parameters import Parameters
 from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.setpoints import Setpoints
+from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.firmware.telemetry import Schedule, Stream
 
 SILENCE: Final = 2.0
@@ -97,10 +99,13 @@ class Firmware:
         device: the robot that it moves.
         streams: what it tells by itself about that robot.
         system: its MAVLink system id.
+        component: its MAVLink component; a controller may have several, each with a program.
         mav_type: what its heartbeats say it is.
         silence: of the link that it bears [s of controller time].
         identity: what it says when asked which controller it is.
         fence: the epochs that it obeys; kept over its restarts by whoever runs it.
+        gauges: counted outside of the program; all components of one controller have the same ones.
+        speech: takes a text that is to be spoken, of a robot that can speak.
     """
 
     def __init__(
@@ -109,13 +114,17 @@ class Firmware:
         streams: Sequence[Stream],
         *,
         system: int,
+        component: int = COMPONENT,
         mav_type: MavType,
         silence: float = SILENCE,
         identity: Identity | None = None,
         fence: Fence | None = None,
+        gauges: Gauges | None = None,
+        speech: Callable[[Speech], None] | None = None,
     ) -> None:
-        self.system = system
-        self.gauges = Gauges()
+        self.system, self.component = system, component
+        self.gauges = gauges or Gauges()
+        self._speech = speech
         self._identity = identity or Identity()
         self._movement = Movement(device, round(1000 * silence))
         self._rights = Rights(ClaimServer(fence or Fence(), self._identity.life))
@@ -214,7 +223,7 @@ class Firmware:
 
     def _registry(self) -> dict[type[AnyMessage], Hear]:
         """What is understood, to whom it must be addressed, and who takes it."""
-        us, all_or_us, any_ = self._is_for_us, self._is_for_all_or_us, _is_for_anybody
+        us, all_or_us, any_ = self._is_for_us, self._is_for_all_or_us, self._is_for_anybody
         goals, commands, parameters = self._goals.receive, self._commands.receive, self._set_parameter
         return dict(
             (
@@ -235,6 +244,7 @@ class Firmware:
                 (Untyped, self._say_absent),
                 _route(Timesync, any_, _tell_time),
                 _route(Ping, any_, _echo),
+                _route(Speech, us, self._keep_speech),
             )
         )
 
@@ -242,12 +252,29 @@ class Firmware:
         return frame.target[0] == self.system and self._is_for_all_or_us(frame)
 
     def _is_for_all_or_us(self, frame: Frame) -> bool:
-        return frame.is_for(self.system, COMPONENT)
+        """Whether it is for this component; what is for all components, the first one answers alone.
+
+        Two things are each component's own: a stop or its release, and the list of its parameters.
+        """
+        if frame.target[1] == 0 and self.component != COMPONENT:
+            own = isinstance(frame.message, SetMode | ParamRequestList) or stop_asked_by(frame.message)
+            if not own:
+                return False
+        return frame.is_for(self.system, self.component)
+
+    def _is_for_anybody(self, frame: Frame) -> bool:
+        return self.component in {COMPONENT, frame.target[1]}
 
     def _set_parameter(
         self, message: ParamRequestRead | ParamRequestList | ParamSet, peer: Peer, now: int
     ) -> list[Outgoing]:
         return self._parameters.receive(message, peer, now, self._schedule.links)
+
+    def _keep_speech(self, message: Speech, _: Peer, __: int) -> list[Outgoing]:
+        """Keep a text for the goal that speaks it; answered by nothing, the goal says whether it has come."""
+        if self._speech is not None:
+            self._speech(message)
+        return []
 
     def _say_absent(self, frame: Frame, peer: Peer, _: int, __: int) -> list[Outgoing]:
         """Say of what is asked for that it is not here."""
@@ -315,10 +342,6 @@ def _dated_route(
         return take(message, peer, now, arrived) if isinstance(message, kind) and aim(frame) else []
 
     return kind, receive
-
-
-def _is_for_anybody(_: Frame) -> bool:
-    return True
 
 
 def _no_mission(question: MissionRequestList, peer: Peer, _: int) -> list[Outgoing]:

@@ -5,11 +5,10 @@ fast as they can, `realtime.RealTime` keeps pace with the wall clock. Only one t
 others read the state that it publishes after every batch.
 """
 
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
-from robotree.sim.firmware.device import Device
 from robotree.sim.physics.engine import mujoco
 from robotree.sim.physics.vectors import Vector
 
@@ -19,16 +18,24 @@ STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 """Everything that the next step depends on."""
 
 
+class Controlled(Protocol):
+    """What acts in a cell before each of its steps."""
+
+    def control(self, dt: float) -> None:
+        """One step of the control law [s], before the world moves on."""
+        ...
+
+
 class Cell:
     """One MuJoCo world with one robot in it.
 
     Args:
         model: the compiled world.
         data: its state, forwarded once.
-        device: the robot, bound to `data`.
+        device: what acts in it before each step, bound to `data`.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, device: Device) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, device: Controlled) -> None:
         self.model, self.data, self.device = model, data, device
         self._steps = 0
         self._step = float(model.opt.timestep)

@@ -112,7 +112,12 @@ class Connection:
 
     def send(self, outgoing: Outgoing) -> None:
         """Send something to this client."""
-        self.endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
+        self.endpoint.send(
+            outgoing.message,
+            telemetry=outgoing.telemetry,
+            instance=outgoing.instance,
+            component=outgoing.component,
+        )
 
     def refuse(self, text: str) -> None:
         """Tell the client why it is not served (any more), and end the link."""

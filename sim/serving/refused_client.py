@@ -67,7 +67,7 @@ class RefusedClient:
     def send(self, outgoing: Outgoing) -> None:
         """Answer its stop; telemetry is only for clients that are served."""
         if not outgoing.telemetry:
-            self.endpoint.send(outgoing.message)
+            self.endpoint.send(outgoing.message, component=outgoing.component)
 
     def received(self, data: bytes) -> None:
         """Bytes came over the link."""
@@ -80,7 +80,7 @@ class RefusedClient:
         self.endpoint.closed(reason)
 
     def _hear(self, frame: Frame) -> None:
-        if stop_asked_by(frame.message) and frame.is_for(self.endpoint.system, COMPONENT):
+        if stop_asked_by(frame.message) and frame.is_for(self.endpoint.system, *self._controller.components):
             self._known = True
             self._controller.post(frame, self.endpoint)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol.messages import Reason, Verb
-from robotree.sim.arm.compliance import FORCE_LIMIT, TORQUE_LIMIT, NaturalAdmittance
+from robotree.sim.arm.compliance import FORCE_LIMIT, TORQUE_LIMIT, NaturalAdmittance, pointing_down
 from robotree.sim.arm.kinematics import HOME, Kinematics
 from robotree.sim.motion.path import Reference
 from robotree.sim.testing import ArmBench
@@ -25,7 +25,7 @@ def test_no_error_however_large_pulls_harder_than_the_limit(
 ) -> None:
     q, rest = np.array(HOME), np.zeros(6)
     dynamics = KINEMATICS.dynamics(q, rest)
-    attractor = Reference(np.array((*goal, twist)), np.zeros(4))
+    attractor = pointing_down(Reference(np.array((*goal, twist)), np.zeros(4)))
     effort = NaturalAdmittance().effort(dynamics, q, rest, attractor, np.zeros(6), 1e-9)
     pull = np.linalg.solve(dynamics.jacobian.T, effort.torque - dynamics.bias)
     assert np.linalg.norm(pull[:3]) <= FORCE_LIMIT + 1e-3

@@ -1,0 +1,342 @@
+"""One arm of the companion as a device: verbs above, the natural admittance of the cell's arm below.
+
+Its frame is the body frame B: goals move with the base. It is led along a way of postures (`ways`); the hand
+hangs on a spring whose far end is the hand of that posture, so the force that it exerts stays bounded.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.sim.arm.compliance import Attractor, Gains, NaturalAdmittance
+from robotree.sim.arm.device import BRAKING, STILL_FOR, YIELDING
+from robotree.sim.arm.gripper import Grip, Gripper
+from robotree.sim.arm.kinematics import Dynamics
+from robotree.sim.arm.wrist import WristSensor
+from robotree.sim.companion.figure import ARM_JOINTS, Pose, direction_of
+from robotree.sim.companion.model import HandPorts
+from robotree.sim.companion.planner import Goal, Other
+from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
+from robotree.sim.companion.ways import Way
+from robotree.sim.errors import BadArgument
+from robotree.sim.firmware.device import WIDEST, Plan, Progress, Start, Tunable, ended, or_now, planned, require
+from robotree.sim.motion.follower import LEASH_SLACK, Follower
+from robotree.sim.physics.vectors import Matrix, Vector
+
+REACHED: Final = 0.005
+"""[m] between hand and goal that counts as reached."""
+SETTLED: Final = 0.02
+"""[rad/s] of the fastest joint that counts as standing."""
+SETTLE_WITHIN: Final = 3.0
+"""[s] after the end of a way by which the hand must be there, or something holds it."""
+BRAKED_FOR: Final = 0.3
+"""[s] of stronger damping after a hold."""
+SMOOTHING: Final = 0.36
+"""Share of a new reading of the wrist in the filtered one, at 2 ms: a time constant of 4.5 ms."""
+GAINS: Final = Gains(
+    stiffness=(500.0, 500.0, 500.0, 25.0, 25.0, 10.0),
+    damping=(90.0, 90.0, 90.0, 2.6, 2.6, 0.9),
+    posture_stiffness=(6.0, 6.0, 4.0, 6.0, 2.0, 2.0),
+    posture_damping=(0.6, 0.6, 0.4, 0.6, 0.1, 0.1),
+    beta=80.0,
+    leak=8.0,
+)
+"""Of the law; the hand feels like 4 kg."""
+
+
+class Thinking(Protocol):
+    """The whole body, which plans for its arms and knows how fast they may be."""
+
+    def reach(self, side: int, goal: Goal, speed: float, acceleration: float) -> Way:
+        """A way of a hand to a pose."""
+        ...
+
+    def posture(self, side: int, end: Vector, speed: float, acceleration: float) -> Way:
+        """A way of an arm to a posture."""
+        ...
+
+    def allow(self, side: int, goal: Vector | None, speed: float) -> None:
+        """Refuse a speed [m/s] that is named and too fast beside a person."""
+        ...
+
+    def pace(self, side: int) -> float:
+        """Share of the full pace that is allowed now, 0 to 1."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LimbState:
+    """One reading of an arm.
+
+    Attributes:
+        q: (6,) joint angles [rad].
+        position: (3,) of the tool in B [m].
+        rotation: (3, 3) R_BT.
+        wrench: (6,) of the world on the tool, axes of B, as the wrist feels it [N, N m].
+        width: between the fingers [m].
+        width_commanded: asked for [m].
+        grip: what the fingers are doing.
+        grip_force: of each finger [N].
+        peak_force: largest net contact force on the hand since the start, from the physics [N].
+    """
+
+    q: Vector
+    position: Vector
+    rotation: Matrix
+    wrench: Vector
+    width: float
+    width_commanded: float
+    grip: Grip
+    grip_force: float
+    peak_force: float
+
+
+class Limb:
+    """One arm in the body.
+
+    Args:
+        side: which.
+        ports: of its hand.
+        q: (6,) its posture when it is switched on.
+        pose: of its hand then.
+        body: plans for it.
+    """
+
+    def __init__(self, side: int, ports: HandPorts, q: Vector, pose: Pose, body: Thinking) -> None:
+        self.side, self._ports, self._body = side, ports, body
+        self.tuning = LimbTuning()
+        self._law = NaturalAdmittance(GAINS)
+        self._sensor = WristSensor(ports.mass, ports.centre, SMOOTHING)
+        self._gripper = Gripper(2.0 * float(ports.finger[0]))
+        self._follower = Follower(q)
+        self._way: Way | None = None
+        self._q, self._v = np.array(q), np.zeros(ARM_JOINTS)
+        self._pose = pose
+        self._wrench: Vector = np.zeros(6)
+        self._error: Vector = np.zeros(3)
+        self._load = self._waited = self._still = self._peak = self._brake_left = 0.0
+        self._running: Callable[[], Progress] = ended
+        self._plans: Mapping[Verb, Plan] = {
+            Verb.GO_TO: self._go_to,
+            Verb.REACH: self._reach,
+            Verb.POSTURE: self._posture,
+            Verb.GRIP: self._grip,
+            Verb.HOLD: lambda _: self.hold,
+        }
+
+    @property
+    def verbs(self) -> Collection[Verb]:
+        """What it can be asked to do."""
+        return self._plans.keys()
+
+    @property
+    def setpoint_kinds(self) -> Collection[SetpointKind]:
+        """It follows no set-points: each goal is judged as a whole."""
+        return ()
+
+    @property
+    def parameters(self) -> Collection[Tunable]:
+        """What can be tuned on it."""
+        return LIMB_PARAMETERS
+
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
+
+        Args:
+            verb: GO_TO, REACH, POSTURE, GRIP or HOLD.
+            args: (7,) as in robotree.xml.
+
+        Raises:
+            GoalRefused: with the reason; nothing has changed.
+        """
+        return planned(self._plans, verb, args)
+
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        """No set-point is followed.
+
+        Raises:
+            BadArgument: always.
+        """
+        raise BadArgument("kind", kind, f"none with {len(args)} arguments: a limb follows no set-points")
+
+    def progress(self) -> Progress:
+        """How far the movement is that was begun last."""
+        return self._running()
+
+    def hold(self) -> None:
+        """Drop the movement, brake, and rest here; the fingers keep what they hold."""
+        self._follower.rest(self._q)
+        self._law.braking, self._brake_left = BRAKING, BRAKED_FOR
+        self._gripper.halt(2.0 * float(self._ports.finger[0]))
+        self._running, self._way = ended, None
+
+    # -- for the body
+
+    @property
+    def led(self) -> Vector:
+        """(6,) the posture to which it is led now [rad]."""
+        return self._follower.reference.pose
+
+    @property
+    def moving(self) -> bool:
+        """Whether it is on its way."""
+        return self._follower.moving
+
+    @property
+    def speed(self) -> float:
+        """[m/s] of the way that it is on."""
+        return self._way.speed if self._way is not None else 0.0
+
+    def ahead(self, time: float) -> Vector:
+        """(6,) the posture to which it will be led `time` [s] from now."""
+        if self._way is None or not self._follower.moving:
+            return self.led
+        return self._way.ahead(self._follower.progress * self._way.duration + time)
+
+    def lead(self, dt: float) -> Vector:
+        """(6,) lead on for `dt` [s], at the pace that the body allows and on the leash of the spring."""
+        slow = 1.0 - (1.0 - LEASH_SLACK) * self._body.pace(self.side)
+        self._reference = self._follower.advance(dt, max(self._load, slow))
+        self._waited = 0.0 if self._follower.moving else self._waited + dt
+        return self._reference.pose
+
+    def control(
+        self, dt: float, dynamics: Dynamics, q: Vector, v: Vector, goal: Pose, moved: Vector, turned: Matrix
+    ) -> None:
+        """One period [s] of the control law.
+
+        Args:
+            dt: [s]
+            dynamics: of the arm now.
+            q: (6,) joints [rad].
+            v: (6,) their velocities [rad/s].
+            goal: the hand of the posture to which it is led.
+            moved: (6,) joint velocities to which it is led [rad/s].
+            turned: (6, 6) Jacobian at that posture, or near to it.
+        """
+        ports, tuning = self._ports, self.tuning
+        self._q, self._v, self._pose = q, v, Pose(dynamics.position, dynamics.rotation)
+        self._brake_left -= dt
+        if self._brake_left <= 0.0:
+            self._law.braking = 1.0
+        self._law.tune(self._law.stiffness, tuning.force_limit, dt)
+        ports.finger_limit[:] = -2.0 * tuning.grip_force, 2.0 * tuning.grip_force
+        self._wrench = self._sensor.update(ports.wrist_force, ports.wrist_torque, dynamics.rotation)
+        attractor = Attractor(goal.position, goal.rotation, turned @ moved, self._reference.pose)
+        effort = self._law.effort(dynamics, q, v, attractor, self._wrench, dt)
+        ports.torque[:] = effort.torque
+        self._load, self._error = effort.load, effort.error
+        speeds: list[float] = v.tolist()
+        at_rest = self._waited > 0.0 and max(*speeds, -min(speeds)) < SETTLED
+        self._still = self._still + dt if at_rest else 0.0
+        width, speed = 2.0 * float(ports.finger[0]), 2.0 * float(ports.finger_speed[0])
+        ports.finger_target[0] = 0.5 * self._gripper.advance(dt, width, speed)
+        self._peak = max(self._peak, math.hypot(*np.add.reduce(ports.contact).tolist()))
+
+    @property
+    def reference(self) -> tuple[Vector, Vector]:
+        """Posture and joint velocities (6,) to which it is led."""
+        return self._reference.pose, self._reference.velocity
+
+    def state(self) -> LimbState:
+        """One reading, not changed by later steps."""
+        ports = self._ports
+        return LimbState(
+            q=np.array(self._q),
+            position=np.array(self._pose.position),
+            rotation=np.array(self._pose.rotation),
+            wrench=np.array(self._wrench),
+            width=2.0 * float(ports.finger[0]),
+            width_commanded=self._gripper.commanded,
+            grip=self._gripper.state,
+            grip_force=0.5 * abs(float(ports.finger_force[0])),
+            peak_force=self._peak,
+        )
+
+    # -- the verbs
+
+    def _go_to(self, args: tuple[float, ...]) -> Start:
+        return self._reach((*args[:4], 0.0, args[4], math.nan))
+
+    def _reach(self, args: tuple[float, ...]) -> Start:
+        here = self._pose.position.tolist()
+        x, y, z = (or_now(*each) for each in zip("xyz", args, here, strict=False))
+        for name, value in (("twist", args[3]), ("tilt", args[4])):
+            if math.isinf(value):
+                raise BadArgument(name, value, "finite")
+        goal = Goal(x, y, z, args[3], args[4])
+        speed = self._speed(args[5])
+        self._body.allow(self.side, np.array(goal.point), speed)
+        return self._beginning(self._body.reach(self.side, goal, speed, HAND_ACCELERATION))
+
+    def _posture(self, args: tuple[float, ...]) -> Start:
+        led = self.led.tolist()
+        end = np.array([or_now(f"j{i + 1}", args[i], led[i]) for i in range(ARM_JOINTS)])
+        speed = self._speed(args[6])
+        self._body.allow(self.side, None, speed)
+        return self._beginning(self._body.posture(self.side, end, speed, HAND_ACCELERATION))
+
+    def _speed(self, asked: float) -> float:
+        tuning = self.tuning
+        speed = or_now("speed", asked, min(tuning.speed, tuning.top_speed))
+        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
+        return speed
+
+    def _beginning(self, way: Way) -> Start:
+        def begin() -> None:
+            self._follower.follow(way)
+            self._way, self._running = way, self._travelling
+            self._law.braking = 1.0
+
+        return begin
+
+    def _grip(self, args: tuple[float, ...]) -> Start:
+        width = or_now("width", args[0], 2.0 * float(self._ports.finger[0]))
+        require("width", width, 0.0, WIDEST, "m")
+
+        def begin() -> None:
+            # The hand rests where it is led, not where the load has pulled it: it must not sink at each grip.
+            self._follower.rest(self.led)
+            self._way = None
+            self._gripper.move(width)
+            self._running = self._gripping
+
+        return begin
+
+    def _travelling(self) -> Progress:
+        fraction = self._follower.progress
+        if self._follower.blocked:
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+        if self._follower.moving:
+            return Progress(fraction)
+        short = float(np.linalg.norm(self._error))
+        if self._still >= STILL_FOR:
+            unexplained = float(np.linalg.norm(self._error + self._wrench[:3] / self._law.stiffness))
+            if unexplained < 2 * REACHED and short < YIELDING:
+                return Progress(1.0, done=True, text=self._held_up() if short > YIELDING / 2 else "")
+        if self._waited > SETTLE_WITHIN:
+            if short < 2 * REACHED:
+                return Progress(1.0, done=True)
+            return Progress(fraction, done=True, reason=Reason.BLOCKED, text=self._held_up())
+        return Progress(min(fraction, 0.99))
+
+    def _gripping(self) -> Progress:
+        moving = self._gripper.state is Grip.MOVING
+        return Progress(0.5 if moving else 1.0, done=not moving)
+
+    def _held_up(self) -> str:
+        force = float(np.linalg.norm(self._wrench[:3]))
+        short = 1e3 * float(np.linalg.norm(self._error))
+        return f"Something holds the hand with {force:.0f} N, {short:.0f} mm short."
+
+
+def bearing(state: LimbState) -> tuple[float, float]:
+    """Twist and tilt of a hand [rad]."""
+    return direction_of(state.rotation)
+
+
+__all__ = ["Limb", "LimbState", "Other", "Thinking", "bearing"]

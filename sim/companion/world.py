@@ -1,0 +1,289 @@
+"""The companion in its flat: compiled, put in its first place, and everything that acts in it.
+
+World frame W: the middle of the floor, x forward, y left, z up.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from robotree.sim.companion.battery import Battery
+from robotree.sim.companion.body import Body
+from robotree.sim.companion.figure import ARMS, JOINT_NAMES, SIDES
+from robotree.sim.companion.flat import (
+    CUP_HEIGHT,
+    CUP_MASS,
+    CUPS,
+    DOCK,
+    OUTSIDE,
+    PREFIX,
+    START,
+    VISITORS,
+    spec,
+)
+from robotree.sim.companion.guard import GRAVITY, Person
+from robotree.sim.companion.model import BodyPorts, bind
+from robotree.sim.companion.planner import REST
+from robotree.sim.companion.visitors import EVENING, Notice, Play, Visitor
+from robotree.sim.firmware import Gauges
+from robotree.sim.physics.cell import Cell
+from robotree.sim.physics.engine import mujoco
+from robotree.sim.physics.vectors import Vector
+
+FINGERS_AT_FIRST: Final = 0.03
+"""[m] slide of each finger."""
+LIVELY: Final = 0.02
+"""[s] between two looks of the visitors."""
+SEE_EVERY: Final = 0.1
+"""[s] between two looks of the cameras for tags."""
+FAR, NARROW = 5.0, (0.65, 0.50)
+"""[m] and tangents, to the side and up, of what the cameras can read a tag in."""
+HIDDEN: Final = 0.2
+"""[m] by which something must be nearer than a tag to hide it: a tag lies on a body."""
+AT_DOCK: Final = 0.15
+"""[m] from the charging place."""
+HELD_ABOVE: Final = 0.02
+
+
+class Sight(NamedTuple):
+    """A tag that was seen: where [m, W], and when, in the world's time [s]."""
+
+    at: tuple[float, float, float]
+    seen: float
+
+
+class Heard(NamedTuple):
+    """Something that a visitor said: its number, whose tag, the text, and when [ms]."""
+
+    number: int
+    speaker: int
+    text: str
+    at: int
+
+
+class Flat:
+    """What acts in the flat before each step: the robot, the visitors, the battery, the cameras' eyes."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, plays: Sequence[Play]) -> None:
+        self._model, self._data = model, data
+        self._ports = bind(model, data)
+        self.visitors = tuple(
+            Visitor(looks, OUTSIDE[0] - 0.9 * i, OUTSIDE[1]) for i, looks in enumerate(VISITORS)
+        )
+        for visitor, play in zip(self.visitors, plays, strict=False):
+            visitor.perform(play)
+        self.spoken: list[str] = []
+        """What the robot has said aloud."""
+        self.heard = Heard(0, 0, "", 0)
+        """The latest that a visitor said."""
+        self.body = Body(self._ports, self.people, self.spoken.append, len(VISITORS))
+        self.battery = Battery()
+        self.sights: dict[int, Sight] = {}
+        """What the cameras have seen, by tag."""
+        self._time = self._lively_in = self._see_in = 0.0
+        self._bind()
+        self._draw()
+
+    @property
+    def now(self) -> float:
+        """The world's time [s]."""
+        return self._time
+
+    def people(self) -> Sequence[Person]:
+        """Who is where."""
+        return [Person(each.looks.name, (each.x, each.y), each.looks.height) for each in self.visitors]
+
+    def cup(self, tag: int) -> Vector:
+        """(3,) where the middle of a cup is [m, W]."""
+        return np.array(self._data.xpos[self._cup_bodies[tag]])
+
+    def in_hand(self) -> frozenset[int]:
+        """Tags of the cups that a finger of the robot touches."""
+        return self._touched_by_fingers
+
+    def control(self, dt: float) -> None:
+        """One step [s] of everything."""
+        self._time += dt
+        self.body.control(dt)
+        self._lively_in -= dt
+        if self._lively_in <= 0.0:
+            self._lively_in = LIVELY
+            self._live()
+        self._see_in -= dt
+        if self._see_in <= 0.0:
+            self._see_in = SEE_EVERY
+            self._see()
+
+    # -- inside
+
+    def _bind(self) -> None:
+        model = self._model
+        self._cup_bodies = {cup.tag: model.body(f"cup_{cup.tag}").id for cup in CUPS}
+        self._cup_of = {model.geom(f"cup_{cup.tag}").id: cup.tag for cup in CUPS}
+        self._palm_of = {model.geom(f"{each.name}_hand").id: i for i, each in enumerate(VISITORS)}
+        names = [f"{PREFIX}{side}_pad_{end}" for side in SIDES for end in "lr"]
+        self._pads = {model.geom(name).id for name in names}
+        self._mocaps = [
+            (int(model.body(each.name).mocapid[0]), int(model.body(f"{each.name}_hand").mocapid[0]))
+            for each in VISITORS
+        ]
+        self._grasps = {
+            (i, cup.tag): model.equality(f"{each.name}_holds_{cup.tag}").id
+            for i, each in enumerate(VISITORS)
+            for cup in CUPS
+        }
+        self._eye = model.camera(PREFIX + "eye_left").id
+        self._head = model.body(PREFIX + "head").id
+        self._touched_by_fingers: frozenset[int] = frozenset()
+        self._palms: dict[int, tuple[float, int]] = {}
+
+    def _live(self) -> None:
+        """The visitors go on, and the battery."""
+        self._feel()
+        place, base = self.body.place, self.body.base.look()
+        still = not self.body.base.moving and float(np.abs(base.rate).max()) < 0.05  # noqa: PLR2004
+        cups = {tag: tuple(self.cup(tag).tolist()) for tag in self._cup_bodies}
+        for i, visitor in enumerate(self.visitors):
+            felt = self._palms.get(i, (0.0, 0))
+            before = visitor.holding
+            visitor.advance(
+                LIVELY,
+                Notice((place.x, place.y), still, len(self.spoken), cups, self._touched_by_fingers, felt),  # pyright: ignore[reportArgumentType]
+            )
+            if visitor.holding and not before:
+                self._grasp(i, visitor.holding)
+            while visitor.words:
+                text = visitor.words.pop(0)
+                number = self.heard.number + 1
+                self.heard = Heard(number, visitor.looks.tag, text, round(1000 * self._time))
+        self._draw()
+        docked = math.dist((place.x, place.y), DOCK) < AT_DOCK and still
+        effort = float(np.abs(self._data.actuator_force * self._data.actuator_velocity).sum())
+        self.battery.advance(LIVELY, effort, docked=docked)
+
+    def _feel(self) -> None:
+        """What rests on the visitors' palms, and what the robot's fingers touch."""
+        data, touched = self._data, set[int]()
+        self._palms = {}
+        force = np.zeros(6)
+        pairs = data.contact.geom
+        for i in range(data.ncon):
+            a, b = int(pairs[i, 0]), int(pairs[i, 1])
+            tag = self._cup_of.get(a) or self._cup_of.get(b)
+            if tag is None:
+                continue
+            other = b if a in self._cup_of else a
+            if other in self._pads:
+                touched.add(tag)
+            elif (palm := self._palm_of.get(other)) is not None:
+                mujoco.mj_contactForce(self._model, data, i, force)
+                share = float(force[0]) / (CUP_MASS * GRAVITY)
+                self._palms[palm] = (self._palms.get(palm, (0.0, 0))[0] + share, tag)
+        self._touched_by_fingers = frozenset(touched)
+
+    def _grasp(self, visitor: int, tag: int) -> None:
+        """Fix a cup in a visitor's hand, where it stands on the palm now."""
+        weld = self._grasps[visitor, tag]
+        hand = self._data.body(f"{VISITORS[visitor].name}_hand")
+        cup = self._data.body(f"cup_{tag}")
+        inverse, turned, moved = np.zeros(4), np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(inverse, hand.xquat)
+        mujoco.mju_mulQuat(turned, inverse, cup.xquat)
+        mujoco.mju_rotVecQuat(moved, cup.xpos - hand.xpos, inverse)
+        self._model.eq_data[weld, 0:3] = 0.0
+        self._model.eq_data[weld, 3:6] = moved
+        self._model.eq_data[weld, 6:10] = turned
+        self._data.eq_active[weld] = 1
+
+    def _draw(self) -> None:
+        """Put the visitors' figures where they are."""
+        data = self._data
+        for visitor, (body, hand) in zip(self.visitors, self._mocaps, strict=True):
+            data.mocap_pos[body] = visitor.x, visitor.y, 0.0
+            turned = math.cos(visitor.heading / 2), 0.0, 0.0, math.sin(visitor.heading / 2)
+            data.mocap_quat[body] = data.mocap_quat[hand] = turned
+            data.mocap_pos[hand] = visitor.hand
+
+    def _tags(self) -> Mapping[int, tuple[float, float, float]]:
+        """Where every tag really is: on cups, on visitors' chests, and on hands that are held out."""
+        tags: dict[int, tuple[float, float, float]] = {}
+        for tag in self._cup_bodies:
+            x, y, z = self.cup(tag).tolist()
+            tags[tag] = (x, y, z)
+        for visitor in self.visitors:
+            tags[visitor.looks.tag] = (visitor.x, visitor.y, 0.68 * visitor.looks.height)
+            if visitor.offers:
+                tags[visitor.looks.tag + 10] = visitor.hand
+        return tags
+
+    def _see(self) -> None:
+        """Note the tags that the cameras see now."""
+        eye = np.array(self._data.cam_xpos[self._eye])
+        axes = self._data.cam_xmat[self._eye].reshape(3, 3)
+        tags = self._tags()
+        for tag in [each for each in self.sights if each not in tags]:
+            del self.sights[tag]  # a hand that is no longer held out is none
+        for tag, at in tags.items():
+            right, up, back = (axes.T @ (np.array(at) - eye)).tolist()
+            ahead = -back
+            if not 0.1 < ahead < FAR or abs(right) > NARROW[0] * ahead or abs(up) > NARROW[1] * ahead:
+                continue
+            if self._sees(eye, np.array(at)):
+                self.sights[tag] = Sight(at, self._time)
+
+    def _sees(self, eye: Vector, at: Vector) -> bool:
+        ray = at - eye
+        length = float(np.linalg.norm(ray))
+        geom = np.zeros(1, np.int32)
+        hit = mujoco.mj_ray(self._model, self._data, eye, ray / length, None, 1, self._head, geom, None)
+        return hit < 0.0 or hit > length - HIDDEN
+
+
+@dataclass(frozen=True, slots=True)
+class CompanionWorld:
+    """The companion in its flat."""
+
+    cell: Cell
+    flat: Flat
+    ports: BodyPorts
+    gauges: Gauges
+
+    @property
+    def body(self) -> Body:
+        """The robot."""
+        return self.flat.body
+
+
+def build(plays: Sequence[Play] = EVENING, start: tuple[float, float, float] = START) -> CompanionWorld:
+    """Build the flat: the companion at its charging place, the cups on the table, the visitors outside.
+
+    Args:
+        plays: what the visitors do; none: they stay outside.
+        start: x, y [m] and heading [rad] of the companion.
+    """
+    model = spec().compile()
+    data = mujoco.MjData(model)
+    ports = bind(model, _forwarded(model, data))
+    x, y, heading = start
+    ports.root[:] = x, y, 0.0, math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)
+    for side in (0, 1):
+        ports.qpos[ports.at[ARMS[side]]] = REST
+    for side in SIDES:
+        for end in "lr":
+            data.qpos[model.joint(f"{PREFIX}{side}_slide_{end}").qposadr[0]] = FINGERS_AT_FIRST
+    for hand in ports.hands:
+        hand.finger_target[:] = FINGERS_AT_FIRST
+    mujoco.mj_forward(model, data)
+    flat = Flat(model, data, plays)
+    return CompanionWorld(Cell(model, data, flat), flat, ports, Gauges(flat.battery))
+
+
+def _forwarded(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    mujoco.mj_forward(model, data)
+    return data
+
+
+__all__ = ["CUP_HEIGHT", "JOINT_NAMES", "CompanionWorld", "Flat", "Heard", "Sight", "build"]
