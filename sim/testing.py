@@ -236,6 +236,8 @@ class Operator:
         self.controller.post(frame, self.far)
 
     def _hear(self, frame: Frame) -> None:
+        if frame.component != self.target and frame.component in self.controller.components:
+            return  # another component of the same controller
         message = frame.message
         self.heard.append((self._wire.now, message))
         if isinstance(message, GoalStatus) and message.target_component == self.component:

@@ -32,6 +32,9 @@ NEAR: Final = 0.25
 """[m] a hand's way up to which the straight one is tried first: then it is mostly wanted for its own sake."""
 TUCKED: Final = (0.15, 0.25, 0.0, 2.1, 0.0, 0.2)
 """[rad] a hand before the breast, by way of which an arm comes around the table."""
+RAISED: Final = (0.7, 0.3, 0.0, 1.9, 0.0, -0.3)
+"""[rad] a hand before the shoulder."""
+VIAS: Final = (TUCKED, RAISED)
 REST: Final = (0.05, 0.10, 0.0, 0.45, 0.0, 0.0)
 """[rad] hanging arms."""
 SEEDS: Final = (REST, TUCKED, (0.7, 0.2, 0.2, 1.4, 0.0, -0.4), (1.3, 0.3, 0.2, 1.0, 0.0, -0.6), (1.0, 1.0, 0.6, 1.4, 0.5, 0.0))
@@ -173,23 +176,38 @@ class Planner:
 
     def _chains(self, side: int, q: Vector, end: Vector, pose: Pose | None) -> Iterator[Sequence[Vector]]:
         """Chains of postures (6,) to try, the most direct first."""
-        begin = q[ARMS[side]]
-        straight = None if pose is None else self._straight(side, q, end, pose)
-        direct = [begin, end]
-        tucked = [begin, np.array(TUCKED), end]
-        near = pose is not None and math.dist(self._figure.pose(side, q).position, pose.position) <= NEAR
-        for chain in (straight, direct, tucked) if near else (direct, straight, tucked):
-            if chain is not None:
-                yield chain
+        begin, figure = q[ARMS[side]], self._figure
+        near = pose is not None and math.dist(figure.pose(side, q).position, pose.position) <= NEAR
+        yield from self._legs(side, q, begin, end, straight_first=near)
+        for via in map(np.array, VIAS):
+            for coming in self._legs(side, q, begin, via):
+                for going in self._legs(side, q, via, end):
+                    yield [*coming, *going[1:]]
 
-    def _straight(self, side: int, q: Vector, end: Vector, pose: Pose) -> list[Vector] | None:
+    def _legs(
+        self, side: int, q: Vector, begin: Vector, end: Vector, *, straight_first: bool = False
+    ) -> Iterator[list[Vector]]:
+        """Between two postures: by turning the joints, and by a straight way of the hand if there is one."""
+        if not straight_first:
+            yield [begin, end]
+        straight = self._straight(side, q, begin, end)
+        if straight is not None:
+            yield straight
+        if straight_first:
+            yield [begin, end]
+
+    def _straight(self, side: int, q: Vector, begin: Vector, end: Vector) -> list[Vector] | None:
         """Postures on a straight way of the hand; None: there is none."""
         figure, axes = self._figure, ARMS[side]
-        start = figure.pose(side, q)
+        whole = np.array(q)
+        whole[axes] = end
+        pose = figure.pose(side, whole)
+        whole[axes] = begin
+        start = figure.pose(side, whole)
         turn = pin.log3(start.rotation.T @ pose.rotation)
         way = pose.position - start.position
         count = math.ceil(max(math.hypot(*way) / SPACING, math.hypot(*turn) / TURN_SPACING, 1.0))
-        chain = [np.array(q[axes])]
+        chain = [np.array(begin)]
         for i in range(1, count):
             share = i / count
             step = Pose(start.position + share * way, start.rotation @ pin.exp3(share * turn))

@@ -67,7 +67,7 @@ def head_streams(world: CompanionWorld) -> tuple[Stream, ...]:
         x, y, z = ((*(sight.at[axis] for _, sight in seen), *blank) for axis in range(3))
         ages = [min(round(100 * (flat.now - sight.seen)), LONGEST_AGO) for _, sight in seen]
         none = (0,) * (PLACES - len(seen))
-        return (Tags(now, x, y, z, (*ages, *none), (*(tag for tag, _ in seen), *none), len(seen)),)
+        return (Tags(now, x, y, z, (*ages, *none), bytes((*(tag for tag, _ in seen), *none)), len(seen)),)
 
     def heard(_: int, __: bool) -> Sequence[Message]:  # noqa: FBT001
         latest = flat.heard

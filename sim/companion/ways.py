@@ -13,7 +13,7 @@ import numpy as np
 from robotree.sim.motion.path import Limits, Line, Reference
 from robotree.sim.physics.vectors import Matrix, Vector
 
-LEVER: Final = 0.35
+LEVER: Final = 0.2
 """[m] of hand's way that a radian of a joint counts for."""
 JERK: Final = 12.0
 """[m/s3]"""
