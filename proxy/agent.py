@@ -35,7 +35,7 @@ def _ignore(_: str) -> None:
     """Do nothing with the address."""
 
 
-async def run_proxy(
+async def run_proxy(  # noqa: PLR0913  the options of a command line
     kind: str,
     name: str,
     url: str,

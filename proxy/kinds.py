@@ -10,7 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 from robotree.proxy.arm import Arm
+from robotree.proxy.base import Base
 from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
+from robotree.proxy.head import Head
+from robotree.proxy.limb import Limb
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
 from robotree.vr.bundle import Bundle
@@ -18,7 +21,13 @@ from robotree.vr.bundle.choice import NotOne, only_class
 from robotree.vr.bundle.loader import load_module
 from robotree.vr.bundle.loader import make as make_robot
 
-KINDS: dict[str, type[RobotProxy]] = {"arm": Arm, "rover": Rover}
+KINDS: dict[str, type[RobotProxy]] = {
+    "arm": Arm,
+    "rover": Rover,
+    "limb": Limb,
+    "base": Base,
+    "head": Head,
+}
 SUFFIX = ".py"
 
 

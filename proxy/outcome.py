@@ -36,7 +36,7 @@ SENTENCES: dict[Reason, str] = {
     Reason.FAULT: "the controller found a fault in itself",
     Reason.NOT_IN_CONTROL: "somebody else commands the controller; ask them to give it up",
     Reason.BAD_EPOCH: "its controller finds the epoch impossible; set the clocks of both machines",
-    Reason.SELF_COLLISION: "two parts of the robot would touch; choose another point, or move the other arm first",
+    Reason.SELF_COLLISION: "two parts of the robot would touch; choose another point or move the other arm",
     Reason.TIP_OVER: "the robot could tip over; lean or reach less far",
     Reason.TOO_NEAR: "it leads too near to a person; wait, or go another way",
     Reason.OTHER_LIFE: "its controller has restarted meanwhile; look at the robot, then try again",

@@ -19,7 +19,7 @@ from weakref import WeakKeyDictionary
 
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import Message
+from robotree.protocol.messages import AnyMessage, Message
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalSilent
 from robotree.proxy.connection import Connection, Dial
@@ -103,7 +103,7 @@ class RobotProxy(Robot):
             security: the keys of our links.
             take_over: have the controller obey us also if another proxy holds it.
             runner: its clock, and what its commands wait in; None: threads.
-            component: MAVLink component of the controller that moves this robot; a controller may have several.
+            component: MAVLink component of the controller that moves this robot.
 
         Raises:
             BadName: that cannot be a name.
@@ -230,6 +230,10 @@ class RobotProxy(Robot):
         finally:
             self._settled_at = self._connection.now()
         self._raise_outcome(pending, effect)
+
+    def tell(self, message: AnyMessage) -> None:
+        """Send something once that is no motion; only the controller knows whether it has come."""
+        self._connection.soon(lambda: self._connection.perform(self._session.ask_for(message)))
 
     def news(self, kind: type[T], *, since: float) -> T:
         """Wait for a message that was heard after a moment.

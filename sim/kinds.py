@@ -107,16 +107,16 @@ class Kind(Generic[W]):
         """A controller of a world that was built already; it tells no wall clock, and keeps nothing."""
         return self._controller(world, system, silence, None)
 
-    def _controller(
-        self, world: W, system: int, silence: float, memory: "FenceFile | None"
-    ) -> "Controller":
+    def _controller(self, world: W, system: int, silence: float, memory: "FenceFile | None") -> "Controller":
         from robotree.sim.controller.controller import Controller
         from robotree.sim.firmware import COMPONENT, Firmware
 
         gauges = self.gauges(world)
         programs: list[Firmware] = []
         for part in self.parts(world):
-            known = memory and (memory if part.component == COMPONENT else memory.of_component(part.component))
+            known = memory and (
+                memory if part.component == COMPONENT else memory.of_component(part.component)
+            )
             programs.append(
                 Firmware(
                     part.device,
@@ -169,9 +169,7 @@ def _arm_parts(world: "ArmWorld") -> "Sequence[Part]":
 
     streams = telemetry.streams(world)
     return (
-        Part(
-            MavComponent.AUTOPILOT1, world.arm, streams, MavType.GENERIC, MavProtocolCapability.GRIPPER
-        ),
+        Part(MavComponent.AUTOPILOT1, world.arm, streams, MavType.GENERIC, MavProtocolCapability.GRIPPER),
     )
 
 

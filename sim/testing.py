@@ -91,9 +91,7 @@ class Operator:
 
     def another(self, component: int = 190, system: int = 254, target: int = COMPONENT) -> "Operator":
         """Somebody else, connected to the same controller by a wire of their own."""
-        return Operator(
-            self.controller, component=component, system=system, crowd=self._crowd, target=target
-        )
+        return Operator(self.controller, component=component, system=system, crowd=self._crowd, target=target)
 
     def leave(self) -> None:
         """Close the wire."""

@@ -291,7 +291,7 @@ def _component(text: str) -> int:
     """A MAVLink component id, 1 to 255."""
     from robotree.tui.errors import ValueRefused
 
-    if not text.isdecimal() or not 1 <= int(text) <= 255:  # noqa: PLR2004  MAVLink's ids are one byte
+    if not text.isdecimal() or not 1 <= int(text) <= 255:
         raise ValueRefused("N", f"{text!r} is no component; write a number from 1 to 255")
     return int(text)
 

@@ -8,6 +8,7 @@ way.
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.companion.guard import Objection, Person
 from robotree.sim.companion.planner import Forbidden
-from robotree.sim.companion.routes import Floor, Point
+from robotree.sim.companion.routes import Blocked, Floor, Point
 from robotree.sim.companion.tuning import (
     BASE_PARAMETERS,
     LEAN_RATE,
@@ -23,7 +24,7 @@ from robotree.sim.companion.tuning import (
     TURN_RATE,
     BaseTuning,
 )
-from robotree.sim.errors import BadArgument, PathBlocked
+from robotree.sim.errors import BadArgument
 from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, or_now, planned, require
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.motion.path import Limits, Line
@@ -175,9 +176,11 @@ class Base:
             return 0.0, 0.0
         way = self._legs[0].goal[:2] - self._place[:2]
         length = math.hypot(way[0], way[1])
-        return (float(way[0]) / length, float(way[1]) / length) if length > 1e-3 else (0.0, 0.0)  # noqa: PLR2004
+        return (float(way[0]) / length, float(way[1]) / length) if length > 1e-3 else (0.0, 0.0)
 
-    def control(self, dt: float, place: Vector, rate: Vector, lean: float, lean_rate: float) -> tuple[Vector, float]:
+    def control(
+        self, dt: float, place: Vector, rate: Vector, lean: float, lean_rate: float
+    ) -> tuple[Vector, float]:
         """Forces along x, y of W [N] and torque [N m] of the drive, and torque of the waist [N m].
 
         Args:
@@ -189,9 +192,8 @@ class Base:
         """
         self._place, self._rate, self._lean = place, rate, lean
         pace = self._body.base_pace() if self._follower.moving else 1.0
-        self._halted = self._halted + dt if pace < 0.05 else 0.0  # noqa: PLR2004  as good as standing
-        if pace < 0.05:  # noqa: PLR2004  a person in the way is waited for, not counted as an obstacle
-            pace = 0.05
+        self._halted = self._halted + dt if pace < 0.05 else 0.0
+        pace = max(pace, 0.05)
         setpoint = self._follower.advance(dt, max(self._load, 1.0 - (1.0 - LEASH_SLACK) * pace))
         if not self._follower.moving and self._legs:
             self._driven += self._legs.pop(0).duration
@@ -203,12 +205,16 @@ class Base:
         if self._load > 1.0:
             pull /= self._load
         waist = self._waist.advance(dt, 0.0)
-        torque = LEAN_STIFFNESS * (float(waist.pose[0]) - lean) + LEAN_DAMPING * (float(waist.velocity[0]) - lean_rate)
+        torque = LEAN_STIFFNESS * (float(waist.pose[0]) - lean) + LEAN_DAMPING * (
+            float(waist.velocity[0]) - lean_rate
+        )
         return pull + DAMPING * (setpoint.velocity - rate), torque
 
     def look(self) -> BaseLook:
         """One reading, not changed by later steps."""
-        return BaseLook(np.array(self._place), np.array(self._rate), self._lean, np.array(self._follower.reference.pose))
+        return BaseLook(
+            np.array(self._place), np.array(self._rate), self._lean, np.array(self._follower.reference.pose)
+        )
 
     # -- the verbs
 
@@ -222,7 +228,7 @@ class Base:
                 raise BadArgument(name, value, "a finite number of metres")
         origin = self._origin()
         goal = origin + np.array((args[0], args[1], 0.0))
-        self._must_be_free(self._floor().on_the_line(_point(origin), _point(goal)), goal)
+        self._must_be_free(self._floor().on_the_line(_point(origin), _point(goal)))
         return self._beginning([goal], self._speed(args[2]))
 
     def _turn(self, args: tuple[float, ...]) -> Start:
@@ -235,17 +241,18 @@ class Base:
 
     def _drive(self, args: tuple[float, ...]) -> Start:
         origin = self._origin()
-        x, y, heading = (or_now(*each) for each in zip(("x", "y", "heading"), args, origin.tolist(), strict=False))
+        x, y, heading = (
+            or_now(*each) for each in zip(("x", "y", "heading"), args, origin.tolist(), strict=False)
+        )
         turned = float(origin[2]) + math.remainder(heading - float(origin[2]), math.tau)
         route = self._floor().route(_point(origin), (x, y))
-        if not isinstance(route, list):
-            self._must_be_free(route, np.array((x, y)))
-            route = []
+        if isinstance(route, Blocked):
+            raise self._blocked(route)
         goals = [np.array((*corner, turned)) for corner in route]
         if len(goals) > 1:  # it looks where it drives, and turns on the last leg
             points = [_point(origin), *route]
             angle = float(origin[2])
-            for i, (a, b) in enumerate(zip(points[:-2], points[1:-1], strict=True)):
+            for i, (a, b) in enumerate(pairwise(points[:-1])):
                 ahead = math.atan2(b[1] - a[1], b[0] - a[0])
                 angle += math.remainder(ahead - angle, math.tau)
                 goals[i][2] = angle
@@ -280,17 +287,15 @@ class Base:
             raise Forbidden(objection)
         return Floor(self._body.people(), self.tuning.distance)
 
-    def _must_be_free(self, blocked: object, goal: Vector) -> None:
-        from robotree.sim.companion.routes import Blocked
+    def _must_be_free(self, blocked: Blocked | None) -> None:
+        if blocked is not None:
+            raise self._blocked(blocked)
 
-        if not isinstance(blocked, Blocked):
-            return
+    def _blocked(self, blocked: Blocked) -> Forbidden:
         if blocked.person:
-            text = f"{blocked.what} would be nearer than {self.tuning.distance:g} m to the base; wait or go elsewhere"
-            raise Forbidden(Objection(Reason.TOO_NEAR, text))
-        if blocked.what:
-            raise Forbidden(Objection(Reason.PATH_BLOCKED, f"{blocked.what} is in the way of the base"))
-        raise PathBlocked(goal.tolist())
+            text = f"{blocked.what} would be nearer than {self.tuning.distance:g} m; wait or go elsewhere"
+            return Forbidden(Objection(Reason.TOO_NEAR, text))
+        return Forbidden(Objection(Reason.PATH_BLOCKED, f"{blocked.what} is in the way of the base"))
 
     def _beginning(self, goals: Sequence[Vector], speed: float, rate: float = TURN_RATE) -> Start:
         acceleration = self.tuning.acceleration

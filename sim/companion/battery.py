@@ -1,4 +1,4 @@
-"""The battery: it empties by what the computers and the motors draw, and charges at the charging place. Pure."""
+"""The battery: it empties by what computers and motors draw, and charges at its place. Pure."""
 
 from typing import Final
 
@@ -40,7 +40,7 @@ class Battery:
 
     @property
     def voltage(self) -> float:
-        """[V]"""
+        """Between the poles [V]."""
         return EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self.charge
 
     @property

@@ -30,7 +30,7 @@ AHEAD: Final = 0.15
 BESIDE: Final = 0.6
 """[m] from a hand to a person's middle within which the hand must be slow."""
 SLOW_AT, STOP_AT = 1.4, 0.50
-"""[m] from the middle of the base to a person, in the direction of its way: it begins to slow down, it stands."""
+"""[m] from the middle of the base to a person ahead at which it slows down, and stands."""
 
 People = Callable[[], Sequence[Person]]
 
@@ -135,7 +135,9 @@ class Body:
             GoalRefused: a joint does not go so far, or the guard objects.
         """
         self._guard.look(self.place, self._people())
-        return self._planner.posture(side, self._whole(), end, speed, acceleration, self.limbs[1 - side].ahead)
+        return self._planner.posture(
+            side, self._whole(), end, speed, acceleration, self.limbs[1 - side].ahead
+        )
 
     def allow(self, side: int, goal: Vector | None, speed: float) -> None:
         """Refuse a speed [m/s] that is too fast beside a person.
@@ -168,8 +170,8 @@ class Body:
         if lean is None:
             return self._guard.tipping(q)
         count = max(2, math.ceil(abs(lean - q[LEAN]) / 0.04))
-        leans = np.linspace(q[LEAN], lean, count + 1)
-        postures = [np.concatenate(((each,), q[1:])) for each in leans]
+        begin, steps = float(q[LEAN]), range(count + 1)
+        postures = [np.array((begin + (lean - begin) * i / count, *q[1:])) for i in steps]
         return self._guard.objection(postures)
 
     def base_pace(self) -> float:

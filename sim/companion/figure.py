@@ -140,7 +140,7 @@ class Figure:
                     np.array(placement.rotation),
                     jacobian,
                     own,
-                    np.linalg.inv(own),
+                    np.asarray(np.linalg.inv(own), np.float64),
                     bias[axes],
                 )
             )

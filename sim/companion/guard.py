@@ -25,7 +25,7 @@ from robotree.sim.companion.flat import FURNITURE, WAIST
 from robotree.sim.physics.vectors import Vector
 
 SELF_MARGIN: Final = 0.015
-"""[m] that parts of the body keep from each other; the arms follow their paths to 4 mm when nothing pushes."""
+"""[m] that parts of the body keep from each other; arms follow their ways to 4 mm when nothing pushes."""
 THING_MARGIN: Final = 0.008
 """[m] from furniture."""
 PERSON_MARGIN: Final = 0.10
@@ -105,7 +105,9 @@ class Guard:
     def __init__(self, figure: Figure, people: int) -> None:
         self._figure = figure
         shapes = figure.shapes
-        self._things = [self._add(f"thing_{box.name}", coal.Box(*(2 * s for s in box.half))) for box in FURNITURE]
+        self._things = [
+            self._add(f"thing_{box.name}", coal.Box(*(2 * s for s in box.half))) for box in FURNITURE
+        ]
         self._people = [self._add(f"person_{i}", coal.Capsule(WAIST, 1.0)) for i in range(people)]
         self._heads = [self._add(f"head_{i}", coal.Sphere(0.12)) for i in range(people)]
         self._pairs = [*self._own_pairs(), *self._thing_pairs(), *self._person_pairs()]
@@ -133,7 +135,7 @@ class Guard:
     def too_near(self, q: Vector) -> list[int]:
         """Which pairs are nearer than their margins at the posture `q` (15,); empty: none."""
         figure, shapes, scratch = self._figure, self._figure.shapes, self._scratch
-        if not pin.computeCollisions(figure.model, figure.data, shapes, scratch, q, False):  # noqa: FBT003
+        if not pin.computeCollisions(figure.model, figure.data, shapes, scratch, q, False):
             return []
         return [i for i, result in enumerate(scratch.collisionResults) if result.isCollision()]
 
@@ -164,7 +166,7 @@ class Guard:
         return self.word(touching[0]) if touching else self.tipping(q)
 
     def tipping(self, q: Vector, braking: float = BRAKING) -> Objection | None:
-        """Why a posture would let the base tip over when it brakes at `braking` [m/s2]; None: it would not."""
+        """Why the base would tip over when it brakes at `braking` [m/s2]; None: it would not."""
         room = self.balance(q, braking)
         if room >= BALANCE_MARGIN:
             return None
@@ -186,7 +188,7 @@ class Guard:
 
     # -- inside
 
-    def _add(self, name: str, shape: object) -> int:
+    def _add(self, name: str, shape: coal.CollisionGeometry) -> int:
         return int(
             self._figure.shapes.addGeometryObject(
                 pin.GeometryObject(name, 0, pin.SE3(np.eye(3), np.array((0.0, 0.0, -50.0))), shape)

@@ -23,7 +23,17 @@ from robotree.sim.companion.planner import Goal, Other
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
 from robotree.sim.companion.ways import Way
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import WIDEST, Plan, Progress, Start, Tunable, ended, or_now, planned, require
+from robotree.sim.firmware.device import (
+    WIDEST,
+    Plan,
+    Progress,
+    Start,
+    Tunable,
+    ended,
+    or_now,
+    planned,
+    require,
+)
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.physics.vectors import Matrix, Vector
 

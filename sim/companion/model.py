@@ -1,5 +1,7 @@
-"""The companion's ports in the compiled flat: views into the live `MjData`; reading is measuring, writing
-is commanding."""
+"""The companion's ports in the compiled flat: views into the live `MjData`.
+
+Reading is measuring, writing is commanding.
+"""
 
 from dataclasses import dataclass
 

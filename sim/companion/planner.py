@@ -1,4 +1,4 @@
-"""Finding a hand's way to a pose: straight, else by turning the joints, else by way of a tucked arm, else not.
+"""Finding a hand's way to a pose: straight, by turning the joints, by way of a tucked arm; else none.
 
 Every way is walked in thought by the guard before anything moves. The other arm may move meanwhile: each
 posture of a way is judged with the other arm where it will be at that time, and where its own way ends.
@@ -37,7 +37,13 @@ RAISED: Final = (0.7, 0.3, 0.0, 1.9, 0.0, -0.3)
 VIAS: Final = (TUCKED, RAISED)
 REST: Final = (0.05, 0.10, 0.0, 0.45, 0.0, 0.0)
 """[rad] hanging arms."""
-SEEDS: Final = (REST, TUCKED, (0.7, 0.2, 0.2, 1.4, 0.0, -0.4), (1.3, 0.3, 0.2, 1.0, 0.0, -0.6), (1.0, 1.0, 0.6, 1.4, 0.5, 0.0))
+SEEDS: Final = (
+    REST,
+    TUCKED,
+    (0.7, 0.2, 0.2, 1.4, 0.0, -0.4),
+    (1.3, 0.3, 0.2, 1.0, 0.0, -0.6),
+    (1.0, 1.0, 0.6, 1.4, 0.5, 0.0),
+)
 """[rad] where the search for a posture begins, beside where the arm is."""
 TWISTS: Final = (0.0, 0.35, -0.35, 0.7, -0.7, 1.05, -1.05)
 """[rad] tried, inwards first, where any will do."""
@@ -118,7 +124,9 @@ class Planner:
             raise OutOfReach(goal.point, "no posture brings the hand there")
         raise Forbidden(objections[0])
 
-    def posture(self, side: int, q: Vector, end: Vector, speed: float, acceleration: float, other: Other) -> Way:
+    def posture(
+        self, side: int, q: Vector, end: Vector, speed: float, acceleration: float, other: Other
+    ) -> Way:
         """Find a way of an arm to a posture (6,) [rad].
 
         Raises:
@@ -129,7 +137,10 @@ class Planner:
         for i, (value, least, most) in enumerate(zip(end, lower, upper, strict=True), 1):
             if not least <= value <= most:
                 raise Forbidden(
-                    Objection(Reason.BAD_ARGUMENT, f"j{i} is {value:.2f} rad; it goes from {least:.2f} to {most:.2f}")
+                    Objection(
+                        Reason.BAD_ARGUMENT,
+                        f"j{i} is {value:.2f} rad; it goes from {least:.2f} to {most:.2f}",
+                    )
                 )
         objections: list[Objection] = []
         way = self._to(side, q, end, None, speed, acceleration, other, objections)
@@ -150,7 +161,7 @@ class Planner:
             if found.reached and inside and all(np.abs(found.q - end).max() > 0.05 for end in ends):
                 ends.append(found.q)
                 yield found.q
-            elif not found.reached and found.error > 0.15:  # noqa: PLR2004  far off: other seeds end there, too
+            elif not found.reached and found.error > 0.15:
                 return
 
     def _to(
@@ -230,7 +241,7 @@ class Planner:
         """The whole body (15,) at moments of a way, close enough to judge it."""
         count = max(2, math.ceil(way.length / SPACING))
         at, ends, duration = ARMS[side], other(math.inf), way.duration
-        moves = np.abs(ends - q[ARMS[1 - side]]).max() > 1e-3  # noqa: PLR2004
+        moves = np.abs(ends - q[ARMS[1 - side]]).max() > 1e-3
         for i in range(count + 1):
             time = duration * i / count
             whole = np.array(q)

@@ -88,7 +88,8 @@ class Floor:
         return math.dist(at, person.at) > math.dist(start, person.at)
 
     def _shortened(self, start: Point, corners: list[Point]) -> list[Point]:
-        way, here, i = [], start, 0
+        way: list[Point] = []
+        here, i = start, 0
         while i < len(corners):
             furthest = i
             for j in range(len(corners) - 1, i, -1):
@@ -137,7 +138,8 @@ def _neighbours(cell: tuple[int, int]) -> Iterator[tuple[tuple[int, int], float]
 def _back(
     before: dict[tuple[int, int], tuple[int, int]], first: tuple[int, int], last: tuple[int, int]
 ) -> list[tuple[int, int]]:
-    cells, cell = [], last
+    cells: list[tuple[int, int]] = []
+    cell = last
     while cell != first:
         cell = before[cell]
         if cell != first:

@@ -41,7 +41,9 @@ def limb_streams(limb: Limb) -> tuple[Stream, ...]:
 
     def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
         state = limb.state()
-        return (Gripper(now, state.width, state.width_commanded, state.grip_force, GRIPPER_STATES[state.grip]),)
+        return (
+            Gripper(now, state.width, state.width_commanded, state.grip_force, GRIPPER_STATES[state.grip]),
+        )
 
     def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
         return (NamedValueFloat(now, "peak_f", limb.state().peak_force),)

@@ -42,7 +42,9 @@ class LimbTuning:
 LIMB_PARAMETERS: Final = (
     Tunable("HAND_SPEED", "speed", SLOWEST, TOP_HAND_SPEED, "m/s, of a goal that names no speed"),
     Tunable("HAND_SPEED_MAX", "top_speed", SLOWEST, TOP_HAND_SPEED, "m/s, that a goal may ask for"),
-    Tunable("HAND_FORCE_MAX", "force_limit", 10.0, FORCE_LIMIT, "N, that the spring of the hand pulls at most"),
+    Tunable(
+        "HAND_FORCE_MAX", "force_limit", 10.0, FORCE_LIMIT, "N, that the spring of the hand pulls at most"
+    ),
     Tunable("GRIP_FORCE", "grip_force", 2.0, GRIP_FORCE, "N, of each finger"),
 )
 

@@ -82,7 +82,7 @@ class Follow(NamedTuple):
 
 
 class Receive(NamedTuple):
-    """Hold out the hand when a cup is offered, and take it; a clumsy one pulls the hand away at the wrong time."""
+    """Hold out the hand when a cup is offered, and take it; who is clumsy pulls the hand away too early."""
 
     clumsy: bool = False
     patience: float = 240.0
@@ -174,7 +174,7 @@ class Visitor:
 
     # -- inside
 
-    def _perform(self, step: Step, dt: float, seen: Notice) -> bool:
+    def _perform(self, step: Step, dt: float, seen: Notice) -> bool:  # noqa: PLR0911  one for each step
         """Do a part of a step; returns whether it has ended."""
         match step:
             case Come(near, within):
@@ -227,7 +227,7 @@ class Visitor:
         heading = math.atan2(to[1] - self.y, to[0] - self.x)
         if not self._turn(heading, dt, within=0.5):
             return False
-        step = min(WALK * dt, away - short if short > 0.02 else away)  # noqa: PLR2004
+        step = min(WALK * dt, away - short if short > 0.02 else away)
         x, y = self.x + step * math.cos(heading), self.y + step * math.sin(heading)
         nearer = math.dist((x, y), seen.robot) < math.dist((self.x, self.y), seen.robot)
         if math.dist((x, y), seen.robot) < SHY and nearer:
@@ -258,7 +258,9 @@ class Visitor:
         return self._at(0.24, 0.12, min(max(HAND_HEIGHT * self.looks.height, 0.80), 0.98))
 
 
-def _nearer(now: tuple[float, float, float], wanted: tuple[float, float, float], step: float) -> tuple[float, float, float]:
+def _nearer(
+    now: tuple[float, float, float], wanted: tuple[float, float, float], step: float
+) -> tuple[float, float, float]:
     away = math.dist(now, wanted)
     if away <= step:
         return wanted

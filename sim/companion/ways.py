@@ -36,7 +36,7 @@ class Way:
         steps = np.maximum(np.maximum(moved, turned), 1e-6)
         self._at = np.concatenate(((0.0,), np.cumsum(steps)))
         slopes = np.zeros_like(postures)
-        if len(postures) > 2:  # noqa: PLR2004  inner postures have two neighbours
+        if len(postures) > 2:
             span = (self._at[2:] - self._at[:-2])[:, None]
             slopes[1:-1] = (postures[2:] - postures[:-2]) / span
         slopes[0] = (postures[1] - postures[0]) / steps[0]

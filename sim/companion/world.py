@@ -144,7 +144,7 @@ class Flat:
         """The visitors go on, and the battery."""
         self._feel()
         place, base = self.body.place, self.body.base.look()
-        still = not self.body.base.moving and float(np.abs(base.rate).max()) < 0.05  # noqa: PLR2004
+        still = not self.body.base.moving and float(np.abs(base.rate).max()) < 0.05
         cups = {tag: tuple(self.cup(tag).tolist()) for tag in self._cup_bodies}
         for i, visitor in enumerate(self.visitors):
             felt = self._palms.get(i, (0.0, 0))

@@ -52,7 +52,7 @@ class Source(Protocol):
 
     @property
     def voltage(self) -> float:
-        """[V]"""
+        """Between its poles [V]."""
         ...
 
     @property

@@ -167,7 +167,3 @@ class Device(Protocol):
     def hold(self) -> None:
         """Drop the movement and rest where the robot is, compliantly."""
         ...
-
-    def control(self, dt: float) -> None:
-        """One step of the control law [s], before the world moves on."""
-        ...

@@ -8,7 +8,7 @@ from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import StatustextSender
 
 COMPONENT: Final = MavComponent.AUTOPILOT1
-"""The controller's first component, where ground stations look for it; it answers for the whole controller."""
+"""The controller's first component, where ground stations look for it; it answers for all."""
 
 
 class Outgoing(NamedTuple):

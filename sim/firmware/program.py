@@ -108,7 +108,7 @@ class Firmware:
         speech: takes a text that is to be spoken, of a robot that can speak.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  a controller is put together here
         self,
         device: Device,
         streams: Sequence[Stream],

@@ -241,7 +241,8 @@ ACTIONS: tuple[Action, ...] = (
         usage="proxy KIND NAME --connect URL [--component N] [--space FILE] [--key FILE | --open]"
         " [--take-over]",
         help="Bring a robot's controller among the agents; KIND: arm, rover, limb, head, base, or"
-        " FILE.py with yours. --component: which MAVLink component of the controller it is (1). --take-over: also if another proxy holds it.",
+        " FILE.py with yours. --component: which MAVLink component of the controller it is (1)."
+        " --take-over: also if another proxy holds it.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),

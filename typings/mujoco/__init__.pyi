@@ -13,6 +13,15 @@ _Array: TypeAlias = NDArray[np.float64]
 class mjtGeom(IntEnum):
     mjGEOM_PLANE = ...
     mjGEOM_BOX = ...
+    mjGEOM_CAPSULE = ...
+    mjGEOM_CYLINDER = ...
+    mjGEOM_SPHERE = ...
+
+class mjtEq(IntEnum):
+    mjEQ_WELD = ...
+
+class mjtObj(IntEnum):
+    mjOBJ_BODY = ...
 
 class mjtIntegrator(IntEnum):
     mjINT_IMPLICITFAST = ...
@@ -28,6 +37,10 @@ class mjtState(IntEnum):
 
 class MjsFrame: ...
 
+class MjsGeom:
+    contype: int
+    conaffinity: int
+
 class MjsOrientation:
     type: mjtOrientation
     xyaxes: Sequence[float]
@@ -37,8 +50,24 @@ class MjsCamera:
 
 class MjsBody:
     def add_geom(
-        self, *, name: str, type: mjtGeom, pos: Sequence[float], size: Sequence[float], rgba: Sequence[float]
-    ) -> object: ...
+        self,
+        *,
+        name: str,
+        type: mjtGeom,
+        size: Sequence[float],
+        rgba: Sequence[float],
+        pos: Sequence[float] = ...,
+        fromto: Sequence[float] = ...,
+        mass: float = ...,
+        condim: int = ...,
+        contype: int = ...,
+        conaffinity: int = ...,
+        group: int = ...,
+        friction: Sequence[float] = ...,
+        solref: Sequence[float] = ...,
+    ) -> MjsGeom: ...
+    def add_body(self, *, name: str, pos: Sequence[float], mocap: bool = ...) -> MjsBody: ...
+    def add_freejoint(self, *, name: str) -> object: ...
     def add_light(self, *, name: str, pos: Sequence[float], dir: Sequence[float]) -> object: ...
     def add_camera(self, *, name: str, pos: Sequence[float], fovy: float) -> MjsCamera: ...
     def add_frame(self, *, pos: Sequence[float]) -> MjsFrame: ...
@@ -55,10 +84,33 @@ class MjSpec:
     @staticmethod
     def from_file(filename: str) -> MjSpec: ...
     def attach(self, child: MjSpec, *, prefix: str, frame: MjsFrame) -> MjsFrame: ...
+    def body(self, name: str) -> MjsBody: ...
+    def geom(self, name: str) -> MjsGeom: ...
+    def add_equality(
+        self,
+        *,
+        name: str,
+        type: mjtEq,
+        objtype: mjtObj,
+        name1: str,
+        name2: str,
+        active: bool,
+        solref: Sequence[float],
+    ) -> object: ...
     def compile(self) -> MjModel: ...
 
 class _Named:
     id: int
+
+class _Body(_Named):
+    mocapid: NDArray[np.int32]
+
+class _BodyData(_Named):
+    xpos: _Array
+    xquat: _Array
+
+class _Contacts:
+    geom: NDArray[np.int32]
 
 class _Joint(_Named):
     qposadr: NDArray[np.int32]
@@ -79,7 +131,10 @@ class MjModel:
     light_pos: _Array
     ncam: int
     def actuator(self, name: str) -> _Named: ...
-    def body(self, name: str) -> _Named: ...
+    eq_data: _Array
+    def body(self, name: str) -> _Body: ...
+    def equality(self, name: str) -> _Named: ...
+    def geom(self, name: str) -> _Named: ...
     def camera(self, name: str) -> _Named: ...
     def joint(self, name: str) -> _Joint: ...
     def sensor(self, name: str) -> _Sensor: ...
@@ -87,6 +142,14 @@ class MjModel:
 
 class MjData:
     actuator_force: _Array
+    actuator_velocity: _Array
+    contact: _Contacts
+    eq_active: NDArray[np.uint8]
+    mocap_pos: _Array
+    mocap_quat: _Array
+    ncon: int
+    xpos: _Array
+    def body(self, name: str) -> _BodyData: ...
     cam_xmat: _Array
     cam_xpos: _Array
     cfrc_ext: _Array
@@ -111,6 +174,21 @@ def mj_camlight(m: MjModel, d: MjData) -> None: ...
 def mj_stateSize(m: MjModel, sig: int) -> int: ...
 def mj_getState(m: MjModel, d: MjData, state: _Array, sig: int) -> None: ...
 def mj_setState(m: MjModel, d: MjData, state: _Array, sig: int) -> None: ...
+def mj_contactForce(m: MjModel, d: MjData, id: int, result: _Array) -> None: ...
+def mju_negQuat(res: _Array, quat: _Array) -> None: ...
+def mju_mulQuat(res: _Array, quat1: _Array, quat2: _Array) -> None: ...
+def mju_rotVecQuat(res: _Array, vec: _Array, quat: _Array) -> None: ...
+def mj_ray(
+    m: MjModel,
+    d: MjData,
+    pnt: _Array,
+    vec: _Array,
+    geomgroup: NDArray[np.uint8] | None,
+    flg_static: int,
+    bodyexclude: int,
+    geomid: NDArray[np.int32] | None,
+    normal: _Array | None,
+) -> float: ...
 def mj_multiRay(
     m: MjModel,
     d: MjData,
