@@ -67,6 +67,10 @@ class Thinking(Protocol):
         """Why a drive, or a lean [rad], would tip the base over or bend the body into something."""
         ...
 
+    def must_have_power(self) -> None:
+        """Refuse to move with an empty battery."""
+        ...
+
     def base_pace(self) -> float:
         """Share of the full pace that people allow now, 0 to 1."""
         ...
@@ -193,7 +197,6 @@ class Base:
         self._place, self._rate, self._lean = place, rate, lean
         pace = self._body.base_pace() if self._follower.moving else 1.0
         self._halted = self._halted + dt if pace < 0.05 else 0.0
-        pace = max(pace, 0.05)
         setpoint = self._follower.advance(dt, max(self._load, 1.0 - (1.0 - LEASH_SLACK) * pace))
         if not self._follower.moving and self._legs:
             self._driven += self._legs.pop(0).duration
@@ -260,6 +263,7 @@ class Base:
         return self._beginning(goals, self._speed(args[3]))
 
     def _lean_to(self, args: tuple[float, ...]) -> Start:
+        self._body.must_have_power()
         angle = or_now("angle", args[0], self.led_lean)
         require("angle", angle, *self._lean_range, "rad")
         rate = or_now("rate", args[1], LEAN_RATE)
@@ -277,6 +281,7 @@ class Base:
         return begin
 
     def _speed(self, asked: float) -> float:
+        self._body.must_have_power()
         tuning = self.tuning
         speed = or_now("speed", asked, min(tuning.speed, tuning.top_speed))
         require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
@@ -330,7 +335,8 @@ class Base:
         if self._halted > WAITS_FOR:
             text = f"A person stood in the way for {WAITS_FOR:g} s."
             return Progress(fraction, done=True, reason=Reason.TOO_NEAR, text=text)
-        if self._follower.blocked or self._waited > SETTLE_WITHIN:
+        held = self._follower.blocked and not self._halted  # a person in the way is waited for
+        if held or self._waited > SETTLE_WITHIN:
             return Progress(fraction, done=True, reason=Reason.BLOCKED, text="Something holds the base.")
         if self._follower.moving or self._legs:
             return Progress(fraction)

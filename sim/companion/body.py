@@ -13,6 +13,7 @@ import numpy as np
 
 from robotree.protocol.messages import Reason
 from robotree.sim.companion.base import Base
+from robotree.sim.companion.battery import Battery
 from robotree.sim.companion.figure import ARMS, LEAN, NECK, Figure
 from robotree.sim.companion.guard import Guard, Objection, Person, Place
 from robotree.sim.companion.head import Head
@@ -43,9 +44,18 @@ class Body:
         people: who is where; as a safety sensor around the base would tell.
         aloud: told what the loudspeaker says.
         crowd: how many persons there may be.
+        battery: feeds it.
     """
 
-    def __init__(self, ports: BodyPorts, people: People, aloud: Callable[[str], None], crowd: int) -> None:
+    def __init__(
+        self,
+        ports: BodyPorts,
+        people: People,
+        aloud: Callable[[str], None],
+        crowd: int,
+        battery: Battery,
+    ) -> None:
+        self._battery = battery
         self._ports, self._people = ports, people
         self._figure, self._led = Figure(), Figure()
         thinking = Figure()
@@ -154,6 +164,16 @@ class Body:
             if min(gaps) < BESIDE:
                 text = f"{person.name} is {min(gaps):.2f} m away; move the hand at {HAND_SPEED} m/s or slower"
                 raise Forbidden(Objection(Reason.TOO_NEAR, text))
+
+    def must_have_power(self) -> None:
+        """Refuse to move with an empty battery.
+
+        Raises:
+            Forbidden: it is empty.
+        """
+        if self._battery.empty:
+            text = "the battery is empty; push the robot to its charging place and wait"
+            raise Forbidden(Objection(Reason.FAULT, text))
 
     def pace(self, side: int) -> float:
         """Share of the full pace that an arm may have now."""

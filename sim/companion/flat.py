@@ -116,7 +116,7 @@ def spec() -> mujoco.MjSpec:
 
 
 def _cup(cell: mujoco.MjSpec, cup: Cup, colour: tuple[float, float, float, float]) -> None:
-    body = cell.worldbody.add_body(name=f"cup_{cup.tag}", pos=(*cup.at, TABLE_TOP + CUP_HEIGHT / 2 + 1e-3))
+    body = cell.worldbody.add_body(name=f"cup_{cup.tag}", pos=(*cup.at, TABLE_TOP + CUP_HEIGHT / 2))
     body.add_freejoint(name=f"cup_{cup.tag}")
     body.add_geom(
         name=f"cup_{cup.tag}",

@@ -13,7 +13,7 @@ import numpy as np
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.arm.compliance import Attractor, Gains, NaturalAdmittance
-from robotree.sim.arm.device import BRAKING, STILL_FOR, YIELDING
+from robotree.sim.arm.device import STILL_FOR, YIELDING
 from robotree.sim.arm.gripper import Grip, Gripper
 from robotree.sim.arm.kinematics import Dynamics
 from robotree.sim.arm.wrist import WristSensor
@@ -43,6 +43,8 @@ SETTLED: Final = 0.02
 """[rad/s] of the fastest joint that counts as standing."""
 SETTLE_WITHIN: Final = 3.0
 """[s] after the end of a way by which the hand must be there, or something holds it."""
+BRAKING: Final = 2.0
+"""times the damping of the usual law while a hand is brought to a stand; at 2 ms, 5 times would shake."""
 BRAKED_FOR: Final = 0.3
 """[s] of stronger damping after a hold."""
 SMOOTHING: Final = 0.36
@@ -50,8 +52,8 @@ SMOOTHING: Final = 0.36
 GAINS: Final = Gains(
     stiffness=(500.0, 500.0, 500.0, 25.0, 25.0, 10.0),
     damping=(90.0, 90.0, 90.0, 2.6, 2.6, 0.9),
-    posture_stiffness=(6.0, 6.0, 4.0, 6.0, 2.0, 2.0),
-    posture_damping=(0.6, 0.6, 0.4, 0.6, 0.1, 0.1),
+    posture_stiffness=(2.0, 2.0, 1.5, 2.0, 1.0, 1.0),
+    posture_damping=(0.3, 0.3, 0.2, 0.3, 0.1, 0.1),
     beta=80.0,
     leak=8.0,
 )
@@ -71,6 +73,10 @@ class Thinking(Protocol):
 
     def allow(self, side: int, goal: Vector | None, speed: float) -> None:
         """Refuse a speed [m/s] that is named and too fast beside a person."""
+        ...
+
+    def must_have_power(self) -> None:
+        """Refuse to move with an empty battery."""
         ...
 
     def pace(self, side: int) -> float:
@@ -279,11 +285,13 @@ class Limb:
             if math.isinf(value):
                 raise BadArgument(name, value, "finite")
         goal = Goal(x, y, z, args[3], args[4])
+        self._body.must_have_power()
         speed = self._speed(args[5])
         self._body.allow(self.side, np.array(goal.point), speed)
         return self._beginning(self._body.reach(self.side, goal, speed, HAND_ACCELERATION))
 
     def _posture(self, args: tuple[float, ...]) -> Start:
+        self._body.must_have_power()
         led = self.led.tolist()
         end = np.array([or_now(f"j{i + 1}", args[i], led[i]) for i in range(ARM_JOINTS)])
         speed = self._speed(args[6])

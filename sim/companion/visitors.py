@@ -153,6 +153,11 @@ class Visitor:
         """Whether the play is over."""
         return not self._play
 
+    def put(self, x: float, y: float, heading: float = 0.0) -> None:
+        """Let the visitor stand elsewhere at once [m, rad]."""
+        self.x, self.y, self.heading = x, y, heading
+        self.hand = self._rest()
+
     def perform(self, play: Play) -> None:
         """Begin a play."""
         self._play, self._since, self._spoken, self._felt = list(play), 0.0, -1, 0.0
@@ -229,8 +234,9 @@ class Visitor:
             return False
         step = min(WALK * dt, away - short if short > 0.02 else away)
         x, y = self.x + step * math.cos(heading), self.y + step * math.sin(heading)
-        nearer = math.dist((x, y), seen.robot) < math.dist((self.x, self.y), seen.robot)
-        if math.dist((x, y), seen.robot) < SHY and nearer:
+        dx, dy = seen.robot[0] - x, seen.robot[1] - y
+        ahead = dx * math.cos(heading) + dy * math.sin(heading)
+        if math.hypot(dx, dy) < SHY and ahead > 0.7 * math.hypot(dx, dy):
             return False
         self.x, self.y = x, y
         return False

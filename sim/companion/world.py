@@ -79,8 +79,8 @@ class Flat:
         """What the robot has said aloud."""
         self.heard = Heard(0, 0, "", 0)
         """The latest that a visitor said."""
-        self.body = Body(self._ports, self.people, self.spoken.append, len(VISITORS))
         self.battery = Battery()
+        self.body = Body(self._ports, self.people, self.spoken.append, len(VISITORS), self.battery)
         self.sights: dict[int, Sight] = {}
         """What the cameras have seen, by tag."""
         self._time = self._lively_in = self._see_in = 0.0
