@@ -79,7 +79,7 @@ class RobotProxy(Robot):
         super().__init_subclass__()
         cls.reading_units = {**UNITS, **cls.reading_units}
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  the options of a command line, and what tests replace
         self,
         name: str,
         url: str,
