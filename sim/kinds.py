@@ -125,8 +125,8 @@ class Kind(Generic[W]):
                     component=part.component,
                     mav_type=part.mav_type,
                     silence=silence,
-                    identity=known and self._identity(system, part, known.life),
-                    fence=known and known.fence,
+                    identity=None if known is None else self._identity(system, part, known.life),
+                    fence=None if known is None else known.fence,
                     gauges=gauges,
                     speech=part.speech,
                 )

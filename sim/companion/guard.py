@@ -175,7 +175,7 @@ class Guard:
 
     def balance(self, q: Vector, braking: float = BRAKING) -> float:
         """[m] by which the zero-moment point stays inside the wheels' rectangle; negative: outside."""
-        x, y, z = self._figure.balance(q).centre.tolist()
+        x, y, z = map(float, self._figure.balance(q).centre)
         ahead = braking * z / GRAVITY
         return min(WHEELBASE - abs(x) - ahead, TRACK - abs(y) - ahead)
 

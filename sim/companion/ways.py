@@ -55,7 +55,8 @@ class Way:
     @property
     def goal(self) -> Vector:
         """(6,) where it ends [rad]."""
-        return self._postures[-1]
+        end: Vector = self._postures[-1]
+        return end
 
     def at(self, time: float) -> Reference:
         """Joints and their velocities `time` [s] after the start."""

@@ -269,8 +269,8 @@ def build(plays: Sequence[Play] = EVENING, start: tuple[float, float, float] = S
     ports = bind(model, _forwarded(model, data))
     x, y, heading = start
     ports.root[:] = x, y, 0.0, math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)
-    for side in (0, 1):
-        ports.qpos[ports.at[ARMS[side]]] = REST
+    for arm in ARMS:
+        ports.qpos[ports.at[arm]] = REST
     for side in SIDES:
         for end in "lr":
             data.qpos[model.joint(f"{PREFIX}{side}_slide_{end}").qposadr[0]] = FINGERS_AT_FIRST
