@@ -116,12 +116,8 @@ class RobotProxy(Robot):
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self.limits = changed(self.limits, limits)
         controller = Target(CONTROLLER.system, component)
-        claim = ClaimClient(
-            *controller,
-            holder=bits(64) or 1,
-            name=f"{name}, pid {os.getpid()}",
-            take_over=take_over,
-        )
+        holder = f"{name}, pid {os.getpid()}"
+        claim = ClaimClient(*controller, holder=bits(64) or 1, name=holder, take_over=take_over)
         self._session = ControllerSession(
             component=component_of(name), controller=controller, readers=self.readers, claim=claim
         )
