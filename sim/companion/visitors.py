@@ -41,7 +41,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 class Come(NamedTuple):
-    """Wait outside until the robot stands near a place [m]."""
+    """Wait outside until the robot stands near a place [m] and no other visitor is in the flat."""
 
     near: Point
     within: float = 0.8
@@ -101,6 +101,7 @@ class Notice(NamedTuple):
         spoken: how many texts it has said so far.
         cups: x, y, z of each cup by its tag [m].
         held: tags of the cups that are in a hand of the robot.
+        alone: whether no other visitor is in the flat.
         felt: what rests on the visitor's palm, as a share of a cup's weight, and the tag of that cup.
     """
 
@@ -109,6 +110,7 @@ class Notice(NamedTuple):
     spoken: int
     cups: dict[int, tuple[float, float, float]]
     held: frozenset[int]
+    alone: bool
     felt: tuple[float, int]
 
 
@@ -123,6 +125,7 @@ class Visitor:
         heading: [rad]
         hand: the palm's place (3,) [m, W].
         holding: tag of the cup in the hand; 0: none.
+        inside: whether it has come and not gone yet.
         words: what was said since it was looked at last.
     """
 
@@ -132,6 +135,7 @@ class Visitor:
     heading: float = 0.0
     hand: tuple[float, float, float] = (0.0, 0.0, 0.0)
     holding: int = 0
+    inside: bool = False
     words: list[str] = field(default_factory=list[str])
     _play: list[Step] = field(default_factory=list[Step])
     _since: float = 0.0
@@ -166,6 +170,7 @@ class Visitor:
         """Go on for `dt` [s]."""
         wanted = self._rest()
         if self._play and self._perform(self._play[0], dt, seen):
+            self.inside = len(self._play) > 1 and (self.inside or isinstance(self._play[0], Come))
             del self._play[0]
             self._since, self._spoken, self._felt = 0.0, -1, 0.0
             self._out = False
@@ -183,7 +188,7 @@ class Visitor:
         """Do a part of a step; returns whether it has ended."""
         match step:
             case Come(near, within):
-                return seen.still and math.dist(near, seen.robot) < within
+                return seen.alone and seen.still and math.dist(near, seen.robot) < within
             case Walk(to, heading):
                 return self._walk(to, dt, seen) and (math.isnan(heading) or self._turn(heading, dt))
             case Listen(patience):
@@ -331,5 +336,5 @@ CLUMSY: Final = (
     *_leaves(2),
 )
 """Lets the first cup fall, and takes the second one."""
-EVENING: Final[tuple[Play, ...]] = (GUIDED, IMPATIENT, (Wait(0.0), *CLUMSY))
+EVENING: Final[tuple[Play, ...]] = (GUIDED, (Wait(2.0), *IMPATIENT), (Wait(4.0), *CLUMSY))
 """The plays of the three visitors, who come one after the other."""

@@ -145,14 +145,14 @@ class Flat:
         self._feel()
         place, base = self.body.place, self.body.base.look()
         still = not self.body.base.moving and float(np.abs(base.rate).max()) < 0.05
-        cups = {tag: tuple(self.cup(tag).tolist()) for tag in self._cup_bodies}
+        cups = {tag: _point(self.cup(tag)) for tag in self._cup_bodies}
         for i, visitor in enumerate(self.visitors):
             felt = self._palms.get(i, (0.0, 0))
             before = visitor.holding
-            visitor.advance(
-                LIVELY,
-                Notice((place.x, place.y), still, len(self.spoken), cups, self._touched_by_fingers, felt),  # pyright: ignore[reportArgumentType]
-            )
+            alone = not any(each.inside for each in self.visitors if each is not visitor)
+            spoken, held = len(self.spoken), self._touched_by_fingers
+            seen = Notice((place.x, place.y), still, spoken, cups, held, alone, felt)
+            visitor.advance(LIVELY, seen)
             if visitor.holding and not before:
                 self._grasp(i, visitor.holding)
             while visitor.words:
@@ -211,8 +211,7 @@ class Flat:
         """Where every tag really is: on cups, on visitors' chests, and on hands that are held out."""
         tags: dict[int, tuple[float, float, float]] = {}
         for tag in self._cup_bodies:
-            x, y, z = self.cup(tag).tolist()
-            tags[tag] = (x, y, z)
+            tags[tag] = _point(self.cup(tag))
         for visitor in self.visitors:
             tags[visitor.looks.tag] = (visitor.x, visitor.y, 0.68 * visitor.looks.height)
             if visitor.offers:
@@ -279,6 +278,11 @@ def build(plays: Sequence[Play] = EVENING, start: tuple[float, float, float] = S
     mujoco.mj_forward(model, data)
     flat = Flat(model, data, plays)
     return CompanionWorld(Cell(model, data, flat), flat, ports, Gauges(flat.battery))
+
+
+def _point(at: Vector) -> tuple[float, float, float]:
+    x, y, z = at.tolist()
+    return x, y, z
 
 
 def _forwarded(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
