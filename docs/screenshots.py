@@ -87,14 +87,14 @@ def scene(*sizes: str) -> Callable[[Scene], Scene]:
 @scene(BIG, USUAL, SMALL, COLOURS)
 async def lever(stage: Stage) -> None:
     """The lever closes: three robots work together."""
-    stage.app.obey("call lever.close")
+    stage.app.run_typed("call lever.close")
     await stage.settle()
 
 
 @scene(BIG, USUAL, SMALL, COLOURS)
 async def stopped(stage: Stage) -> None:
     """Everything was stopped while the lever opened."""
-    stage.app.obey("call lever.open")
+    stage.app.run_typed("call lever.open")
     await stage.pilot.pause(1.0)
     await stage.key("stop")
     await stage.settle()

@@ -62,3 +62,10 @@ def test_the_ground_of_a_stop_and_of_a_banner_stay_red(theme: object) -> None:
 )
 def test_a_terminal_gets_the_theme_that_it_can_show(wanted: str, system: str | None, found: str) -> None:
     assert chosen(wanted, system).name == found
+
+
+@pytest.mark.parametrize("theme", OURS, ids=lambda theme: theme.name)
+def test_the_red_of_errors_stays_red(theme: object) -> None:
+    red, green, blue = Color.parse(REDUCED[theme.name].error).get_truecolor()  # type: ignore[attr-defined]
+    assert red > max(green, blue), "no other colour is as strong"
+    assert blue <= green, "it is not pink"

@@ -7,7 +7,7 @@ from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.requests import State
-from robotree.vr.transport import Silent
+from robotree.vr.transport import Held
 
 PICK = Address("robot", "pick", "1")
 PARENT = Address("robot", "lever", "1")
@@ -47,7 +47,7 @@ def test_all_reasons_are_told_and_not_only_the_worst() -> None:
     store = store_of(State(), TROUBLE, bond=BondSpec(parent=PARENT, slot="pick", epoch=1, remaining=5))
     assert reasons(store, "pick", 4.0) == (
         "offline: its controller at tcp:127.0.0.1:5760 does not answer",
-        "stopped: somebody asked for it, since 3 s",
+        "somebody asked for it, for 3 s",
         "defy ignores cancel and still runs: restart host host-1",
         "slot arm is empty, it takes Arm",
         "slot spare is empty, it takes Rover",
@@ -67,7 +67,7 @@ def test_a_stop_is_told_with_its_age_and_the_time_of_its_confirmation() -> None:
     assert reasons(store, "pick", 1.1) == ()
     store.take_state("pick", State(stopped=True), 1.25)
     store.take_state("pick", State(stopped=True), 20.0)
-    assert reasons(store, "pick", 21.25) == ("stopped, since 20 s, confirmed after 0.25 s",)
+    assert reasons(store, "pick", 21.25) == ("protective stop, for 20 s, confirmed after 0.25 s",)
     store.take_state("pick", State(), 22.0)
     assert reasons(store, "pick", 23.0) == ()
 
@@ -75,15 +75,15 @@ def test_a_stop_is_told_with_its_age_and_the_time_of_its_confirmation() -> None:
 def test_a_stop_that_is_not_confirmed_says_so() -> None:
     store = store_of(State(), State(stopped=True))
     store.begin_stop("pick", 2.0)
-    assert reasons(store, "pick", 3.0) == ("stopped, since 2 s, NOT CONFIRMED: asked, no answer yet",)
+    assert reasons(store, "pick", 3.0) == ("protective stop, for 2 s, NOT CONFIRMED: asked, no answer yet",)
 
 
 def test_a_stop_that_was_in_force_before_has_lasted_at_least_as_long_as_it_was_seen() -> None:
-    assert reasons(store_of(State(stopped=True)), "pick", 3.0) == ("stopped, since at least 3 s",)
+    assert reasons(store_of(State(stopped=True)), "pick", 3.0) == ("protective stop, for at least 3 s",)
 
 
 def test_a_robot_that_hangs_is_told_with_its_remedy() -> None:
     store = store_of(State())
     store.take_descriptions([], 1.0)
-    store.take_silent([Silent(PICK.key, "process 4711", "`kill -9 4711` ends it")], 2.0)
+    store.take_silent([Held(PICK.key, "process 4711", "`kill -9 4711` ends it")], 2.0)
     assert reasons(store, "pick", 3.0) == ("`kill -9 4711` ends it",)

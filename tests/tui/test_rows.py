@@ -14,7 +14,7 @@ from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.requests import State
-from robotree.vr.transport import Silent
+from robotree.vr.transport import Held
 
 
 def address(name: str) -> Address:
@@ -145,18 +145,19 @@ def test_what_is_short_of_room_goes_in_its_order_and_the_state_never(
         assert all(one.room >= 8 for one in shown if one.title in {"ROBOT", "STATE"})
 
 
-def test_a_wide_list_has_epoch_lease_and_life_and_a_narrow_one_never() -> None:
+def test_a_wide_list_has_epoch_lease_and_process_and_a_narrow_one_never() -> None:
     titles = [one.title for one in columns(160, {}, wide=True)]
-    assert titles == ["ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "LIFE", "ABOUT"]
+    assert titles == ["ROBOT", "KIND", "STATE", "BY", "HOST", "EPOCH", "LEASE", "PROCESS", "ABOUT"]
     assert [one.title for one in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
-    assert not {"EPOCH", "LEASE", "LIFE"} & {one.title for one in columns(300, {})}
+    assert not {"EPOCH", "LEASE", "PROCESS"} & {one.title for one in columns(300, {})}
     store = store_of(*LEVER)
     child = next(seat for seat in family(store) if seat.name == "arm-1")
     store.take_state("arm-1", State(epoch=7), 1.0)
+    store.take_processes([Held("robot/arm-1/1", "process 4711", "")])
     made = row(store, child, 2.0, wide=True)
-    assert (made.epoch, made.lease, made.life) == ("7", "5 s", "1")
+    assert (made.epoch, made.lease, made.process) == ("7", "5 s", "4711")
     made = row(store, child, 2.0)
-    assert (made.epoch, made.lease, made.life) == ("", "", ""), "a lease that runs draws no line again"
+    assert (made.epoch, made.lease, made.process) == ("", "", ""), "a lease that runs draws no line again"
 
 
 def test_a_slot_that_is_empty_is_what_the_robot_needs() -> None:
@@ -169,7 +170,7 @@ def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed(
     store = store_of(*LEVER)
     left = [one for one in LEVER if one.name != "mover"]
     store.take_descriptions(left, 2.0)
-    store.take_silent([Silent("robot/mover/1", "process 4711", "`kill -9 4711` ends it")], 3.0)
+    store.take_silent([Held("robot/mover/1", "process 4711", "`kill -9 4711` ends it")], 3.0)
     assert names(store) == ["lever", "mover", "arm-1", "rover-2", "rover-10"], "and so does its child"
     made = row(store, family(store)[1], 4.0)
     assert (made.mood, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
@@ -182,7 +183,7 @@ def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed(
 def test_who_answers_again_is_as_before() -> None:
     store = store_of(*LEVER)
     store.take_descriptions(LEVER[:3], 2.0)
-    store.take_silent([Silent("robot/rover-2/1", "process 1", "")], 3.0)
+    store.take_silent([Held("robot/rover-2/1", "process 1", "")], 3.0)
     store.take_descriptions(LEVER, 4.0)
     assert not store.absent
     assert (
@@ -194,11 +195,11 @@ def test_who_answers_again_is_as_before() -> None:
 def test_a_newcomer_sees_who_hangs_already() -> None:
     store = Store()
     store.take_silent(
-        [Silent("robot/arm-1/1", "process 7", "wake it"), Silent("host/h/1", "process 7", "x")], 1.0
+        [Held("robot/arm-1/1", "process 7", "wake it"), Held("host/h/1", "process 7", "x")], 1.0
     )
     assert names(store) == ["arm-1"], "a host is no robot"
     assert len(store.happenings) == 2
-    store.take_silent([Silent("robot/arm-1/1", "process 7", "wake it")], 2.0)
+    store.take_silent([Held("robot/arm-1/1", "process 7", "wake it")], 2.0)
     assert len(store.happenings) == 2, "told once"
 
 

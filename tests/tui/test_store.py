@@ -10,7 +10,7 @@ from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.requests import State
-from robotree.vr.transport import Silent
+from robotree.vr.transport import Held
 
 
 def address(name: str, incarnation: str = "1") -> Address:
@@ -70,7 +70,7 @@ def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) 
 def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
     """Its listing expires while its presence still stands."""
     store.take_lists([], [], 1.0, {address("arm-1")})
-    store.take_silent([Silent("robot/arm-1/1", "process 31555", "`kill -9 31555` ends it")], 2.0)
+    store.take_silent([Held("robot/arm-1/1", "process 31555", "`kill -9 31555` ends it")], 2.0)
     assert texts(store) == ["arm-1 (Arm): its process hangs, it answers nobody; `kill -9 31555` ends it"]
     assert store.doing("arm-1", 3.0) == "HANGS (pid 31555)"
     assert store.missed == {}

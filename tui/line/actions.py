@@ -378,7 +378,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         "wide",
-        "Give the whole page to the list, with more columns (epoch, lease, life), and back.",
+        "Give the whole page to the list, with more columns (epoch, lease, process), and back.",
         SCREEN,
         where=SHOWN,
         key="w",
@@ -428,6 +428,7 @@ ACTIONS: tuple[Action, ...] = (
         SCREEN,
         where=SHOWN | Where.SHELL,
         key="question_mark",
+        typing_key="f1",
         scope=Scope.PROGRAM,
         label="Help",
     ),

@@ -23,6 +23,9 @@ from robotree.tui.seen.store import Store
 Ask = Callable[[OperatorApp, Place], None]
 """Takes the supervisor, and what is selected: a robot, an empty slot, or nothing."""
 
+HELP = "help"
+"""Title of the help."""
+
 MADE = "VirtualRobot"
 """Kind of the robots that can be deleted from here: the others are processes of their own."""
 
@@ -171,7 +174,11 @@ def _stop(app: OperatorApp, _place: Place) -> None:
 
 
 def _help(app: OperatorApp, _place: Place) -> None:
-    app.push_screen(Reading("help", help_text(app)))
+    front = app.screen
+    if isinstance(front, Reading) and front.heading == HELP:
+        front.dismiss()  # the key that opened it closes it
+    else:
+        app.push_screen(Reading(HELP, help_text(app)))
 
 
 def _resume(app: OperatorApp, _place: Place) -> None:

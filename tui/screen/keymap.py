@@ -147,6 +147,9 @@ def _keys(name: str, value: Any, path: str) -> str:
         raise BadKeymap(path, f"{name}: {value!r} is no key; write for example y, Y, ctrl+y, f5 or pageup")
     if {*found} & {BY_VERB["stop"].key, BY_VERB["stop"].typing_key}:
         raise BadKeymap(path, f"{name}: {_stop_keys()} are the protective stop's, on every page")
+    for one in ACTIONS:
+        if one.typing_key in found:
+            raise BadKeymap(path, f"{name}: {one.typing_key} is the key of {one.verb} on every page")
     return ",".join(found)
 
 

@@ -21,6 +21,7 @@ from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
+from robotree.tui.processes.steps import Steps
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.place import NOWHERE, Place
@@ -74,6 +75,7 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
         readonly: bool = False,
         keymap: Keymap | None = None,
         calm: bool = False,
+        steps: Steps | None = None,
     ) -> None:
         """Supervise a fleet that has been joined.
 
@@ -85,6 +87,7 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
             readonly: whether all that changes robots is absent.
             keymap: the operator's keys; None: those of the registry.
             calm: whether the line is slow: no pictures, and what changes all the time is drawn seldom.
+            steps: which step of tele-operation was chosen last; None: nothing is kept.
         """
         super().__init__()
         self.calm = calm
@@ -108,8 +111,8 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
         """The robot that keys are about, whatever page is in front."""
         self.marks: frozenset[str] = frozenset()
         """Robots that an action may take together."""
-        self.steps: dict[str, int] = {}
-        """The step of tele-operation that was chosen last, by robot: an index of `jog.STEPS`."""
+        self.steps = steps or Steps()
+        """The step of tele-operation that was chosen last, by robot."""
         self.errors: list[Exception] = []
         """Errors that the fence held back."""
 
@@ -186,7 +189,7 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
             self.feed.hint()
         self._note_stop(line, outcome)
         if isinstance(outcome, Refusal):
-            self.tell(f"{outcome}{self._took(robot, began)}", "error", robot)
+            self.tell(f"{outcome}{self._failed_after(robot, began)}", "error", robot)
             return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
@@ -198,6 +201,10 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
     def _took(self, robot: str, began: float) -> str:
         """Say how long a command took that began at this moment [s]; other verbs take no time."""
         return f" after {took(self.now() - began)}" if robot else ""
+
+    def _failed_after(self, robot: str, began: float) -> str:
+        """The same behind the sentence of an error."""
+        return f" ({self._took(robot, began).strip()})" if robot else ""
 
     def _note_stop(self, line: Line, outcome: Outcome | Refusal) -> None:
         """Keep who has confirmed a stop and who has not, until it is resumed."""
@@ -225,7 +232,7 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
                     robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
                 )
         except VrError as error:
-            self.tell(f"{error}{self._took(robot, began)}", "error", robot)
+            self.tell(f"{error}{self._failed_after(robot, began)}", "error", robot)
             listener.failed(str(error))
         except Exception as error:  # the last fence of this task
             log.exception("while calling %s.%s", robot, command)

@@ -28,8 +28,16 @@ def reduced(colour: Triplet) -> Triplet:
     if max(colour) - min(colour) <= TINT:
         grey = round(sum(colour) / 3)
         return grey, grey, grey
-    red, green, blue = (min(LEVELS, key=lambda level: abs(level - part)) for part in colour)
-    return red, green, blue
+    reds, greens, blues = (sorted(LEVELS, key=lambda level: abs(level - part))[:2] for part in colour)
+    corners = ((red, green, blue) for red in reds for green in greens for blue in blues)
+    return min(corners, key=lambda corner: _distance(colour, corner))
+
+
+def _distance(one: Triplet, other: Triplet) -> int:
+    """Return how different two colours look: in their channels, and in what lies between these, the hue."""
+    red, green, blue = (a - b for a, b in zip(one, other, strict=True))
+    channels = red**2 + green**2 + blue**2
+    return channels + (red - green) ** 2 + (green - blue) ** 2 + (blue - red) ** 2
 
 
 def reduced_theme(theme: Theme) -> Theme:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
 from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.steps import FILE as STEPS_FILE
+from robotree.tui.processes.steps import Steps
 from robotree.tui.screen import keymap
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.promptness import prompt_answers
@@ -77,7 +79,7 @@ async def supervise(fleet: Fleet, realm: str, *, farewell: str = "", readonly: b
 
 
 async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> int:
-    keys = keymap.load()
+    keys, steps = keymap.load(), Steps(state_file(realm, STEPS_FILE))
     task, store, ends = asyncio.current_task(), Store(), list[float]()
     while True:
         app = Supervisor(
@@ -88,6 +90,7 @@ async def _show(fleet: Fleet, realm: str, farewell: str, *, readonly: bool) -> i
             readonly=readonly,
             keymap=keys,
             calm=wants_calm(),
+            steps=steps,
         )
         code = await app.run_async()
         if task is not None and task.cancelling():  # Textual ends at a cancel as at a key, and says nothing

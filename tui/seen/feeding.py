@@ -135,6 +135,7 @@ class Feed:
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()
+            self.store.take_processes(await self.fleet.held())
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
         except VrError as error:

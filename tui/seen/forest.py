@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robotree.tui.seen import mood
+from robotree.tui.seen import mood, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import RobotDescription, SlotSpec
@@ -88,7 +88,8 @@ def label(branch: Branch) -> str:
     if branch.robot:
         shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.told(branch.robot)}"
         link = f"  {mood.UNGUARDED}" if branch.robot.unguarded else ""
-        return f"{place}{branch.robot.name} ({branch.robot.kind}){shown}{link}"
+        kind = wording.kind(branch.robot.kind, branch.robot.attributes)
+        return f"{place}{branch.robot.name} ({kind}){shown}{link}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
     wants = f"takes {branch.slot.kind}" if branch.slot else ""
@@ -111,6 +112,8 @@ def structure(branch: Branch) -> dict[str, object]:
         "kind": branch.robot.kind if branch.robot else "",
         "state": mood.told(branch.robot) if branch.robot else "",
     }
+    if branch.robot and (simulated := branch.robot.attributes.get("simulated")):
+        facts["simulated"] = simulated == "yes"
     if branch.robot and branch.robot.link:
         facts["link"] = branch.robot.link
     if branch.slot:

@@ -47,12 +47,12 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
 
 
 def stopped(store: Store, name: str, now: float) -> str:
-    """Return why a robot is in protective stop, since when, and how long the confirmation took."""
+    """Return why a robot is in protective stop, for how long, and how soon it confirmed it."""
     told = store.state(name) or store.described(name)
-    parts = [f"stopped: {told.stop_reason}" if told and told.stop_reason else "stopped"]
+    parts = [told.stop_reason if told and told.stop_reason else "protective stop"]
     if since := store.stopped_since(name):
         at, whole = since
-        parts.append(f"since {'' if whole else 'at least '}{mood.span(now - at)}")
+        parts.append(f"for {'' if whole else 'at least '}{mood.span(now - at)}")
     if store.stop and name in store.stop.confirmed:
         parts.append(f"confirmed after {store.stop.confirmed[name]:.2f} s")
     elif store.stop and name in store.stop.open:

@@ -56,11 +56,11 @@ class RobotRow:
     unlisted: bool = False
     """No lookup service says that it is still there."""
     epoch: str = ""
-    """Of its newest lease; it, `lease` and `life` only where the list is wide."""
+    """Of its newest lease; it, `lease` and `process` only where the list is wide."""
     lease: str = ""
     """How long its parent's lease still holds, as was told last."""
-    life: str = ""
-    """The beginning of its incarnation; of a robot that hangs, its process."""
+    process: str = ""
+    """The process that holds it."""
     unguarded: bool = False
     """Its controller obeys every program that reaches it: the link has no key."""
 
@@ -113,11 +113,11 @@ def family(store: Store) -> tuple[Seat, ...]:
 
 
 def row(store: Store, seat: Seat, now: float, marks: Container[str] = (), *, wide: bool = False) -> RobotRow:
-    """Return one robot as the list shows it at this moment [s]; `wide`: with epoch, lease and life."""
+    """Return one robot as the list shows it at this moment [s]; `wide`: with epoch, lease and process."""
     name = seat.name
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
-    epoch, lease, life = _more(store, name) if wide else ("", "", "")
+    epoch, lease, process = _more(store, name) if wide else ("", "", "")
     return RobotRow(
         seat,
         kind=wording.kind(known.kind, known.attributes) if known else absent.kind if absent else "",
@@ -132,19 +132,18 @@ def row(store: Store, seat: Seat, now: float, marks: Container[str] = (), *, wid
         unlisted=store.stale and name in store.robots,
         epoch=epoch,
         lease=lease,
-        life=life,
+        process=process,
         unguarded=known is not None and known.unguarded,
     )
 
 
 def _more(store: Store, name: str) -> tuple[str, str, str]:
-    """Return epoch, lease and life of a robot."""
+    """Return epoch, lease and process of a robot."""
     robot, state, absent = store.described(name), store.state(name), store.absent.get(name)
     epoch = state.epoch if state else robot.epoch if robot else 0
     lease = span(robot.bond.remaining) if robot and robot.bond else ""
-    known = robot or store.robots.get(name)
-    life = known.address.incarnation[:LIFE] if known else ""
-    return str(epoch or ""), lease, f"pid {absent.pid}" if absent and absent.pid else life
+    process = absent.pid if absent else store.processes.get(name, "").removeprefix("process ")
+    return str(epoch or ""), lease, process
 
 
 _KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
@@ -218,10 +217,8 @@ LEAST = {"ROBOT": 16, "KIND": 10, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
 """Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
 MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
 """Cells that it takes however long its words are."""
-MORE = {"EPOCH": 11, "LEASE": 5, "LIFE": 9}
+MORE = {"EPOCH": 11, "LEASE": 5, "PROCESS": 9}
 """Columns that a wide list has before ABOUT, and their cells. They go after ABOUT, the last one first."""
-LIFE = 8
-"""Characters of an incarnation that are shown: enough to tell two lives of a robot apart."""
 GOES = ("ABOUT", "HOST", "BY")
 GAP = 2
 _SHRINKS = (("STATE", 14), ("ROBOT", 12), ("KIND", 0), ("ROBOT", 4), ("STATE", 0))

@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from robotree.tui.seen import instruments, mood
+from robotree.tui.seen import instruments, mood, wording
 from robotree.tui.seen.mood import Condition, Mood
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, RobotDescription, SlotSpec
 from robotree.vr.requests import State
-from robotree.vr.transport import Silent
+from robotree.vr.transport import Held
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -113,6 +113,8 @@ class Store:
     """All robots that answered at the last look, enslaved ones too."""
     services: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
+    processes: dict[str, str] = field(default_factory=dict[str, str])
+    """By robot: the process that holds it, where this machine knows it: `process 4711`."""
     stale: bool = False
     """No lookup service lives: the lists are as old as that."""
     joined: bool = False
@@ -192,7 +194,7 @@ class Store:
             if (known is None or known.address != listing.address) and not first:
                 self._came[name] = now
                 where = "has come, but no lookup service lists it" if self.stale else "is listed"
-                self.tell(f"{name} ({listing.kind}) {where}", "good", now, name)
+                self.tell(f"{name} ({_kind(listing)}) {where}", "good", now, name)
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
@@ -207,14 +209,14 @@ class Store:
         self.shape += 1
 
     def _tell_departure(self, who: Listing | RobotDescription, now: float) -> None:
-        self.tell(f"{who.name} ({who.kind}) left the list", "plain", now, who.name)
+        self.tell(f"{who.name} ({_kind(who)}) left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
         """Take that an agent lives that was missed: it is only on no list, for somebody commands it."""
         missed, robot = self.missed.pop(address, None), self.descriptions.get(address.name)
         if missed and robot and robot.bond:
             self.tell(
-                f"{robot.name} ({robot.kind}) obeys {robot.bond.parent.name}.{robot.bond.slot} now",
+                f"{robot.name} ({_kind(robot)}) obeys {robot.bond.parent.name}.{robot.bond.slot} now",
                 "plain",
                 now,
             )
@@ -230,7 +232,7 @@ class Store:
         else:
             self._lose(address, missed.who, now)
 
-    def take_silent(self, silent: Iterable[Silent], now: float) -> None:
+    def take_silent(self, silent: Iterable[Held], now: float) -> None:
         """Take who lives in processes that hang: tell it once, and keep the robots among them in the list."""
         for one in silent:
             address = Address.parse(one.key)
@@ -257,10 +259,10 @@ class Store:
         address: Address,
         who: Listing | RobotDescription | Absent | None,
         now: float,
-        hangs: Silent | None = None,
+        hangs: Held | None = None,
     ) -> None:
         """Keep a robot in the list that hangs or has gone, and tell it."""
-        kind = who.kind if who else ""
+        kind = who.kind if isinstance(who, Absent) else _kind(who) if who else ""
         what = f"{address.name} ({kind or address.role})"
         pid = hangs.where.removeprefix("process ") if hangs else ""
         if hangs:
@@ -309,6 +311,11 @@ class Store:
             self.tell("a lookup service is back", "good", now)
         self.services, self.stale = tuple(sorted(services)), stale
         self.revision += 1
+
+    def take_processes(self, held: Iterable[Held]) -> None:
+        """Take which process holds each robot."""
+        found = ((Address.parse(one.key), one.where) for one in held)
+        self.processes = {one.name: where for one, where in found if one and one.role == "robot"}
 
     def take_hosts(self, hosts: Iterable[str]) -> None:
         """Take which hosts live."""
@@ -609,3 +616,8 @@ class Store:
             robot = self.described(name)
             name = robot.bond.parent.name if robot and robot.bond else ""
         return tuple(line)
+
+
+def _kind(who: Listing | RobotDescription) -> str:
+    """Return the kind of an agent, and whether it is real or simulated: `Arm (sim)`."""
+    return wording.kind(who.kind, who.attributes)

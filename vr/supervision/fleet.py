@@ -87,6 +87,10 @@ class Fleet:
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
         return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
 
+    async def held(self) -> Sequence[Held]:
+        """Return which process holds each agent, as far as this machine knows it."""
+        return await self._transport.held("*/*/*")
+
     async def silent(self) -> Sequence[Held]:
         """Return who lives in a process that hangs; who is on its way looks so for a moment, too."""
         return await self._transport.silent("*/*/*")

@@ -43,3 +43,15 @@ async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
         await operator.until(lambda: "another one" in log_lines(operator), "the end")
         operator.app.tell("the last")
         await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
+
+
+async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet, size=(50, 15)) as operator:
+        for number in range(30):
+            operator.app.tell(f"something happened, and it takes more than one line to say: {number}")
+        await operator.press("g")
+        await operator.sees("say: 29")
+        await operator.resize(80, 24)
+        await operator.sees("say: 29")
+        await operator.resize(50, 15)
+        await operator.sees("say: 29")

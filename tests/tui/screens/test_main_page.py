@@ -15,6 +15,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.feeding import PATROL
 from robotree.vr import Robot
@@ -382,7 +383,7 @@ async def test_wide_shows_more_columns_and_a_key_unfolds_the_joints(realm: Realm
         await operator.sees("j1      14.3 °")
         assert "joints" not in operator.text
         await operator.press("J", "w")
-        await operator.sees("EPOCH", "LEASE", "LIFE", "ABOUT")
+        await operator.sees("EPOCH", "LEASE", "PROCESS", "ABOUT")
         await operator.until(lambda: "joints" not in operator.text, "the list has the whole page")
         await operator.press("w")
         await operator.sees("joints  14.3 °")
@@ -404,3 +405,56 @@ async def test_readings_have_units_beside_the_list_in_the_panel_and_at_the_views
         await operator.sees("joints  14.3 °", "grip    80 mm")
         await operator.press("escape", "v")
         await operator.sees("peak_force 6.5 N", "lever", "°")
+
+
+async def test_home_and_end_go_to_the_first_and_the_last_robot(realm: Realm, operate: Operate) -> None:
+    for number in range(30):
+        await realm.robot(Robot(f"r{number}"))
+    async with operate(realm.fleet, size=(80, 24)) as operator:
+        table = operator.one(RobotTable)
+        await operator.until(lambda: len(table.names) == 32, "all of them")
+        await operator.press("end")
+        await operator.until(lambda: table.selected == "rover-1", "the last one")
+        await operator.until(lambda: "rover-1" in operator.text, "it is in sight")
+        await operator.press("home")
+        await operator.until(lambda: table.selected == "arm-1", "the first one")
+        await operator.until(lambda: "arm-1 " in operator.text, "it is in sight")
+
+
+async def test_a_list_that_is_longer_than_a_portion_is_drawn_to_its_end_and_follows(
+    realm: Realm, operate: Operate
+) -> None:
+    for number in range(30):
+        await realm.robot(Robot(f"r{number}"))
+    async with operate(realm.fleet, size=(80, 75)) as operator:
+        await operator.until(lambda: len(operator.one(RobotTable).names) == 32, "all of them")
+        await operator.until(lambda: operator.text.count("● free") >= 32, "all lines")
+        await operator.press("space")
+        await operator.until(lambda: operator.text.count("■ stopped") >= 32, "each line follows")
+
+
+async def test_the_help_is_in_every_footer_and_opens_while_one_types(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+    async with operate(realm.fleet, size=(50, 15)) as operator:
+        await operator.until(lambda: "mover" in operator.app.store.descriptions, "mover")
+        await operator.sees("? Help")
+        await operator.press("colon")
+        await operator.sees("f1 Help", "esc Leave")
+        await operator.press("f1")
+        await operator.at(Reading)
+        await operator.sees("Protective stop", "? Help")
+        await operator.press("question_mark")
+        await operator.at(MainPage)
+        await operator.press("escape")
+        operator.app.ask_for("delete", Place("mover"))
+        await operator.at(Confirm)
+        await operator.sees("? Help")
+        await operator.press("question_mark")
+        await operator.at(Reading)
+        await operator.press("escape")
+        await operator.at(Confirm)
+        operator.app.screen.dismiss(None)
+        await operator.at(MainPage)
+        await operator.press("n")
+        await operator.at(NewPage)
+        await operator.sees("Help")

@@ -148,6 +148,23 @@ async def test_readings_of_a_robot_that_is_offline_are_told_with_their_age(
         assert all(span.style for span in bright), "dimmed"
 
 
+async def test_the_last_picture_of_a_view_that_leaves_is_kept_until_it_is_back(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet, size=(120, 40)) as operator:
+        await known(operator, "arm-1")
+        picture = operator.one(PictureView, "#picture-box PictureView")
+        await operator.until(lambda: picture.frames > 0, "a picture")
+        await realm.members["cell"].close()
+        await operator.until(lambda: not operator.app.store.views, "it is listed no more")
+        await operator.sees("cell / cell", "not listed any more", "▀▀▀")
+        await operator.until(lambda: bool(re.search(r"\d s old: ", operator.text)), "its age")
+        seen = picture.frames
+        await realm.view()
+        await operator.until(lambda: picture.frames > seen, "the next picture")
+        await operator.until(lambda: "not listed" not in operator.text, "it is listed again")
+
+
 @pytest.mark.parametrize("silent", [False, True])
 async def test_the_last_picture_of_a_view_is_kept_with_its_age(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch, *, silent: bool

@@ -105,12 +105,12 @@ class Reading(Modal[None]):
     def __init__(self, title: str, text: str | Text) -> None:
         """Show `text` under `title`; neither is markup."""
         super().__init__()
-        self._heading, self._text = title, text
+        self.heading, self._text = title, text
 
     def box(self) -> ComposeResult:
         """Title and text."""
         with VerticalScroll(classes="dialog reading") as box:
-            box.border_title = Text(self._heading)
+            box.border_title = Text(self.heading)
             yield Static(self._text, markup=False)
 
     def on_mount(self) -> None:

@@ -98,7 +98,12 @@ class EnslaveDialog(Modal[Line | None]):
         for listing in found:
             about = wording.summary(listing.doc)
             children.add_option(
-                Option(Text.assemble((listing.name, "bold"), f"  {listing.kind}  {about}"), id=listing.name)
+                Option(
+                    Text.assemble(
+                        (listing.name, "bold"), f"  {wording.kind(listing.kind, listing.attributes)}  {about}"
+                    ),
+                    id=listing.name,
+                )
             )
         names = [one.name for one in found]
         if names:

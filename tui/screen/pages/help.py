@@ -84,8 +84,9 @@ def _stop(app: OperatorApp, text: Text) -> None:
 def _actions(app: OperatorApp, scope: Scope) -> Iterable[tuple[str, str]]:
     """Return keys and meanings of the actions of a scope; the stop has been told."""
     for action in app.keyboard.actions:
-        if action.key and action.scope is scope and not action.typing_key:
-            yield " ".join(map(spell, app.keymap.keys(action.verb))), _meaning(app, action)
+        if action.key and action.scope is scope and action.verb != "stop":
+            keys = [*app.keymap.keys(action.verb), *filter(None, [action.typing_key])]
+            yield " ".join(map(spell, keys)), _meaning(app, action)
     if scope is Scope.PROGRAM:
         yield spell(app.COMMAND_PALETTE_BINDING), "Palette: everything by name, colours, a screenshot."
 

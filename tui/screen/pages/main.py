@@ -267,6 +267,10 @@ class MainPage(Page):
 
     # -- the prompt --------------------------------------------------------------------------------
 
+    @on(HappeningLog.Resized)
+    def _rewrite_log(self) -> None:
+        self.draw()
+
     @on(Prompt.Entered)
     def _typed(self, event: Prompt.Entered) -> None:
         self.app.run_typed(event.text)

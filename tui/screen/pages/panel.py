@@ -184,7 +184,12 @@ class PanelPage(Page):
         )
         about = wording.summary(self.robot.doc)
         line = Text.assemble(
-            " ", (name, "bold"), f"  {self.robot.kind}  ", state, f"   {about}", no_wrap=True
+            " ",
+            (name, "bold"),
+            f"  {wording.kind(self.robot.kind, self.robot.attributes)}  ",
+            state,
+            f"   {about}",
+            no_wrap=True,
         )
         line.stylize(muted, len(line) - len(about))
         self.query_one("#who", Still).show(line)

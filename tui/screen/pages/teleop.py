@@ -16,7 +16,7 @@ from textual.widgets import Button, Static
 
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import SOON
-from robotree.tui.screen.jog import AXES, Bounds, Jog
+from robotree.tui.screen.jog import AXES, STEPS, Bounds, Jog
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
 from robotree.tui.screen.widgets.cameras import Cameras
@@ -107,7 +107,7 @@ class TeleopPage(Page):
         self.query_one("#gauges").border_title = "readings"
         self.set_interval(GAUGES, self.guarded(self._draw_gauges))
         self.query_one(Cameras).attach(self.query_one(PictureView))
-        self.jog.choice = self.app.steps.get(self.robot.name, self.jog.choice)
+        self.jog.choice = min(self.app.steps.get(self.robot.name, self.jog.choice), len(STEPS) - 1)
         self.draw()
 
     # -- keys and buttons --------------------------------------------------------------------------
@@ -132,7 +132,7 @@ class TeleopPage(Page):
     def action_resize(self, by: int) -> None:
         """Choose a larger or a smaller step."""
         self.jog.resize(by)
-        self.app.steps[self.robot.name] = self.jog.choice
+        self.app.steps.choose(self.robot.name, self.jog.choice)
         self.draw()
 
     def action_cancel(self) -> None:

@@ -53,8 +53,13 @@ class Cameras(Still):
         if not self.all:
             return Text("no view is listed", muted)
         view, camera = self.all[self.at]
+        gone = "" if view in self.app.store.views else "   not listed any more"
         return Text.assemble(
-            (view, "bold"), (" / ", muted), camera, (f"   {self.at + 1} of {len(self.all)}", muted)
+            (view, "bold"),
+            (" / ", muted),
+            camera,
+            (f"   {self.at + 1} of {len(self.all)}", muted),
+            (gone, tint(self.app, "warning")),
         )
 
     def turn(self, by: int = 1) -> None:
@@ -63,8 +68,10 @@ class Cameras(Still):
             self.choose((self.at + by) % len(self.all))
 
     def choose(self, at: int) -> None:
-        """Look through this camera."""
-        self.at = at
+        """Look through this camera; one that is not listed any more is left for good."""
+        wanted = self.all[at]
+        self.all = [one for one in self.all if one == wanted or one[0] in self.app.store.views]
+        self.at = self.all.index(wanted)
         self._point()
         self.draw()
 
@@ -79,11 +86,12 @@ class Cameras(Still):
                 self.app.tell(str(error), "warning")
                 continue
             found += [(view, camera) for camera in described.cameras or ("",)]
-        if found == self.all and found:
-            return
+        if before and before not in found:
+            found.append(before)  # its last picture stays, with its age, until a person turns to another one
         self.all = found
-        self.at = found.index(before) if before in found else 0
-        self._point()
+        self.at = found.index(before) if before else 0
+        if before is None:
+            self._point()
         self.draw()
 
     def _point(self) -> None:

@@ -51,10 +51,9 @@ class Details(Lines):
     def _state(self, text: Text, store: Store, name: str, now: float) -> None:
         shown = mood_mark(self.app, store.mood(name, now), store.doing(name, now))
         self.line(text, "state", shown)
-        label = "but"
-        for reason in readiness.reasons(store, name, now):
-            self.line(text, label, Text(reason, tint(self.app, "warning")))
-            label = ""
+        for number, reason in enumerate(readiness.reasons(store, name, now)):
+            told = reason if number else f"no: {reason}"
+            self.line(text, "" if number else "ready", Text(told, tint(self.app, "warning")))
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:
         state = store.state(robot.name)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from rich.text import Text
 from textual.events import Resize
+from textual.message import Message
 from textual.widgets import RichLog
 
 from robotree.tui.screen.part import Part
@@ -28,12 +29,15 @@ class HappeningLog(Part, RichLog):
     that is hidden has none. So it is done again whenever there is another one.
     """
 
+    class Resized(Message):
+        """It has another width: its lines must be written anew."""
+
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Make an empty log, without markup."""
         super().__init__(id=id, markup=False, highlight=False, wrap=True, max_lines=500)
         self._last: object = None
-        self._asked: tuple[str, Weight] = ("", "good")
-        """The filter and the level that it was drawn with."""
+        self._asked: tuple[str, Weight, int] = ("", "good", 0)
+        """The filter, the level and the width that it was drawn with."""
         self._scrolled_up = False
         """A person reads what is older: nothing may pull that away."""
 
@@ -61,6 +65,7 @@ class HappeningLog(Part, RichLog):
         """Stay there in another size."""
         del event
         self._follow()
+        self.post_message(self.Resized())
 
     def _follow(self) -> None:
         if not self._scrolled_up:
@@ -78,9 +83,12 @@ class HappeningLog(Part, RichLog):
             letters: of a filter (`matching`): `name:` is the robot, `state:` the weight.
             level: what is less important is left out.
         """
-        if (letters, level) != self._asked:
-            self._asked, self._last = (letters, level), None
+        room = self.scrollable_content_region.width
+        if (letters, level, room) != self._asked:
+            self._asked, self._last = (letters, level, room), None
             self.clear()
+        if not room:
+            return  # it is hidden; RichLog would ask the terminal for the width
         happenings = list(store.happenings)
         start = next((i + 1 for i in range(len(happenings) - 1, -1, -1) if happenings[i] is self._last), 0)
         wanted = matching.terms(letters)
@@ -92,7 +100,6 @@ class HappeningLog(Part, RichLog):
             line = Text.assemble(
                 (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, seen(one.text))
             )
-            room = self.scrollable_content_region.width or None  # RichLog would ask the terminal instead
             self.write(line, width=room, scroll_end=not self._scrolled_up)
         if happenings:
             self._last = happenings[-1]

@@ -8,12 +8,13 @@ from rich.cells import cell_len
 from textual.app import ComposeResult
 from textual.events import Resize
 from textual.widget import Widget
-from textual.widgets import Footer
+from textual.widgets import Footer, Input
 from textual.widgets._footer import FooterKey
 
 from robotree.tui.line.actions import BY_VERB
+from robotree.tui.line.keys import spell
 
-HELP = BY_VERB["help"].label
+HELP = BY_VERB["help"]
 GAPS = 2
 """Columns beside the letters of a key: one before its word, one behind it."""
 
@@ -29,10 +30,18 @@ class KeyLine(Footer):
     def compose(self) -> ComposeResult:
         """Yield the keys that have room."""
         keys = list(super().compose())
+        if not any(map(_is_help, keys)):
+            keys.append(self._help())
         widths = [_width(key) for key in keys]
         last = next((place for place, key in enumerate(keys) if _is_help(key)), None)
         kept = fitting(widths, self.screen.size.width, last)
         yield from (keys[place] for place in kept)
+
+    def _help(self) -> FooterKey:
+        """Return the key of the help where a question is in front, or somebody types."""
+        typing = isinstance(self.screen.focused, Input)
+        key = HELP.typing_key if typing else HELP.key
+        return FooterKey(key, spell(key), HELP.label, "app.verb('help')").data_bind(compact=Footer.compact)
 
     def on_resize(self, event: Resize) -> None:
         """Choose anew where there is more room, or less."""
@@ -63,7 +72,7 @@ def fitting(widths: Sequence[int], room: int, needed: int | None) -> list[int]:
 
 
 def _is_help(key: Widget) -> bool:
-    return isinstance(key, FooterKey) and key.description == HELP
+    return isinstance(key, FooterKey) and key.description == HELP.label
 
 
 def _width(key: Widget) -> int:

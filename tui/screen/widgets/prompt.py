@@ -52,10 +52,10 @@ class Prompt(Part, Vertical):
     """One line of input, and above it what the last word may become; hidden while nobody types."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "Leave", show=False),
+        Binding("escape", "leave", "Leave"),
         Binding("up", "recall(-1)", "Before", show=False),
         Binding("down", "recall(1)", "After", show=False),
-        Binding("tab", "complete(1)", "Complete", show=False, priority=True),
+        Binding("tab", "complete(1)", "Complete", priority=True),
         Binding("shift+tab", "complete(-1)", "Complete", show=False, priority=True),
     ]
 

@@ -258,7 +258,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
                         "HOST": shown.host or "-",
                         "EPOCH": shown.epoch or "-",
                         "LEASE": shown.lease or "-",
-                        "LIFE": shown.life or "-",
+                        "PROCESS": shown.process or "-",
                     }.get(title, shown.about)
                     cells.append(Segment(fit(told, room) + gap, muted))
         return cells

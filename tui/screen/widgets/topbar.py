@@ -46,6 +46,7 @@ class Banner(Still):
     def draw(self, store: Store) -> None:
         """Draw the banner, or take it away: first who may still move, then who has stopped."""
         lines: list[Text] = []
+        ground = block(self.app) if self.app.no_color else ""  # with colours the style sheet gives it
         stop = store.stop
         if stop and stop.open:
             told = ", ".join(f"{seen(name)} ({seen(why)})" for name, why in stop.open.items())
@@ -54,10 +55,10 @@ class Banner(Still):
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
             names = ", ".join(seen(name) for name in store.stopped)
             key = self.app.keymap.spelled("resume")
-            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {key} resumes"))
+            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {key} resumes", ground))
         if store.orphaned:
             stale = "✗ STALE: no lookup service is left; the lists may be old, known robots still obey"
-            lines.append(Text(stale))
+            lines.append(Text(stale, ground))
         self.display = bool(lines)
         for line in lines:
             line.truncate(max(self.size.width or self.app.size.width - 2, 1), overflow="ellipsis")
