@@ -132,7 +132,10 @@ async def test_a_folder_that_was_removed_is_made_again_and_newcomers_see_all(
 async def test_a_process_that_slept_is_whole_again_within_a_second(
     seconds: float, start: Start, join_realm: Enter
 ) -> None:
-    """Around every time limit there is: the beat that is missed, and the tick that comes late."""
+    """Around every time limit there is: the beat that is missed, and the tick that comes late.
+
+    Who asks may find it silent in the moment in which it wakes, and asks again: that takes milliseconds.
+    """
     process = await start("serve", "arm")
     await process.ready()
     transport = await join_realm()
@@ -140,7 +143,7 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
     process.signal(signal.SIGSTOP)
     await asyncio.sleep(seconds)
     process.signal(signal.SIGCONT)
-    async with asyncio.timeout(2.0):  # measured: 0.1 s; a busy machine may see it hang in the moment it wakes
+    async with asyncio.timeout(1.0):  # measured: at most 0.05 s, on a machine at load 5
         await arrived(transport, "arm")
         answer = None
         while answer != ([b"ack", b"hi"], None):
