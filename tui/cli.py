@@ -181,6 +181,7 @@ def _demo(line: Line, *, readonly: bool) -> int:
         realm=line.text("--realm"),
         pictures=line.text("--pictures"),
         wire=over,
+        speedup=line.text("--speedup", "1"),
         readonly=readonly,
         key=security.wanted(line, security.REALM),
     )
@@ -248,6 +249,7 @@ async def _agent(line: Line, realm: str, *, tether: bool) -> int:
 async def _sim(line: Line, _realm: str, ready: Ready) -> None:
     from robotree.sim.controller.fence_file import FenceFile
     from robotree.sim.serving.server import serve
+    from robotree.tui.line import values
     from robotree.tui.processes.state_files import fence_file
     from robotree.tui.wire.security import openness, securing
 
@@ -262,7 +264,9 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
                 note(openness(address))
             ready(address)
 
-        await serve(line.text("KIND"), url, ready=listens, security=security, memory=memory)
+        speedup = values.factor(line.text("--speedup", "1"))
+        kind = line.text("KIND")
+        await serve(kind, url, ready=listens, speedup=speedup, security=security, memory=memory)
 
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:

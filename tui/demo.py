@@ -57,6 +57,7 @@ async def demo(
     realm: str = "",
     pictures: str = "",
     wire: Wire = Wire.TCP,
+    speedup: str = "1",
     readonly: bool = False,
     key: str = REALM,
 ) -> int:
@@ -68,6 +69,7 @@ async def demo(
             a realm of its own for the script.
         pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
         wire: between controllers and proxies.
+        speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
         key: of all links: a file, `realm` for the realm's own key, or `none`.
 
@@ -83,7 +85,7 @@ async def demo(
         file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING)) as crew:
             note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
-            await cast(crew, counting=not headless, wire=wire)
+            await cast(crew, counting=not headless, wire=wire, speedup=speedup)
             if headless:
                 return await _play(realm, folder, readonly=readonly)
             return await _supervise(realm, readonly=readonly)
@@ -114,13 +116,14 @@ async def _alone(realm: str) -> None:
         raise DemoRuns(realm, taken)
 
 
-async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> None:
+async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP, speedup: str = "1") -> None:
     """Bring up the demo's agents, each as soon as what it needs is there.
 
     Args:
         crew: whom they join.
         counting: whether calls are counted over restarts, in the user's state folder.
         wire: between controllers and proxies.
+        speedup: seconds of the simulated world in a second.
 
     Raises:
         MemberFailed: one did not come up.
@@ -128,8 +131,8 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP) -> N
     at_arm, at_rover = wire.addresses(crew.realm)
     counters = () if counting else ("--space", "none")
     arm, rover, *_ = await crew.start_all(
-        ("sim", "arm", "--listen", at_arm, "--state", "none"),
-        ("sim", "rover", "--listen", at_rover, "--state", "none"),
+        ("sim", "arm", "--listen", at_arm, "--state", "none", "--speedup", speedup),
+        ("sim", "rover", "--listen", at_rover, "--state", "none", "--speedup", speedup),
         *(("lookup", name) for name in LOOKUPS),
         ("host", HOST, *counters),
     )

@@ -204,7 +204,7 @@ async def serving(
         kind: of robot, one of `kinds.KINDS`.
         url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
         system: MAVLink system id.
-        silence: of the link after which the robot holds by itself [s].
+        silence: of the link after which the robot holds by itself [s of the clock on the wall].
         speedup: seconds of the world in a second; 1 is real time.
         exposed: allow an address that other machines reach.
         security: the keys of our links.
@@ -218,7 +218,7 @@ async def serving(
         CannotListen: the port is taken.
         BadUrl: the address means nothing, or can be reached from outside.
     """
-    server = Server(kind_of(kind).build(system, silence, memory), speedup, security)
+    server = Server(kind_of(kind).build(system, silence * speedup, memory), speedup, security)
     try:
         try:
             listener = await listen(url, server.accept, exposed=exposed)
@@ -240,6 +240,7 @@ async def serve(
     url: str,
     *,
     ready: Callable[[str], None],
+    speedup: float = 1.0,
     security: LinkSecurity = UNSIGNED,
     memory: FenceFile | None = None,
 ) -> None:
@@ -249,6 +250,7 @@ async def serve(
         kind: of robot, one of `kinds.KINDS`.
         url: where to listen, as `tcp:127.0.0.1:5760`; port 0 takes a free one.
         ready: told the address once it listens there.
+        speedup: seconds of the world in a second; 1 is real time.
         security: the keys of our links.
         memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
 
@@ -258,6 +260,6 @@ async def serve(
         BadUrl: the address means nothing, or can be reached from outside.
     """
     sys.setswitchinterval(SWITCH)
-    async with serving(kind, url, security=security, memory=memory) as server:
+    async with serving(kind, url, speedup=speedup, security=security, memory=memory) as server:
         ready(server.address)
         await server.failure

@@ -60,7 +60,14 @@ def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path
     lock = ROOT / "requirements.lock"
     run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel)
     done = run(
-        *(tmp_path / "env" / "bin" / "robotree", "demo", "--pictures", tmp_path),  # without a terminal
+        *(
+            tmp_path / "env" / "bin" / "robotree",
+            "demo",
+            "--speedup",
+            "6",
+            "--pictures",
+            tmp_path,
+        ),  # without a terminal
         XDG_RUNTIME_DIR=str(place),
         PYTHONPATH="",
     )

@@ -13,7 +13,6 @@ import pytest
 
 from robotree.proxy import kinds
 from robotree.proxy.robot_proxy import RobotProxy
-from robotree.sim.serving import realtime
 from robotree.sim.serving.server import serving
 from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
@@ -25,8 +24,6 @@ from robotree.vr.world.network import MemoryNetwork
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0
 """Simulated seconds in a second."""
-SILENCE = 60.0
-"""[s] of simulated time: heartbeats come once a second of real time."""
 
 
 class Workshop:
@@ -40,7 +37,7 @@ class Workshop:
 
     async def proxy(self, kind: str, name: str) -> RobotProxy:
         """Simulate a robot and stand for it."""
-        server = await self._stack.enter_async_context(serving(kind, "tcp:127.0.0.1:0", silence=SILENCE))
+        server = await self._stack.enter_async_context(serving(kind, "tcp:127.0.0.1:0", speedup=HURRY))
         robot = kinds.make(kind, name, server.address, chance=random.Random(1))
         await self._agent(robot)
         running = asyncio.create_task(robot.run())
@@ -76,9 +73,7 @@ async def _end(task: asyncio.Task[None]) -> None:
 
 
 @pytest.fixture
-async def workshop(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Workshop]:
-    honest = realtime.Pacer
-    monkeypatch.setattr(realtime, "Pacer", lambda period, now: honest(period / HURRY, now))
+async def workshop() -> AsyncIterator[Workshop]:
     async with AsyncExitStack() as stack:
         yield Workshop(stack)
 

@@ -167,7 +167,7 @@ class Stage:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def stage(shared_place: Path) -> AsyncIterator[Stage]:
     async with Crew("thesis", shared_place) as crew:
-        await cast(crew)
+        await cast(crew, speedup="4")
         async with (
             joined("thesis") as fleet,
             Supervisor(fleet, realm="thesis").run_test(size=(140, 44)) as pilot,

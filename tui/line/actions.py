@@ -208,9 +208,10 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- run
     Action(
-        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic] [--key FILE | --open]",
+        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
+        " [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
-        " Its links are signed with the realm's own key, with --open they are not.",
+        " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("demo --can", "demo --headless --can --classic"),
@@ -230,9 +231,10 @@ ACTIONS: tuple[Action, ...] = (
         guide=("robotree.tui.session.script", "robotree.tui.session.conditions"),
     ),
     Action(
-        usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch]",
+        usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch] [--speedup FACTOR]",
         help="Simulate a robot's controller; it is open to all unless it has a key (realm: the realm's)."
-        " --reset-epoch: forget which leases it has obeyed.",
+        " --reset-epoch: forget which leases it has obeyed. --speedup: seconds of the simulated world in a"
+        " second, up to 10.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("sim arm --listen tcp:127.0.0.1:5760",),

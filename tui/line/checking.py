@@ -35,6 +35,10 @@ def _time(text: str) -> None:
     values.duration(text)
 
 
+def _factor(text: str) -> None:
+    values.factor(text)
+
+
 def _size(text: str) -> None:
     values.size(text)
 
@@ -48,6 +52,7 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
     "ROBOT.COMMAND": _path("ROBOT.COMMAND"),
     "TIME": _time,
     "SIZE": _size,
+    "FACTOR": _factor,
 }
 """By name of the blank."""
 

@@ -13,6 +13,9 @@ from robotree.tui.errors import ValueRefused
 
 Scalar = float | int | bool | str
 
+SLOWEST, FASTEST = 0.1, 10.0
+"""How fast a simulated world may go, in seconds of it in a second."""
+
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h)?")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
@@ -29,6 +32,18 @@ def duration(text: str) -> float:
     if not found:
         raise ValueRefused("TIME", f"{text!r} is no duration; write for example 5s, 500ms or 2min")
     return float(found[1]) * _SECONDS[found[2] or ""]
+
+
+def factor(text: str) -> float:
+    """Read how many times as fast as real time, from 0.1 to 10.
+
+    Raises:
+        ValueRefused: it is no such number.
+    """
+    number = scalar(text)
+    if isinstance(number, bool | str) or not SLOWEST <= number <= FASTEST:
+        raise ValueRefused("FACTOR", f"{text!r} must be a number from {SLOWEST:g} to {FASTEST:g}, e.g. 4")
+    return float(number)
 
 
 def dotted(text: str, what: str) -> tuple[str, str]:
