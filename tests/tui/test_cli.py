@@ -105,7 +105,10 @@ def test_all_mistakes_of_a_session_are_plain_data(tmp_path: Path, capsys: pytest
     assert [one["line"] for one in said["mistakes"]] == [2, 3]
 
 
-CHANGES = {"create", "enslave", "release", "delete", "call", "cancel", "resume", "wire replay", "wire inject"}
+CHANGES = {
+    *("create", "enslave", "release", "delete", "role", "call", "cancel", "resume"),
+    *("wire replay", "wire inject"),
+}
 """Verbs of the shell that change robots, or who commands them."""
 
 
