@@ -69,7 +69,7 @@ class Endpoint:
             message: to send.
             telemetry: a newer one may replace it while the far end does not read.
             component: our component id; None: the endpoint's.
-            instance: tells telemetry of the same message apart, such as the name of a value.
+            instance: distinguishes telemetry of the same message, such as the name of a value.
 
         Raises:
             InvalidMessage: a field cannot hold its value.

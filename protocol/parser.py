@@ -1,4 +1,4 @@
-"""From a stream of bytes to frames. Nothing that arrives can raise; whatever is no frame is counted.
+"""From a stream of bytes to frames. No input raises an error; bytes that are no frame are counted.
 
 After a bad checksum or an unknown id the parser steps one byte, never the length that the broken frame
 claims: that is what loses no intact frame behind it.
@@ -132,7 +132,7 @@ class Parser:
         return frames
 
     def _run(self, buffer: bytes, i: int, frames: list[Frame]) -> int:
-        """Take the frames of MAVLink 2 that follow each other from `i` on; tells where they end."""
+        """Take the consecutive frames of MAVLink 2 from `i` on; returns where they end."""
         end, take = len(buffer), frames.append
         verify = None if self.verifier is None else self.verifier.verify
         last_speaker, expected = self._speaker, self._next

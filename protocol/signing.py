@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: who has the key may speak, and nothing may be said twice. Pure.
+"""MAVLink 2 signing: authenticates frames and refuses replays. Pure.
 
 A signature is the id of the link, a timestamp and the first six bytes of SHA-256 over key, frame, link id and
 timestamp. Three things are done otherwise than in the tools around us, each because of a known attack:
@@ -35,7 +35,7 @@ OLDEST_STREAM = 60 * UNITS
 """How far a new stream may lie behind our clock: a minute, as MAVLink says."""
 LARGEST_LEAD = OLDEST_STREAM // 2
 """How far somebody else may put our clock forward; the other half is for delays, and clocks that differ."""
-LARGEST_CROWD = 4096
+MAX_STREAMS = 4096
 """Streams that are remembered."""
 _EPOCH, _UNITS = float(EPOCH), float(UNITS)
 """Floats, because each frame that is sent multiplies with them and mixed arithmetic is slower."""
@@ -121,7 +121,7 @@ class Signer:
     Args:
         key: the link's.
         time: ours, the same for all links.
-        link_id: tells our links apart, 0 to 255.
+        link_id: of this link, 0 to 255.
     """
 
     __slots__ = ("_begin", "_link", "_time")
@@ -251,4 +251,4 @@ class Verifier:
         if late:
             self._late += 1
             self._behind = (now - timestamp) / UNITS
-        return late or len(self._newest) >= LARGEST_CROWD
+        return late or len(self._newest) >= MAX_STREAMS

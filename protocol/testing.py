@@ -32,7 +32,7 @@ Reference = Callable[[Definition, dict[str, "Value"], int, int, int], bytes]
 
 
 async def until(condition: Callable[[], object], patience: float = 60.0) -> None:
-    """Let the event loop turn until something is the case that no event tells of.
+    """Let the event loop run until a condition holds that has no event.
 
     Args:
         condition: looked at again and again.
@@ -260,7 +260,7 @@ _NUMBERED = 250
 
 
 def _numbered(kind: bytes, number: int) -> bytes:
-    """A frame that tells what it is, of the size of a picture's piece."""
+    """A frame of the size of a picture's piece, with its number inside."""
     return kind + b"%0*d" % (_NUMBERED - 1, number)
 
 

@@ -30,7 +30,7 @@ force grows with speed: 35 N at 0.05 m/s, 130 N at 0.2 m/s against a hard table.
 OPEN, CLOSED = LIMITS["width"].upper, LIMITS["width"].lower
 """[m] Widths of the open and of the closed gripper."""
 USUAL_SPEED = 0.15
-"""[m/s] when the caller names none. The proxy always tells the controller a speed: a command then means the
+"""[m/s] when the caller names none. The proxy always sends a speed: a command then means the
 same to every controller, whatever it would do without one (docs/decisions/0008)."""
 
 X = Annotated[float, Unit("m"), LIMITS["x"].range, "forward, from the foot of the arm"]

@@ -73,7 +73,7 @@ def silence_in_words(*, acknowledged: bool, heard: float, kind: str) -> str:
     if heard >= 2 * PERIOD:
         return "its controller has fallen silent; look whether the robot still moves"
     if acknowledged:
-        return "its controller is online but tells nothing more of it; look whether the robot still moves"
+        return "its controller is online but reports it no more; look whether the robot still moves"
     return f"its controller is online but answers no goals; is it a {kind}? Look whether the robot moves"
 
 

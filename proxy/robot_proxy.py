@@ -164,7 +164,7 @@ class RobotProxy(Robot):
     # -- hooks of a robot --------------------------------------------------------------------------
 
     def readings(self) -> dict[str, float]:
-        """Return the last known readings, however old; `age` [s] tells how old."""
+        """Return the last known readings, however old; `age` [s] is their age."""
         return self._session.twin.readings(self._connection.now())
 
     def safe_stop(self, reason: str) -> ModeRequest:  # noqa: ARG002  the wire has no place for it
@@ -251,7 +251,7 @@ class RobotProxy(Robot):
                 raise self._failed(f"{self._session.trouble}; {NEXT}")
             if self._connection.now() >= deadline:
                 name = kind.codec.definition.name
-                raise self._failed(f"the controller tells no {name}; is it a {self.kinds()[0]}?")
+                raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
             self.sleep(0.01)
 
     @property

@@ -106,7 +106,7 @@ class WorkspaceView:
         return UNITS
 
     def readings(self) -> dict[str, float]:
-        """Return the last known readings of the workspace's instruments; `age` [s] tells how old they are."""
+        """Return the last known readings of the workspace's instruments; `age` [s] is their age."""
         return self._session.twin.readings(self._connection.now())
 
     async def run(self) -> None:

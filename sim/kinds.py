@@ -1,7 +1,7 @@
-"""The kinds of robot that can be simulated: one registry. Listing it loads no physics, building from it does.
+"""The kinds of robot that can be simulated: one registry. Only to build a robot loads the physics.
 
-The engines are therefore imported inside the functions. To simulate another robot: a folder with a model, a
-device with verbs, its telemetry and its world, and one line here.
+The engines are therefore imported inside the functions. To simulate another robot: add a folder with a model,
+a device with verbs, its telemetry and its world, and one line here.
 """
 
 from collections.abc import Callable, Mapping, Sequence

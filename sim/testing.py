@@ -1,4 +1,4 @@
-"""Somebody who commands a simulated controller in virtual time: for tests and benches.
+"""An operator that commands a simulated controller in virtual time, for tests and benches.
 
     bench = ArmBench(delay=1.0)                 # every frame takes a second each way
     bench.operator.succeed(Verb.GRIP, 0.07)     # returns when the controller says so; no second passes
@@ -52,7 +52,7 @@ class Operator:
     """Commands a controller as a proxy would: over real frames, with a heartbeat every second of its time.
 
     Args:
-        controller: whom it commands; its world advances when the operator waits.
+        controller: the one that it commands; its world advances when the operator waits.
         delay: that every frame takes, each way [s of the world's time].
         component: under which it speaks.
         system: whose component that is.

@@ -2,8 +2,8 @@
 
 For machines whose kernel has no CAN, as containers and most continuous integration. Members meet on a row
 of ports of 127.0.0.1; nothing is multicast and nothing leaves the machine. Each member is connected to each
-other one directly, so there is no hub to be lost or to be waited for. As on a real bus, whoever is on the
-machine can listen and speak: what must not be forged has to be signed.
+other one directly, so there is no hub to be lost or to be waited for. As on a real bus, every
+program on the machine can listen and send: what must not be forged has to be signed.
 
     >>> import can
     >>> with can.Bus(interface="robotree", channel="doctest") as one, can.Bus(

@@ -30,7 +30,7 @@ class BusStatistics(msgspec.Struct, frozen=True):
     members: int
     """Others on the bus."""
     sent: int
-    """Frames that we sent, whoever was there to hear them."""
+    """Frames that we sent, also when no other member was there."""
     received: int
     """Frames that came, before any filter."""
     dropped: int
@@ -218,7 +218,7 @@ class LoopbackBus(BusABC):
         if self._is_shutdown:
             return
         super().shutdown()
-        os.eventfd_write(self._bell, 1)  # whoever waits in `recv` shall leave
+        os.eventfd_write(self._bell, 1)  # wakes a thread that waits in `recv`
         with self._reading:
             self._membership.leave()
             with self._membership.lock:

@@ -5,8 +5,8 @@
     greeting   "rtcb", version, greeting or answer (1), first port of the channel (2), token (8)
     record     mark, flags, length, 0, identifier (4), timestamp [s] (8), data
 
-All numbers are big-endian. The token is a number that each member draws by chance; it tells two members
-apart that had the same seat one after the other.
+All numbers are big-endian. The token is a number that each member draws at random; it distinguishes two
+members apart that had the same seat one after the other.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def parse(xml: Path = DIALECT) -> list[MAVXML]:
     """Read a dialect with everything it includes.
 
     Raises:
-        DialectError: the XML is wrong; the error tells what pymavlink found.
+        DialectError: the XML is wrong; the error has what pymavlink found.
     """
     from pymavlink.generator import mavparse
 

@@ -84,7 +84,7 @@ class Definition(msgspec.Struct, frozen=True):
 
     @property
     def secrets(self) -> frozenset[str]:
-        """The fields whose values are nobody's business; see `SECRETS`."""
+        """The fields whose values must not be shown; see `SECRETS`."""
         return SECRETS.get(self.name, frozenset())
 
 

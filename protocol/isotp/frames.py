@@ -1,6 +1,6 @@
 """The four frames of ISO 15765-2, as values and as the data field of a CAN frame. Pure.
 
-The first half byte tells the kind::
+The first half byte is the kind::
 
     0 L              single frame, L bytes (1 to 7), in a data field of at most 8 bytes
     0 0  LL          single frame, LL bytes, in a longer data field (CAN FD)

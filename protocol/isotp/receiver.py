@@ -6,8 +6,9 @@ seconds, or the beginning of another payload. A frame that comes twice in a row,
 bit of a frame is disturbed, is taken once.
 
 What CAN does to frames on their way (loss, repetition at once, never another order) then yields no wrong
-payload as long as flow controls do not come twice. ISO-TP itself has no checksum and its frames do not say
-to which payload they belong; whoever must be certain needs a checksum inside the payload, as MAVLink has.
+payload as long as flow controls do not come twice. ISO-TP itself has no checksum and its frames do not say to
+which payload they belong; a receiver that must be certain needs a checksum inside the payload, as MAVLink
+has.
 """
 
 from __future__ import annotations

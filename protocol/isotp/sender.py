@@ -2,7 +2,7 @@
 
 A payload that fits one frame is sent at once. A longer one begins with its first frame, waits for a flow
 control, and goes on block by block. A receiver that stays silent for `N_BS` seconds, waits too often or has
-no room ends the transfer: `Sender.failed` tells why. There is no acknowledgement of the last frame.
+no room ends the transfer: see `Sender.failed`. There is no acknowledgement of the last frame.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Opening what may take its time: an adapter, a bus. Whoever waits for it may be told to stop waiting.
+"""Opens what may take long, such as an adapter or a bus, in a thread; the wait for it can be cancelled.
 
-The agents have the like with threads of their own (`vr/network/zenoh/making.py`). Wire and agents know
-nothing of each other, which is worth more than these lines.
+The agents have similar code: wire and agents must not import each other, which matters more than these lines.
 """
 
 from __future__ import annotations

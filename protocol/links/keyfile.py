@@ -1,4 +1,4 @@
-"""Files that only their owner can read, and that several programs change: read, locked, replaced at once."""
+"""Files that only their owner can read and that several programs change: read, lock, replace atomically."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def alone(path: Path, patience: float) -> Generator[None]:
 
     Args:
         path: of the file.
-        patience: [s] to wait for the others, who may be stopped and never let go.
+        patience: [s] to wait for other programs, which may be stopped while they hold the lock.
 
     Yields:
         Nothing.
@@ -132,7 +132,7 @@ def alone(path: Path, patience: float) -> Generator[None]:
     ends = time.monotonic() + patience
     while True:
         with os.fdopen(opened(path), "rb") as ours:
-            if not _lock(ours.fileno(), ends):  # let go when the file is closed, or we are killed
+            if not _lock(ours.fileno(), ends):  # released when the file is closed, or we are killed
                 problem = f"another program has held it for {patience:g} s; let that go on, or end it"
                 raise KeyFileError(path, f"{problem} (fuser {path} names it)")
             if os.path.samestat(os.fstat(ours.fileno()), path.stat()):
@@ -148,7 +148,7 @@ def _lock(descriptor: int, ends: float) -> bool:
         except BlockingIOError:
             if time.monotonic() > ends:
                 return False
-            time.sleep(_LOOK)  # flock waits for ever or not at all; whoever calls is in a thread
+            time.sleep(_LOOK)  # flock waits for ever or not at all; the caller is in a thread
         else:
             return True
 

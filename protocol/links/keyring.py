@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 PERSIST_PERIOD = 10.0
 """[s] between two calls of `Keyring.persist`: as much may have been signed since the time in the file."""
 LOCK_PATIENCE = 0.25
-"""[s] in which other programs must let go of the file before a key can be replaced; they hold it for ms."""
+"""[s] in which other programs must unlock the file before a key can be replaced; they lock it for ms."""
 PERSIST_PATIENCE = 2.0
-"""[s] in which they must let go of it before the time is given up."""
+"""[s] in which they must unlock it before the time is persisted."""
 
 
 class Keyring:
@@ -40,7 +40,7 @@ class Keyring:
 
     Args:
         path: the file, readable and writable by nobody but us.
-        patience: [s] in which other programs must let go of it before `persist` gives up.
+        patience: [s] in which other programs must unlock it before `persist` gives up.
 
     Raises:
         KeyFileError: others can read it, it holds no key, or a line makes no sense.
@@ -150,7 +150,7 @@ class Keyring:
         A later time that another program persisted stays. Waits for other programs: not for an event loop.
 
         Raises:
-            KeyFileError: it cannot be kept, or another program does not let go of the file.
+            KeyFileError: it cannot be kept, or another program does not unlock the file.
         """
         try:
             with alone(self._path, self._patience):

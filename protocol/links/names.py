@@ -1,7 +1,7 @@
-"""What links are called before they are open, so that their keys can be asked for in time.
+"""Names of links before they are open, so that their keys can be looked up in time.
 
-An address that a person types is not always the name of the link: a host may have a name, and a listener's
-links are named by who comes, from whatever port.
+An address that a person types is not always the name of the link: a host may have a name, and the links of a
+listener are named by the far end and its port.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What waits for a far end that does not read as fast as we speak, and the gauges of what left. Pure.
+"""Frames that wait while the far end reads slower than we send, and statistics of those sent. Pure.
 
-Telemetry is superseded: the newest frame of a topic takes the place of an older one. What has no topic
-waits in order and is never dropped, so a far end that lets too much wait is given up: `overrun` says when.
+Telemetry is superseded: the newest frame of a topic replaces an older one. Frames without a topic wait in
+order and are never dropped; a far end that lets too many wait is disconnected (`overrun`).
 """
 
 from __future__ import annotations

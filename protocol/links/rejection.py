@@ -1,4 +1,4 @@
-"""Why what arrives over a link is not believed, in the same words whoever asks. Pure."""
+"""Why frames that arrive over a link are rejected, in the same words everywhere. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robotree.protocol.signing import OLDEST_STREAM, UNITS
 if TYPE_CHECKING:
     from robotree.protocol.signing import Verifier
 
-BORNE = OLDEST_STREAM / UNITS
+ALLOWED_DELAY = OLDEST_STREAM / UNITS
 """[s] by which a clock may be behind ours."""
 _STRANGE = "frames arrive but none is signed with our key"
 _UNTIMELY = "frames arrive that are signed with our key but not new"
@@ -57,8 +57,9 @@ def rejection(verifier: Verifier | None, *, keyless: int = 0) -> str:
 
 
 def _late(behind: float) -> str:
-    if behind > BORNE:
-        return f"their clock is {behind:.0f} s behind, and {BORNE:.0f} s are borne; set both clocks right"
+    if behind > ALLOWED_DELAY:
+        allowed = f"{ALLOWED_DELAY:.0f} s are allowed"
+        return f"their clock is {behind:.0f} s behind, and {allowed}; set both clocks right"
     return (
         f"their clock is {behind:.1f} s behind, so that they seem older than this program; "
         f"wait {behind:.0f} s, or set both clocks right"

@@ -126,7 +126,7 @@ class Security:
         self._streams = StreamTable()
         self._links = first_link
         self._nobodys = Key(secrets.token_bytes(KEY_BYTES))
-        """Of links that no line of the file matches: whoever wants keys wants no other links."""
+        """Error for links that no line of the file matches: with a key file, no link is open."""
         self._trouble = ""
 
     def signer_pair(self, address: str) -> SignerPair:

@@ -1,11 +1,10 @@
 """MAVLink over a serial line: `serial:/dev/ttyUSB0?baud=57600`, 8 data bits, no parity, one stop bit.
 
-A line knows no beginning and no end: there is a link while the port is there, whoever is at the far end. Who
-listens and who connects do the same, but a listener opens the port again when the adapter was unplugged and
-is back.
+A serial line has no connections: there is a link while the port exists. Both ends do the same, but a listener
+opens the port again when an unplugged adapter is back.
 
-A line is slow and its driver keeps much, so frames are handed to the driver only while it has little: what
-waits, waits here, where newer telemetry supersedes it.
+A line is slow and its driver buffers much, so frames are handed to the driver only while its buffer is nearly
+empty: frames wait here, where newer telemetry replaces older.
 """
 
 from __future__ import annotations
@@ -145,7 +144,7 @@ class SerialLink:
         self._pump()
 
     def _look_again(self) -> None:
-        """No descriptor tells that a driver has sent what it keeps."""
+        """No event reports that a driver has sent its buffer."""
         if self._timer is None:
             self._timer = self._loop.call_later(LOOK, self._looked)
 

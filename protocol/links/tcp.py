@@ -29,7 +29,7 @@ HIGH_WATER = 16 * 1024
 """[bytes] that asyncio keeps before our own outbox does."""
 POLITE = 1.0
 """[s] after the end in which the far end may still read what was said before."""
-LARGEST_CROWD = 128
+MAX_LINKS = 128
 """Open links of one listener; more are closed at once."""
 
 
@@ -37,9 +37,9 @@ class TcpLink(asyncio.Protocol):
     """One end of a TCP connection. Made by `connect` and `listen`."""
 
     def __init__(
-        self, accept: Accept, crowd: set[TcpLink] | None = None, bound: int = BOUND, address: str = "tcp:?"
+        self, accept: Accept, links: set[TcpLink] | None = None, bound: int = BOUND, address: str = "tcp:?"
     ) -> None:
-        self._accept, self._crowd = accept, crowd
+        self._accept, self._links = accept, links
         self._transport: asyncio.Transport | None = None
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the handler was told of the end."""
@@ -97,7 +97,7 @@ class TcpLink(asyncio.Protocol):
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Asyncio tells: the connection stands."""
+        """The connection is established."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
         if (peer := transport.get_extra_info("peername")) is not None:
             self.address = name("tcp", peer)
@@ -105,11 +105,11 @@ class TcpLink(asyncio.Protocol):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SYSTEM_BUFFER)
         transport.set_write_buffer_limits(high=HIGH_WATER, low=0)
-        if self._crowd is not None:
-            if not _has_room(self._crowd):
+        if self._links is not None:
+            if not _has_room(self._links):
                 transport.abort()
                 return
-            self._crowd.add(self)
+            self._links.add(self)
         self._transport = transport
         try:
             self._handler = self._accept(self)
@@ -118,7 +118,7 @@ class TcpLink(asyncio.Protocol):
             raise
 
     def data_received(self, data: bytes) -> None:
-        """Asyncio tells: bytes came."""
+        """Bytes came."""
         if self._handler is not None and self._reason is None:
             self._outbox.received += len(data)
             self._handler.received(data)
@@ -134,11 +134,11 @@ class TcpLink(asyncio.Protocol):
             self._transport.resume_reading()
 
     def pause_writing(self) -> None:
-        """Asyncio tells: the far end does not read."""
+        """The far end does not read."""
         self._paused = True
 
     def resume_writing(self) -> None:
-        """Asyncio tells: the far end has read."""
+        """The far end has read."""
         self._paused = False
         while self._transport is not None and not self._paused and not self._transport.is_closing():
             frame = self._outbox.pop()
@@ -147,12 +147,12 @@ class TcpLink(asyncio.Protocol):
             self._transport.write(frame)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Asyncio tells: it is over."""
+        """The connection has ended."""
         self._transport = None
         if self._patience is not None:
             self._patience.cancel()
-        if self._crowd is not None:
-            self._crowd.discard(self)
+        if self._links is not None:
+            self._links.discard(self)
         if self._reason is None:
             self._reason = (
                 LinkClosed(self.address, by_us=False) if exc is None else LinkBroken(self.address, str(exc))
@@ -164,35 +164,35 @@ class TcpLink(asyncio.Protocol):
             self.over.set_result(None)
 
 
-def _has_room(crowd: set[TcpLink]) -> bool:
+def _has_room(links: set[TcpLink]) -> bool:
     """Whether a listener takes one more link; those that have ended make room.
 
     A hundred connections may come in one step of the loop, and their handlers end as many older ones in it,
     which are there until the next step, or until they were read.
     """
-    ended = [link for link in crowd if not link.open]
-    if len(crowd) >= LARGEST_CROWD:
+    ended = [link for link in links if not link.open]
+    if len(links) >= MAX_LINKS:
         for link in ended:
             link.give_up()
-    return len(crowd) - len(ended) < LARGEST_CROWD
+    return len(links) - len(ended) < MAX_LINKS
 
 
 class TcpListener:
     """Waits for TCP connections. Made by `listen`."""
 
-    def __init__(self, server: asyncio.Server, crowd: set[TcpLink]) -> None:
-        self._server, self._crowd = server, crowd
+    def __init__(self, server: asyncio.Server, links: set[TcpLink]) -> None:
+        self._server, self._links = server, links
         self.address = name("tcp", server.sockets[0].getsockname())
 
     @property
     def links(self) -> frozenset[Link]:
         """The connections that stand now."""
-        return frozenset(link for link in self._crowd if link.open)
+        return frozenset(link for link in self._links if link.open)
 
     async def close(self) -> None:
         """Listen no more and end all connections."""
         self._server.close()
-        links = [*self._crowd]
+        links = [*self._links]
         for link in links:
             link.close()
         await self._server.wait_closed()
@@ -221,7 +221,7 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
 
     Args:
         host: loopback, unless `exposed`.
-        port: 0 takes a free one; `Listener.address` tells which.
+        port: 0 takes a free one, see `Listener.address`.
         accept: hears of every connection.
         exposed: allow an address that other machines reach.
 
@@ -231,11 +231,11 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     """
     address = name("tcp", (host, port))
     require_loopback(address, host, exposed=exposed)
-    crowd: set[TcpLink] = set()
+    links: set[TcpLink] = set()
     loop = asyncio.get_running_loop()
     with refusing(address):
-        server = await loop.create_server(lambda: TcpLink(accept, crowd), host, port, reuse_address=True)
-    return TcpListener(server, crowd)
+        server = await loop.create_server(lambda: TcpLink(accept, links), host, port, reuse_address=True)
+    return TcpListener(server, links)
 
 
 async def connect_url(url: Url, accept: Accept) -> Link:

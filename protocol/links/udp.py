@@ -1,8 +1,8 @@
 """MAVLink over UDP: one frame per datagram.
 
-A datagram link knows no beginning and no end. Who connects speaks into the void until somebody answers; who
-listens opens a link for every address that speaks, and ends it when it has been silent for a minute, or for a
-few seconds when its place is needed.
+A datagram link has no connections. A client sends without knowing whether somebody listens; a listener opens
+a link for every address from which it receives, and ends it after a minute of silence, or after a few seconds
+when its place is needed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SILENCE = 60.0
 """[s] after which a listener takes a silent address for gone."""
 SWEEP = 5.0
 """[s] between two looks for silent addresses."""
-LARGEST_CROWD = 128
+MAX_LINKS = 128
 """Links of one listener. Where there are so many, the address that has been silent for the longest time makes
 room if it has been for `LINGER`; else datagrams from further addresses are passed over."""
 LINGER = 5.0
@@ -137,8 +137,8 @@ class _Carrier(asyncio.DatagramProtocol):
             link.receive(data, now)
 
     def _has_room(self, now: float) -> bool:
-        """Whether another address can have a place; who is silent gives way."""
-        if len(self.links) < LARGEST_CROWD:
+        """Whether another address can have a place; silent ones lose theirs."""
+        if len(self.links) < MAX_LINKS:
             return True
         oldest = next(iter(self.links.values()))
         if (silent := now - oldest.heard) < LINGER:
@@ -229,7 +229,7 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
 
     Args:
         host: loopback, unless `exposed`.
-        port: 0 takes a free one; `Listener.address` tells which.
+        port: 0 takes a free one, see `Listener.address`.
         accept: hears of every address that speaks.
         exposed: allow an address that other machines reach.
 

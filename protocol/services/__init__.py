@@ -1,5 +1,4 @@
-"""Services: state machines without I/O. Messages and moments go in, messages and events come out.
+"""Services: state machines without I/O. Messages and times go in, messages and events come out.
 
-`now` is always an argument, in seconds on a clock that never jumps. What a call returns, the caller carries
-out.
+`now` is always an argument, in seconds on a monotonic clock. The caller carries out what a call returns.
 """

@@ -1,9 +1,9 @@
-"""What a controller without files, missions, logs and extended parameters says to who asks for them.
+"""Answers of a controller without files, missions, logs and extended parameters.
 
-A ground station that hears nothing asks again until its patience ends: MAVProxy 1.8.75 spends 11 s on a file
-before it asks for the parameters themselves. So each question has the answer that MAVLink defines for
-"not here" (https://mavlink.io/en/services: ftp, mission, parameter_ext, and common.xml for LOG_*). Where it
-defines none (PARAM_EXT_REQUEST_LIST, PARAM_EXT_REQUEST_READ, LOG_ERASE, LOG_REQUEST_END), nothing is said.
+A ground station without an answer repeats its question for long: MAVProxy 1.8.75 spends 11 s on a file before
+it asks for the parameters. So each question gets the answer that MAVLink defines for "not here"
+(https://mavlink.io/en/services: ftp, mission, parameter_ext, and common.xml for LOG_*). Where MAVLink defines
+none (PARAM_EXT_REQUEST_LIST, PARAM_EXT_REQUEST_READ, LOG_ERASE, LOG_REQUEST_END), nothing is sent.
 
 Pure.
 """

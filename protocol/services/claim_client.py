@@ -1,13 +1,13 @@
-"""Claims, the holder's side: ask for the command of a controller, keep it, and know when it is lost. Pure.
+"""Claims, the holder's side: ask for the command of a controller, keep it, and notice its loss. Pure.
 
-The controller's life comes from its MODE. In each life, and on each link, the claim is asked for anew. It is
-repeated until it is answered, then every `PERIOD`, and five times in the silence that the controller bears
-while something moves for us: three in a row may be lost.
+The controller's life comes from its MODE. In each life, and on each link, the claim is requested anew. It is
+repeated until it is answered, then every `PERIOD`, and five times within the silence that the controller
+allows while something moves for us: three in a row may be lost.
 
-An epoch that the controller refuses as over is replaced by the one above its own, unless somebody else holds
-the claim: then it is asked for again and again, and granted when the other one is gone. Where the holder is
-away (its link has ended, or the controller has restarted) nothing is denied yet: it is waited for, not long.
-To take the claim over is asked for only when a person has said so, and only until it was granted once.
+An epoch that the controller refuses as over is replaced by the one above the controller's, unless somebody
+else holds the claim: then the request is repeated, and granted when the other holder is gone. If the holder
+is away (its link has ended, or the controller has restarted), nothing is denied yet: we wait for a short
+time. A take-over is requested only if a person asked for it, and only until it was granted once.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ClaimGranted(msgspec.Struct, frozen=True):
     """The controller obeys us and nobody else."""
 
     taken_from: str = ""
-    """Name of the holder from whom it was taken over; empty: from nobody."""
+    """Name of the former holder; empty: there was none."""
 
 
 class ClaimDenied(msgspec.Struct, frozen=True):
@@ -47,7 +47,7 @@ class ClaimDenied(msgspec.Struct, frozen=True):
     reason: Reason
     """NOT_IN_CONTROL: another one holds it; BAD_EPOCH: there is no epoch above its own."""
     name: str
-    """Of whoever holds it; empty: nobody."""
+    """Of the holder; empty: nobody."""
     epoch: int
     """The highest that the controller has obeyed."""
 
@@ -63,7 +63,7 @@ class ClaimClient:
         component: the controller's.
         holder: a random number that names this life of ours, 1 to 2^64 - 1.
         name: of ours, for people.
-        take_over: take the claim from whoever has it, once.
+        take_over: take the claim from its holder, once.
         via: the link to it.
     """
 
@@ -126,10 +126,10 @@ class ClaimClient:
             self.epoch = lease if self.epoch < lease < self._too_high else _above(self.epoch)
 
     def receive(self, status: ClaimStatus, *, for_us: bool) -> list[Effect]:
-        """Take what the controller tells of its claim.
+        """Take the controller's report of its claim.
 
         Args:
-            status: what it tells.
+            status: the report.
             for_us: whether it is addressed to our system and component.
         """
         if not self.life or status.life != self.life:
@@ -204,8 +204,8 @@ class ClaimClient:
 
     def _say(self, wish: ClaimWish, term: float) -> Send:
         ms = round(1000 * term)
-        whom = (self._system, self._component)
-        return Send(Claim(self.holder, self.epoch, ms, self.life, *whom, wish, self._name), self._via)
+        target = (self._system, self._component)
+        return Send(Claim(self.holder, self.epoch, ms, self.life, *target, wish, self._name), self._via)
 
 
 def _above(epoch: int) -> int:

@@ -1,16 +1,16 @@
 """Claims, the controller's side: who commands it, and what keeps a motion alive. Pure.
 
-A claim is a lease at the controller. One holder has it at a time; CLAIM asks for it and keeps it. While the
-holder is heard from (a CLAIM within its own term), the claims of others are refused, and both are told. A
-person may take it over explicitly. A claim ends when the holder releases it, or falls silent for its term, or
-`GRACE` after its link has ended, whichever comes first: who dials again at once must find it.
+A claim is a lease at the controller. It has one holder at a time; CLAIM requests it and keeps it. While the
+holder is heard (a CLAIM within its own term), claims of others are refused, and both sides are told. A person
+may take the claim over explicitly. A claim ends when the holder releases it, is silent for its term, or
+`GRACE` after its link has ended, whichever comes first: a holder that reconnects at once still has it.
 
-The holder is a number that a proxy draws at random for each of its lives, not its system and component, which
-others share: a ground station with the same ids keeps nothing alive. What is addressed by ids is bound to the
-claim by the link and the ids on which the last CLAIM came.
+The holder is a number that a proxy draws at random in each of its lives, not its system and component ids:
+others may have the same ids, and a ground station with the same ids must not keep the claim alive. Messages
+that carry only ids belong to the claim if they come over the link and with the ids of the last CLAIM.
 
-What was granted is kept over the controller's restart (`Fence.keep`). After it, the holder of then has
-`RESERVED` to come back before anybody else is granted the claim.
+The claim is kept over the controller's restart (`Fence.keep`). After a restart the former holder has
+`RESERVED` to come back before the claim is granted to anybody else.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ RESERVED = 3.0
 """[s] after a start for which the last holder is waited for."""
 BETWEEN_NEWS = 10.0
 """[s] between two sentences about the same claimant who is refused."""
-LARGEST_CROWD = 64
+MAX_PEERS = 64
 """Claimants who were refused and are remembered."""
 
 
@@ -188,7 +188,7 @@ class ClaimServer:
     def _tell_both(self, held: Holding, claim: Claim, peer: Peer, now: float) -> list[Effect]:
         told = self._refused.pop(claim.holder, -BETWEEN_NEWS)
         self._refused[claim.holder] = told if now - told < BETWEEN_NEWS else now
-        while len(self._refused) > LARGEST_CROWD:
+        while len(self._refused) > MAX_PEERS:
             del self._refused[next(iter(self._refused))]
         return [] if now - told < BETWEEN_NEWS else [ClaimRefused(held, peer, claim.name)]
 

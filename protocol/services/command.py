@@ -1,21 +1,19 @@
 """COMMAND_LONG and COMMAND_INT, the side that carries them out.
 
-MAVLink's commands have no key, so a repeated one cannot be told from a new one by itself. What helps: a
-repeated COMMAND_LONG counts in `confirmation`, and clients repeat within a few seconds. So a request with the
-same content from the same peer says that it is a repetition when its number is neither 0 nor the one before,
-and is believed within `COUNTED_REPETITION` of the last answer. One that comes later repeats a new order, the
-first frame of which was lost; and there are clients that say the same number, such as 1, every time: then
-each is an order of its own.
+MAVLink's commands have no key, so a repeated command looks like a new one. But a repeated COMMAND_LONG counts
+in `confirmation`, and clients repeat within a few seconds. So a request with the same content from the same
+peer counts as a repetition if its number is neither 0 nor the previous one and it comes within
+`COUNTED_REPETITION` of the last answer. Later, it repeats a new command whose first frame was lost. Some
+clients always send the same number, such as 1: then each request is a new command.
 
 A repetition is answered with the stored result, and so is a request within `REPETITION` of its success if
-nothing else was done meanwhile; a command that moves should be a goal, which has a key. One that was
-cancelled or has failed is not taken for a repetition by the time alone: who orders it again wants it. A
-refusal is not stored: nothing was done, and what was in the way may be gone. While a command is in progress
-the same request is answered with its progress, and another one of its kind is rejected for now.
+nothing else was done in between; a command that moves should be a goal, which has a key. A command that was
+cancelled or has failed does not count as repeated by time alone: its sender wants it again. A refusal is not
+stored: nothing was done, and the obstacle may be gone. While a command is in progress, the same request is
+answered with its progress, and another one of its kind is temporarily rejected.
 
-Questions and stops are carried out every time, whoever asks. What ends a stop shares its command with what
-begins one, so it is handed on every time, too; its handler asks for the answer to be remembered, and is told
-of the repetition.
+Questions and stops are carried out every time, from any sender. The command that ends a stop also begins one,
+so it is handed on every time, too; its handler asks for the answer to be stored, and is told of repetitions.
 """
 
 from __future__ import annotations
@@ -48,7 +46,7 @@ The field's clients repeat at most three times, 3 s apart, so none still repeats
 """
 PROGRESS_PERIOD = 0.5
 """[s] between two words on a command in progress; clients give up after a few seconds of silence."""
-LARGEST_CROWD = 256
+MAX_PEERS = 256
 """Results that are stored."""
 UNKNOWN_PROGRESS = 255
 """What the wire says of a progress that nobody knows."""
@@ -231,7 +229,7 @@ class CommandServer:
     def _store(self, request: Request, answer: Answer, confirmation: int, now: float) -> None:
         key = (request.peer, request.command)
         self._records.pop(key, None)
-        if len(self._records) >= LARGEST_CROWD:
+        if len(self._records) >= MAX_PEERS:
             done = (k for k, each in self._records.items() if each.ack.result != MavResult.IN_PROGRESS)
             del self._records[next(done, next(iter(self._records)))]
         ack, turn = _answer_ack(request, answer), self._turn()

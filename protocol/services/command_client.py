@@ -1,10 +1,10 @@
-"""COMMAND_LONG, the side that asks: repeat until somebody answers, then wait through the progress.
+"""COMMAND_LONG, the side that asks: repeat until it is answered, then wait through the progress.
 
-An answer names only the command, so one command of a kind is under way to a target at a time; the others wait
-their turn. Where a command was said more than once, more than one answer may be on its way: the next of its
-kind waits one `RESEND` for them to arrive. A command that is given up may run all the same: it is cancelled,
-and the next of its kind waits `PATIENCE` for its answers, and on while they tell that it goes on. An answer
-that takes longer is still taken for the next one's.
+An answer names only the command, so only one command of a kind is sent to a target at a time; the others
+wait. If a command was sent more than once, more than one answer may be on its way: the next one of its kind
+waits one `RESEND` for them. A command that is given up may still run: it is cancelled, and the next one of
+its kind waits `PATIENCE` for its answers, and longer while they report progress. An answer that takes even
+longer is taken for that of the next command.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class CommandClient:
         return self._begin(queue[0], now) if len(queue) == 1 else []
 
     def cancel(self, command: int, now: float) -> list[Effect]:
-        """Ask for the end of a command; its `CommandDone` tells what became of it."""
+        """Cancel a command; its `CommandDone` reports the result."""
         if not (queue := self._queues.get(command)):
             return []
         if not queue[0].attempts:

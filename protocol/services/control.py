@@ -1,12 +1,12 @@
-"""Operator control, the side that is controlled: the lease's form on the wire, for MAVLink's ground stations.
+"""Operator control, the controlled side: the lease as MAVLink's ground stations know it.
 
-One system is in control at a time (REQUEST_OPERATOR_CONTROL asks and gives back, CONTROL_STATUS tells
-everyone). While nobody is, anyone may command. An owner who allows takeover loses control to whoever asks;
-another one is told of the wish and decides. An owner who falls silent loses control. Questions and stops are
-nobody's privilege.
+One system is in control at a time (REQUEST_OPERATOR_CONTROL requests and releases it, CONTROL_STATUS reports
+it to all). While no system is in control, any may command. An owner that allows take-over loses control to
+the next requester; another owner is told of the request and decides. An owner that is silent loses control.
+Questions and stops are allowed to all.
 
-A peer is not believed to be a part of the controlled system because it says so: whoever speaks over a link
-is a client, its own system id or not. What is on board does not come over a link.
+Every peer on a link is a client, also one with the system id of the controlled system: parts of that system
+do not speak over a link.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The epoch fence of a controller: which epochs it obeys. Pure.
 
-An epoch numbers leases. One below the highest obeyed is over (fencing tokens: Kleppmann 2016). Epochs come
-from clocks (seconds since 1970), or count on from the highest one told. So an honest one is at most a number
-of leases ahead of the highest obeyed, or not after the present time. Whatever is further ahead comes
-from a fault or a forger. If it were obeyed, everybody else would be refused for ever: it is refused instead.
+An epoch numbers leases. An epoch below the highest obeyed one is over (fencing tokens: Kleppmann 2016).
+Epochs come from clocks (seconds since 1970), or count on from the highest reported one. So an honest epoch is
+at most a number of leases ahead of the highest obeyed one, or not after the present time. An epoch that is
+further ahead comes from a fault or a forger. To obey it would refuse everybody else for ever, so it is
+refused.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ Refusal = tuple[Reason, str]
 """Why something is not obeyed: the reason, and one sentence."""
 
 LAST_EPOCH = 2**32 - 2**20
-"""The last epoch that may be given; no clock tells it before 2106."""
+"""The last possible epoch; no clock reaches it before 2106."""
 LEASES = 2**10
 """How far ahead counting may lead in one step: more leases than a robot grants between two claims.
 
 A forger who climbs in such steps needs more than two million frames to reach the last epoch.
 """
 CLOCK_FROM = 1_767_225_600
-"""[s since 1970] 2026-01-01: a controller's clock that tells less was never set."""
+"""[s since 1970] 2026-01-01: a controller's clock before that was never set."""
 CLOCK_SKEW = 86_400
-"""[s] by which the clock of whoever gives epochs may be ahead of the controller's."""
+"""[s] by which the clock that makes epochs may be ahead of the controller's."""
 CLOCK_UNTIL = 4_102_444_800
 """[s since 1970] 2100-01-01: what a controller without a clock takes for the latest honest time.
 
@@ -45,7 +46,7 @@ class Fence:
 
     Args:
         epoch: obeyed in an earlier life.
-        holder: to whom it was granted; 0: nobody known.
+        holder: of that epoch; 0: unknown.
         name: of the holder, for people.
         clock: returns the time [s since 1970]; 0: unknown.
         keep: called at each change, so that it survives a restart.

@@ -1,21 +1,21 @@
-"""Goals, the sender's side: ask until somebody answers, then listen, poll and cancel.
+"""Goals, the sender's side: send until it is answered, then listen, poll and cancel.
 
-A goal is repeated with its key until its first status comes. From then on only its status is asked for, so
-that a controller which has restarted says UNKNOWN instead of beginning again. When no answer came for
-`patience`, the goal is not repeated either: a link that comes back much later must not start a movement.
+A goal is repeated with its key until its first status comes. From then on only its status is polled, so that
+a controller that has restarted answers UNKNOWN instead of beginning again. After `patience` without an answer
+the goal is not repeated any more: a link that comes back much later must not start a movement.
 
-A goal names the life of the controller that it was made for, so that another life does not begin it. When the
-controller has restarted, a goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only one that was
-never answered, and that ends the same when it is carried out twice, is asked for again in the new life.
+A goal names the life of the controller that it was made for, so that another life does not begin it. If the
+controller has restarted, the goal may have begun before: it ends as UNKNOWN with OTHER_LIFE. Only a goal that
+was never answered, and whose repetition has the same result, is sent again in the new life.
 
-A goal that is refused because somebody else commands may begin all the same: the controller keeps no such
-refusal, and a repetition may come when nobody else commands any more. So it is called off, and it ends as
+A goal that is refused because somebody else commands may still begin: the controller does not store such a
+refusal, and a repetition may arrive when nobody else commands any more. So the goal is cancelled, and ends as
 refused when the controller has confirmed that it does not know it.
 
-A repetition carries what is left of the time to live. A goal whose time is over before it was
-answered is called off; when the controller then says that it never had it, it ends as EXPIRED. A cancelled
-one of which nothing is heard is asked about until LINGER after its time to live: then it moves no more, and a
-controller that answers no goals is not asked about ever more of them. One without an end is never let go.
+A repetition carries the rest of the time to live. A goal whose time is over before it was answered is
+cancelled; when the controller then reports that it never had it, it ends as EXPIRED. A cancelled goal without
+an answer is polled until LINGER after its time to live: then it moves no more, and polling ends. A goal
+without a deadline is polled for ever.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class GoalEnded(msgspec.Struct, frozen=True):
 class GoalSilent(msgspec.Struct, frozen=True):
     """Nothing was heard of a goal for `patience`: it may move or not. It is still asked for.
 
-    Whoever cancels it hears of its end if one is told, and of nothing when it is let go.
+    After a cancel its end is reported if the controller sends one; if it is given up, nothing is.
     """
 
     key: int
@@ -119,7 +119,7 @@ class GoalClient:
         self.system, self.component, self.via = system, component, via
         self._resend, self._poll, self._patience = resend, poll, patience
         self.life = 0
-        """Of the controller, as it has told it; 0: it tells none."""
+        """Of the controller, as reported; 0: not reported."""
         self._pursuits: dict[int, _Pursuit] = {}
 
     @property
@@ -151,8 +151,8 @@ class GoalClient:
         """
         padded = (*args, *[float("nan")] * (ARGUMENTS - len(args)))
         lives = ttl or inf
-        whom = (self.system, self.component)
-        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, *whom, life=self.life)
+        target = (self.system, self.component)
+        goal = Goal(key, epoch, _milliseconds(lives), padded, verb, *target, life=self.life)
         self._pursuits[key] = _Pursuit(
             goal, deadline=now + lives, heard=now, asked=now, repeatable=repeatable
         )
@@ -166,7 +166,7 @@ class GoalClient:
         return [Send(GoalCancel(key, epoch, self.system, self.component, self.life), self.via)]
 
     def restarted(self, life: int) -> list[Effect]:
-        """The controller has begun another life, of this number; 0: it tells none."""
+        """The controller has begun another life, of this number; 0: not reported."""
         self.life = life
         effects: list[Effect] = []
         for key, pursuit in list(self._pursuits.items()):
@@ -256,7 +256,7 @@ class GoalClient:
 def _says_nothing(unknown: GoalStatus, pursuit: _Pursuit) -> bool:
     """Whether it does not matter that the controller does not know a goal.
 
-    After a restart its MODE tells the new life, and then it is decided what becomes of the goal. A goal that
+    After a restart its MODE reports the new life, and then the goal is decided. A goal that
     was never answered is still on its way: it is an answer to an older question.
     """
     if unknown.reason == Reason.OTHER_LIFE:

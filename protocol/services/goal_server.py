@@ -1,17 +1,17 @@
-"""Goals, the controller's side: one movement per key, whatever the wire repeats, delays or reorders.
+"""Goals, the controller's side: one movement for each key, whatever the wire repeats, delays or reorders.
 
-A goal is known by its sender and key. The same key with the same content is answered with the stored
-status; with other content it is refused. A goal from an epoch older than one already obeyed is refused
-(fencing). A goal that is not reached within its time to live ends as EXPIRED. Epoch, life and addresses are
-no content: a sender may ask for its goal again under a newer lease.
+A goal is known by its sender and key. The same key with the same content is answered with the stored status;
+with other content it is refused. A goal from an epoch older than the highest obeyed one is refused (fencing).
+A goal that is not reached within its time to live ends as EXPIRED. Epoch, life and addresses do not belong to
+the content: a sender may ask for its goal again under a newer lease.
 
 A goal names the life of the controller that it was made for. After a restart its key is unknown, and it may
-have begun before: it is answered by UNKNOWN with OTHER_LIFE, and does not begin.
+have begun before: it is answered with UNKNOWN and OTHER_LIFE, and does not begin.
 
-Stops and questions are everyone's: they are carried out and answered, whoever comes with them. All else is
-for those whom `guard` lets pass: to begin a goal, to raise the epoch, to be the one who is told of a goal.
+Stops and questions are accepted from all senders. Only senders that `guard` admits may begin a goal, raise
+the epoch, or become the receiver of a goal's status.
 
-The server decides; it does not move. It tells the firmware `Begin` and `Abandon`, and the firmware tells it
+The server decides; the firmware moves. The server returns `Begin` and `Abandon`; the firmware calls
 `activate`, `progress` and `finish`. Every call returns what to do next.
 """
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 CAPACITY = 256
 """Goals whose status is kept; the oldest finished one makes room."""
 FORGOTTEN = 4096
-"""Keys that are still known to be used when their status is kept no more; who has most gives way first."""
+"""Keys that are still known as used after their status was dropped; the sender with most loses first."""
 PROGRESS_PERIOD = 0.1
 """[s] between two statuses that tell nothing but progress."""
 LONGEST_TEXT = 80
@@ -154,7 +154,7 @@ class GoalServer:
         return self._answer(id_, peer, may=may)
 
     def activate(self, id_: GoalId, now: float) -> list[Effect]:
-        """The firmware tells: it moves."""
+        """The movement has begun."""
         record = self._open(id_)
         if record is None or record.state == GoalState.ACTIVE:
             return []
@@ -162,7 +162,7 @@ class GoalServer:
         return [self._changed(id_, record, now)]
 
     def progress(self, id_: GoalId, fraction: float, now: float) -> list[Effect]:
-        """The firmware tells: this much is done, 0 to 1. Told on at most every `PROGRESS_PERIOD`."""
+        """Progress, 0 to 1. Sent at most every `PROGRESS_PERIOD`."""
         if (record := self._open(id_)) is None:
             return []
         record.progress = min(max(0.0, fraction), 1.0)
@@ -171,7 +171,7 @@ class GoalServer:
     def finish(
         self, id_: GoalId, state: GoalState, now: float, reason: Reason = Reason.NONE, text: str = ""
     ) -> list[Effect]:
-        """The firmware tells: it is over. Ignored when the goal has ended before.
+        """The movement has ended. Ignored when the goal has ended before.
 
         Raises:
             ValueError: the state is not a final one.

@@ -1,4 +1,4 @@
-"""Heartbeats: to be seen once a second, and to notice who has fallen silent."""
+"""Heartbeats: send one each second, and notice peers that are silent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SILENCE = 3.0
 """[s]: three heartbeats."""
 BEATS = 5
 """Heartbeats in the silence that the far end bears while it must hear us: three in a row may be lost."""
-LARGEST_CROWD = 1024
+MAX_PEERS = 1024
 """Peers that are remembered; a forged stream must not fill the memory."""
 
 
@@ -95,7 +95,7 @@ class HeartbeatMonitor:
         """Note a sign of life."""
         peer = Peer(via, frame.system, frame.component)
         known = peer in self._heard
-        if isinstance(frame.message, Heartbeat) and (known or len(self._heard) < LARGEST_CROWD):
+        if isinstance(frame.message, Heartbeat) and (known or len(self._heard) < MAX_PEERS):
             self._heartbeats[peer] = frame.message
             self._heard[peer] = now
             return [] if known else [PeerFound(peer, frame.message)]

@@ -1,8 +1,8 @@
-"""How often which message is sent to one connection, and what is sent on request.
+"""The rate of each message on one connection, and messages that are sent on request.
 
-Every connection has its own rates: one client's wish does not change what another sees. A wish for a rate
-that is too high gets the highest there is, which GET_MESSAGE_INTERVAL then tells; a refusal would leave the
-client with nothing.
+Every connection has its own rates: one client does not change what another one gets. A request for too high a
+rate gets the highest possible one, which GET_MESSAGE_INTERVAL then reports; a refusal would leave the client
+with nothing.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Parameters: numbers that can be read and set by name, the side that has them.
+"""Parameters: numbers that can be read and set by name; the side that has them.
 
-Every parameter is a REAL32, because the field's tools disagree on how whole numbers are packed into the
-wire's float. A request that fails is answered by PARAM_ERROR, so that nobody has to wait for a silence. The
-whole list is sent a few at a time.
+Every parameter is a REAL32, because MAVLink tools pack integers into the wire's float in different ways. A
+request that fails is answered with PARAM_ERROR, so that no client has to wait for a timeout. The whole list
+is sent a few parameters at a time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 LONGEST_NAME = 16
 PACE = 0.02
 """[s] between two parameters of a list: about 2 kB/s, which leaves room on a slow link."""
-LARGEST_CROWD = 32
+MAX_PEERS = 32
 """Lists that are sent at a time; one more peer has to ask again."""
 
 
@@ -96,7 +96,7 @@ class ParameterServer:
     ) -> list[Effect]:
         """Take a message that is addressed to this component."""
         if isinstance(message, ParamRequestList):
-            if peer in self._lists or len(self._lists) < LARGEST_CROWD:
+            if peer in self._lists or len(self._lists) < MAX_PEERS:
                 self._lists[peer] = 0
             return self.tick(now)
         if isinstance(message, ParamSet):

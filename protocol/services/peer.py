@@ -1,4 +1,4 @@
-"""Who speaks to us, and the one thing that all services ask their caller to do."""
+"""The sender of a message, and the effect that all services return: send a message."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ PACKET = 253
 """[bytes] of a picture in one message."""
 LARGEST = 4 * 1024 * 1024
 """[bytes] of a picture."""
-LARGEST_CROWD = 16
+MAX_PEERS = 16
 """Unfinished pictures that are kept, one per peer."""
 
 
@@ -109,7 +109,7 @@ class PictureReceiver:
         ):
             self._dropped += 1
             return
-        if len(self._unfinished) >= LARGEST_CROWD:
+        if len(self._unfinished) >= MAX_PEERS:
             self._drop(next(iter(self._unfinished)))
         self._unfinished[peer] = (announcement, [])
 

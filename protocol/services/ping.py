@@ -1,4 +1,4 @@
-"""PING: how long a frame takes there and back."""
+"""PING: round-trip times."""
 
 from __future__ import annotations
 

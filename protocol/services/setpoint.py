@@ -1,13 +1,13 @@
-"""Set-points: a stream that says where to be now, and that ends by itself when it dries up.
+"""Set-points: a stream of targets that ends by itself when no new one arrives.
 
-A set-point lives for its time to live, counted in controller time from the moment at which it was made, so
-that one that was delayed in a queue is dropped instead of obeyed. Who does not know the controller's time
-sends 0, and it counts from arrival. The time on the wire begins anew every 49.7 days: it means the moment
-nearest to the arrival. An older epoch or a smaller number is dropped; what was dropped is
-counted; a sender that begins to count anew is obeyed after a pause in which none could be. One sender is
-followed at a time: another one has to wait until its stream has ended, or to bring a newer epoch. A stream
-that was ended (a stop, a goal) stays ended: its sender begins a new one with a newer epoch or after a pause,
-so that nothing moves again by itself when the stop is released.
+A set-point has a time to live, counted in controller time from the time when it was made, so that a set-point
+that was delayed in a queue is dropped. A sender that does not know the controller's time sends 0, and the
+time to live counts from arrival. The time on the wire wraps every 49.7 days: it means the time nearest to the
+arrival. A set-point with an older epoch or a smaller number is dropped and counted. A sender that begins to
+count anew is obeyed after a pause in which no set-point could be valid. One sender is followed at a time:
+another one must wait until the stream has ended, or bring a newer epoch. A stream that was ended by a stop or
+a goal stays ended: its sender begins a new one with a newer epoch or after a pause, so that nothing moves
+again by itself when the stop is released.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PAUSE = LONGEST_TTL
 
 It is numbered anew. As long as a set-point lives: what was sent with an earlier one is over by then.
 """
-LARGEST_CROWD = 64
+MAX_PEERS = 64
 """Senders whose ended streams are remembered."""
 _TURN = 1 << 32
 """After so many numbers, or [ms], the wire begins anew."""
@@ -166,7 +166,7 @@ class SetpointReceiver:
         before = self._shut_out.pop(sender, None)
         if before is not None and heard - before.heard < PAUSE:
             epoch, heard = max(epoch, before.epoch), max(heard, before.heard)
-        if len(self._shut_out) >= LARGEST_CROWD:
+        if len(self._shut_out) >= MAX_PEERS:
             del self._shut_out[next(iter(self._shut_out))]
         self._shut_out[sender] = _ShutOut(epoch, heard)
 

@@ -1,4 +1,4 @@
-"""STATUSTEXT: sentences for people, in chunks of 50 bytes when they are longer."""
+"""STATUSTEXT: sentences for people, in chunks of 50 bytes if they are longer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST = CHUNK * 20
 """[bytes] of one sentence; the wire would allow 12 750."""
 PATIENCE = 2.0
 """[s] until a sentence with missing chunks is told as it is."""
-LARGEST_CROWD = 64
+MAX_PEERS = 64
 """Unfinished sentences that are kept."""
 
 
@@ -67,7 +67,7 @@ class _Unfinished:
 
 
 class StatustextReceiver:
-    """Joins chunks to sentences; tells one with missing chunks after `PATIENCE`."""
+    """Joins chunks to sentences; one with missing chunks is returned after `PATIENCE`."""
 
     def __init__(self) -> None:
         self._unfinished: dict[tuple[Peer, int], _Unfinished] = {}
@@ -81,7 +81,7 @@ class StatustextReceiver:
         if message.id == 0:
             return [Sentence(peer, message.severity, message.text)]
         key = (peer, message.id)
-        if key not in self._unfinished and len(self._unfinished) >= LARGEST_CROWD:
+        if key not in self._unfinished and len(self._unfinished) >= MAX_PEERS:
             del self._unfinished[next(iter(self._unfinished))]
         whole = self._unfinished.setdefault(key, _Unfinished(message.severity, now))
         piece = frame.payload[1 : 1 + CHUNK].split(b"\0", 1)[0]

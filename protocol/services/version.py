@@ -1,4 +1,4 @@
-"""What we are and what can be talked about: AUTOPILOT_VERSION and PROTOCOL_VERSION."""
+"""AUTOPILOT_VERSION and PROTOCOL_VERSION: which program this is, and what it supports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def autopilot_version(
 
     Args:
         version: of its program.
-        uid: tells it apart from others, 64 bits; not 0.
+        uid: identifies it, 64 bits; not 0.
         capabilities: what it offers.
     """
     return AutopilotVersion(

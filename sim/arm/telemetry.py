@@ -1,4 +1,4 @@
-"""What the arm tells about itself. Pure: readings in, messages out."""
+"""Telemetry of the arm. Pure: readings in, messages out."""
 
 from collections.abc import Sequence
 from typing import Final

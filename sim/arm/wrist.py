@@ -1,4 +1,4 @@
-"""The force sensor in the wrist, and what it tells about the world.
+"""The force sensor in the wrist: from its readings to the wrench of the world on the hand.
 
 Pure: sensor readings in, the world's wrench on the hand out. The sensor feels what the arm exerts on the
 hand; the hand's weight is taken off, its (small) inertia is not. Measured against a push of known size: 10 N

@@ -1,4 +1,4 @@
-"""The program of a simulated controller: one file per service, put together in `program`."""
+"""The program of a simulated controller: one file for each service, combined in `program`."""
 
 from robotree.sim.firmware.description import Gauges, Identity
 from robotree.sim.firmware.outgoing import COMPONENT, Outgoing

@@ -1,6 +1,6 @@
-"""Claims: protocol's `ClaimServer` says who commands, here what moves follows that.
+"""Claims: protocol's `ClaimServer` decides who commands; this ends what moves under a claim that is over.
 
-What moves under a claim lives by the holder's CLAIM alone, and ends when the claim does.
+A motion under a claim is kept alive by the holder's CLAIM alone, and ends with the claim.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -27,7 +27,7 @@ class Claims:
     Args:
         movement: what runs under it.
         rights: whose claim server decides.
-        herald: tells people.
+        announcer: for sentences to people.
     """
 
     def __init__(self, movement: Movement, rights: Rights, announcer: Announcer) -> None:

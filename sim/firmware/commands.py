@@ -1,10 +1,10 @@
-"""COMMAND_LONG and COMMAND_INT on the robot: each command of the field's tools, and what it does here.
+"""COMMAND_LONG and COMMAND_INT: the commands of MAVLink tools, and what each does here.
 
-A command that moves is a goal without a key: it is checked, planned and carried out like one, takes the place
-of whatever runs, and tells its progress. When the link it came over ends, it ends, as a goal does.
+A command that moves is a goal without a key: it is checked, planned and carried out like one, replaces what
+runs, and reports its progress. It ends when its link ends.
 
-A release is carried out once: its repetition, sent since the answer was lost, knows nothing of a stop that
-came in between. A stop is carried out at every repetition.
+A release is carried out once: a repetition, sent because its answer was lost, must not undo a stop that came
+in between. A stop is carried out at every repetition.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -194,7 +194,7 @@ class Commands:
             return self._refuse(MavResult.DENIED, "A gripper releases (0), grabs (1) or holds (2).")
         answer = self._move(request, Verb.GRIP, (width, *(nan,) * 6), now)
         # ACCEPTED as soon as it begins, as ArduPilot answers: the gripper plugin of MAVSDK 4.1 takes the
-        # first IN_PROGRESS for the end and breaks at the second answer. ROBOTREE_GRIP tells its progress.
+        # first IN_PROGRESS for the end and breaks at the second answer. ROBOTREE_GRIP reports its progress.
         return Answer(MavResult.ACCEPTED) if answer.result == MavResult.IN_PROGRESS else answer
 
     # -- stops and modes

@@ -1,6 +1,6 @@
-"""What the controller says about itself when asked, and once a second: versions, load, counters, time.
+"""What the controller reports about itself on request and once a second: versions, load, counters, time.
 
-Pure; the wall clock is handed in.
+Pure; the wall clock is passed in.
 """
 
 from collections.abc import Callable
@@ -67,10 +67,10 @@ class Source(Protocol):
 
 
 class Gauges:
-    """What is counted and measured outside of the firmware.
+    """What is counted and measured outside of the firmware, by the program that runs it.
 
     Args:
-        battery: that feeds the robot; None: it hangs on the mains.
+        battery: that feeds the robot; None: it runs on mains power.
     """
 
     def __init__(self, battery: Source | None = None) -> None:
@@ -105,8 +105,8 @@ def system_time(identity: Identity, now: int) -> SystemTime:
 def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:
     """Load, counters and battery.
 
-    `errors_comm` counts what the links brought in vain: frames beyond what is heard of one link, what
-    was lost unread, and what was no frame, unknown, or not signed as it must be; `errors_count1` to
+    `errors_comm` counts what the links brought and was not accepted: frames beyond the share of one link,
+    what was lost unread, and what was no frame, unknown, or not signed as it must be; `errors_count1` to
     `errors_count4` count set-points: late, of an old epoch, overtaken, refused or of an ended stream.
     """
     counts = (setpoints.late, setpoints.stale, setpoints.overtaken, setpoints.refused + setpoints.ended)

@@ -1,4 +1,4 @@
-"""What the firmware and the cell expect of any simulated robot, and the values they exchange."""
+"""The interface between the firmware and any simulated robot, and what devices need to check arguments."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass

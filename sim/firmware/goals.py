@@ -1,4 +1,4 @@
-"""Goals: keys and epochs are kept by protocol's `GoalServer`, the robot is moved by `Movement`.
+"""Goals: protocol's `GoalServer` keeps keys and epochs, `Movement` moves the robot.
 
 Pure. `now` is controller time in whole milliseconds.
 """

@@ -1,8 +1,8 @@
-"""What the controller does as a whole, and how it tells: stop, release, silence, who is in control.
+"""The controller's mode and how it is reported: stop, release, silence, operator control.
 
-It stops for anyone and starts again only for a lease that is not stale or for who is in control. A release
-that arrived before the newest stop is void, however late it is heard, and so is one that names an older stop:
-a stop is undone only by somebody who could know of it.
+Everybody may stop it; only a lease that is not stale, or the operator in control, may start it again. A
+release that arrived before the newest stop is void, however late it is handled, and so is one that names an
+older stop: a stop is undone only by somebody who could know of it.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -41,7 +41,7 @@ class Modes:
         movement: what runs and what is in its way.
         goals: whose epoch is told, and fences releases.
         rights: who may release.
-        herald: tells people.
+        announcer: for sentences to people.
         mav_type: what the heartbeats say that the robot is.
     """
 

@@ -1,8 +1,8 @@
-"""What moves the robot now: one job at a time, the newest, and what ends it: stop, hold, silence, lost link.
+"""What moves the robot now: one job at a time, the newest; a stop, a hold, silence or a lost link ends it.
 
-A job is a goal, a command or a stream of set-points; each has a service of its own that tells its sender how
-it goes. Every mode the controller can be in follows from three facts: is a stop in force, does a job run, did
-silence end the last one.
+A job is a goal, a command or a stream of set-points; its service reports to its sender. The controller's mode
+follows from three facts: whether a stop is in force, whether a job runs, and whether silence ended the last
+one.
 
 Pure. `now` is controller time in whole milliseconds.
 """
@@ -23,11 +23,11 @@ class Job(NamedTuple):
     """Something that moves the robot.
 
     Attributes:
-        key: tells it from others.
+        key: identifies it.
         speaker: who asked for it.
         voice: who must be heard while it goes on: the speaker, or the holder of the claim.
-        progress: tells the sender how far it is, 0 to 1, at a moment [ms].
-        finish: tells the sender how it ended, with the reason and a sentence, at a moment [ms].
+        progress: reports progress, 0 to 1, at a time [ms], to the sender.
+        finish: reports the end, with the reason and a sentence, at a time [ms], to the sender.
     """
 
     key: Hashable
@@ -42,7 +42,7 @@ class Movement:
 
     Args:
         device: the robot that it moves.
-        silence: of the link that is borne [ms].
+        silence: of the link that is allowed [ms].
     """
 
     def __init__(self, device: Device, silence: int) -> None:

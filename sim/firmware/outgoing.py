@@ -1,4 +1,4 @@
-"""What the controller's program has to say, and to whom."""
+"""Messages that the controller's program sends, and their receivers."""
 
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Final, NamedTuple

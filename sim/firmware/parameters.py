@@ -1,6 +1,6 @@
 """Parameters: protocol's `ParameterServer` speaks, the robot's tuning has the values.
 
-A change takes effect at once, in the thread of the physics, and everybody is told.
+A change takes effect at once, in the physics thread, and all clients are told.
 
 Pure. `now` is controller time in whole milliseconds.
 """

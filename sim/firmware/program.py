@@ -1,7 +1,7 @@
 """The controller's program: messages in, set-points down, telemetry and answers out.
 
-It puts the services together. Each message that it understands has one line in its registry; each service has
-a file of its own: when it stops, starts again and holds is said in `modes` and `movement`.
+It combines the services. Each message that it understands has one line in its registry, and each service has
+its own file; `modes` and `movement` decide when it stops, starts again and holds.
 
 Pure: no socket, no thread, no clock. `now` is controller time in whole milliseconds, counted by the physics.
 """
@@ -97,13 +97,13 @@ class Firmware:
 
     Args:
         device: the robot that it moves.
-        streams: what it tells by itself about that robot.
+        streams: the telemetry of that robot.
         system: its MAVLink system id.
         component: its MAVLink component; a controller may have several, each with a program.
         mav_type: what its heartbeats say it is.
         silence: of the link that it bears [s of controller time].
         identity: what it says when asked which controller it is.
-        fence: the epochs that it obeys; kept over its restarts by whoever runs it.
+        fence: the epochs that it obeys; its owner keeps it over restarts.
         gauges: counted outside of the program; all components of one controller have the same ones.
         speech: takes a text that is to be spoken, of a robot that can speak.
     """
@@ -222,7 +222,7 @@ class Firmware:
     # -- who hears what
 
     def _registry(self) -> dict[type[AnyMessage], Hear]:
-        """What is understood, to whom it must be addressed, and who takes it."""
+        """The messages that are understood, how they must be addressed, and their handlers."""
         us, all_or_us, any_ = self._is_for_us, self._is_for_all_or_us, self._is_for_anybody
         goals, commands, parameters = self._goals.receive, self._commands.receive, self._set_parameter
         return dict(

@@ -1,8 +1,8 @@
 """Who may move the robot and change it: operator control on the wire, the claim, and the lease's epoch.
 
-While a ground station is in control, only it may. While nobody is, only the holder of the claim may. Where
-nobody holds one, a goal counts by its epoch; a command, which carries none, counts as epoch 0: where the
-epoch of a lease was obeyed, it takes control first. Stops are everyone's.
+While a ground station is in control, only it may command. Otherwise only the holder of the claim may. Without
+a claim, a goal counts by its epoch. A command has none and counts as epoch 0: once the epoch of a lease was
+obeyed, its sender must take control first. Stops are accepted from all.
 
 Pure. `now` is controller time in whole milliseconds.
 """

@@ -1,7 +1,7 @@
-"""Set-points: protocol's `SetpointReceiver` says which to follow, the device follows them within its limits.
+"""Set-points: protocol's `SetpointReceiver` selects them, the device follows them within its limits.
 
-A stream moves the robot only while no goal and no command does; a goal or a stop ends it. When it dries up
-the robot holds.
+A stream moves the robot only while no goal and no command does; a goal or a stop ends it. When no set-point
+arrives any more, the robot holds.
 
 Pure. `now` is controller time in whole milliseconds.
 """

@@ -1,4 +1,4 @@
-"""What asks for the protective stop, in every form that the wire knows. The only place that says so. Pure."""
+"""Every form in which the wire can ask for the protective stop; the only place that knows them. Pure."""
 
 from collections.abc import Sequence
 from math import isnan

@@ -1,4 +1,4 @@
-"""What a robot tells about itself, and how often: a stream for each kind of message.
+"""Telemetry: what a robot reports, and how often, on each link.
 
 Times are controller time, so a stream keeps its rate per simulated second. Pure.
 """
@@ -77,7 +77,7 @@ class Schedule:
         self._links.pop(via, None)
 
     def read(self, msgid: int, now: int, *, busy: bool) -> Sequence[Message]:
-        """One reading of what a message tells; nothing if there is no such telemetry."""
+        """One reading of a message; nothing if there is no such telemetry."""
         stream = self._streams.get(msgid)
         return () if stream is None else stream.read(boot_ms(now), busy)
 
@@ -95,5 +95,5 @@ class Schedule:
 
 
 def _instance(message: Message) -> Hashable:
-    """What tells telemetry of one kind apart: the name of a named value."""
+    """What distinguishes telemetry of one kind: the name of a named value."""
     return message.name if isinstance(message, NamedValueFloat) else None

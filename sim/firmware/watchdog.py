@@ -1,10 +1,9 @@
-"""The watchdog of the link: who must be heard, and for how long silence is borne.
+"""The watchdog: who must be heard while the robot moves, and how long a silence is allowed.
 
-While something moves at somebody's word, it is the one who gave it who must be heard: another voice, were it
-one with the same ids, must not hide that the one who commands has died. Under a claim its holder must be
-heard, by a CLAIM of its own; without one, the speaker on its link, whatever it says. While nothing moves
-nobody is missed. Times are controller time, so a simulation that runs faster or slower than the wall clock
-keeps its promises.
+While something moves, the peer that asked for it must be heard: another sender, even one with the same ids,
+must not hide that this peer has died. Under a claim, its holder must be heard, by its CLAIMs; without a
+claim, the sender on its link, with any message. While nothing moves, nobody has to be heard. Times are
+controller time, so a simulation may run faster or slower than the wall clock.
 
 Pure.
 """
@@ -16,7 +15,7 @@ class Watchdog:
     """Counts silence.
 
     Args:
-        patience: silence that is borne [ms].
+        patience: silence that is allowed [ms].
     """
 
     def __init__(self, patience: int) -> None:
@@ -24,7 +23,7 @@ class Watchdog:
         self._commander: Hashable = None
         self._heard = 0
         self._latest: tuple[Hashable, int] | None = None
-        """Whose voice was heard last, and when it came."""
+        """Who was heard last, and when its message arrived."""
 
     @property
     def silence(self) -> float:
@@ -36,26 +35,26 @@ class Watchdog:
         self.patience = round(1000 * seconds)
 
     def receive(self, voice: Hashable, arrived: int) -> None:
-        """A word is heard that arrived at a moment [ms]; a stop may be heard before older words."""
+        """A message is handled that arrived at a time [ms]; a stop may be handled before older messages."""
         self._latest = voice, arrived
         if voice == self._commander:
             self._heard = max(self._heard, arrived)
 
     def obey(self, voice: Hashable, speaker: Hashable, now: int) -> None:
-        """From `now` [ms] on it is `voice` who must be heard; a word that waited is no sign of life now.
+        """From `now` [ms] on `voice` must be heard; a message that waited is no sign of life now.
 
         Args:
             voice: who must be heard.
-            speaker: who has said what is obeyed.
+            speaker: the sender of the message that is obeyed.
             now: [ms]
         """
         latest, arrived = self._latest or (speaker, now)
         self._commander, self._heard = voice, arrived if latest in {speaker, voice} else now
 
     def rest(self) -> None:
-        """From now on nobody is missed."""
+        """From now on nobody has to be heard."""
         self._commander = None
 
     def silent(self, now: int) -> bool:
-        """Whether it has been too quiet at `now` [ms]."""
+        """Whether the silence is too long at `now` [ms]."""
         return self._commander is not None and now - self._heard > self.patience

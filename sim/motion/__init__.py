@@ -1,1 +1,1 @@
-"""Where something should be next: jerk-limited paths, pursuits of moving targets, the leash. Pure."""
+"""Reference motion: jerk-limited paths, pursuits of moving targets, and the follower that waits. Pure."""

@@ -4,7 +4,7 @@ MuJoCo intersects the rays (`mj_multiRay`, 0.2 microseconds each); numpy shades:
 shadow, a gloss, a sky, a chequered floor that fades into the distance. Pixels in which the surface changes
 are cast four more times, so edges are smooth at a fraction of the cost of casting everything more often.
 
-A studio has its own `MjData`: it is set to a published state of the cell, so the physics thread is not
+A renderer has its own `MjData`: it is set to a published state of the cell, so the physics thread is not
 disturbed. A picture of 640 x 360 takes a seventh of a second of one core, one of 320 x 180 a quarter of that.
 """
 
@@ -21,7 +21,7 @@ from robotree.sim.physics.engine import mujoco
 from robotree.sim.physics.vectors import Matrix, Picture, Vector
 
 LARGEST: Final = 1920 * 1080
-"""Pixels of a picture; a larger one is asked for in vain and gets this many at the same aspect."""
+"""Most pixels of a picture; a larger one is scaled down to them at the same aspect ratio."""
 SMALLEST: Final = 16
 """Pixels of the shorter side."""
 FAR: Final = 40.0

@@ -1,8 +1,8 @@
-"""The one door to MuJoCo: `from robotree.sim.physics.engine import mujoco`.
+"""The only import of MuJoCo: `from robotree.sim.physics.engine import mujoco`.
 
 MuJoCo chooses an OpenGL back end while it is being imported, by the variable MUJOCO_GL, and fails right there
 when that back end's libraries are missing. The simulator never draws with OpenGL (see `camera`), so it asks
-for none and then puts the variable back for whoever else in the process may want one.
+for none and then restores the variable for other users in the process.
 """
 
 import os

@@ -211,7 +211,7 @@ async def serving(
         memory: what it knows of its earlier lives; None: nothing, and it keeps nothing.
 
     Yields:
-        The server; `address` tells where it really listens.
+        The server; `address` is where it listens.
 
     Raises:
         UnknownKind: no such robot can be simulated.

@@ -18,7 +18,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services.command import (
     COUNTED_REPETITION,
-    LARGEST_CROWD,
+    MAX_PEERS,
     PROGRESS_PERIOD,
     REPETITION,
     Answer,
@@ -251,9 +251,9 @@ def test_what_ended_badly_is_not_repeated_by_time_but_ordered_anew(robot: Robot,
 
 def test_stored_results_are_bounded_and_what_is_in_progress_stays(robot: Robot) -> None:
     robot.server.receive(_long(MOVE), PEER, 0.0)
-    for system in range(2 * LARGEST_CROWD):
+    for system in range(2 * MAX_PEERS):
         robot.server.receive(_long(GRIP), Peer(f"link {system}", 1, 1), 0.0)
-    assert len(robot.server._records) == LARGEST_CROWD
+    assert len(robot.server._records) == MAX_PEERS
     assert robot.server.in_progress == [(PEER, MOVE)]
 
 

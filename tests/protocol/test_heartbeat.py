@@ -9,7 +9,7 @@ import pytest
 from robotree.protocol import Frame
 from robotree.protocol.messages import Heartbeat, MavState, Timesync
 from robotree.protocol.services.heartbeat import (
-    LARGEST_CROWD,
+    MAX_PEERS,
     PERIOD,
     SILENCE,
     HeartbeatMonitor,
@@ -96,6 +96,6 @@ def test_the_latest_heartbeat_is_what_is_known_of_a_peer() -> None:
 
 def test_forged_peers_do_not_fill_the_memory() -> None:
     monitor = HeartbeatMonitor()
-    for i in range(LARGEST_CROWD + 100):
+    for i in range(MAX_PEERS + 100):
         monitor.receive(_frame(1 + i % 255, i // 255), "link 1", 0.0)
-    assert len(monitor.peers) == LARGEST_CROWD
+    assert len(monitor.peers) == MAX_PEERS

@@ -18,7 +18,7 @@ from robotree.protocol.messages import (
     ParamValue,
 )
 from robotree.protocol.services.parameter import (
-    LARGEST_CROWD,
+    MAX_PEERS,
     PACE,
     Changed,
     Effect,
@@ -118,11 +118,11 @@ def test_a_list_is_sent_at_its_pace_to_whoever_asked(server: ParameterServer) ->
 
 
 def test_lists_end_with_their_link_and_do_not_pile_up(server: ParameterServer) -> None:
-    for i in range(LARGEST_CROWD + 9):
+    for i in range(MAX_PEERS + 9):
         server.receive(ParamRequestList(1, 1), Peer(f"link {i}", 1, 1), 0.0)
-    assert len(server._lists) == LARGEST_CROWD
+    assert len(server._lists) == MAX_PEERS
     server.link_closed("link 0")
-    assert len(server._lists) == LARGEST_CROWD - 1
+    assert len(server._lists) == MAX_PEERS - 1
 
 
 def test_an_empty_list_says_nothing() -> None:

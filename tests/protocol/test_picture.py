@@ -12,7 +12,7 @@ from robotree.protocol.messages import DataTransmissionHandshake, EncapsulatedDa
 from robotree.protocol.services.peer import Peer
 from robotree.protocol.services.picture import (
     LARGEST,
-    LARGEST_CROWD,
+    MAX_PEERS,
     PACKET,
     Picture,
     PictureReceiver,
@@ -76,7 +76,7 @@ def test_announcements_without_pictures_do_not_pile_up() -> None:
     receiver = PictureReceiver()
     for component in range(100):
         _receive(receiver, split(b"x" * 600, width=1, height=1, quality=1)[:1], component)
-    assert len(receiver._unfinished) == LARGEST_CROWD
+    assert len(receiver._unfinished) == MAX_PEERS
     receiver.link_closed("link")
     assert receiver.statistics.dropped == 100
 

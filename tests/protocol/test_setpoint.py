@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotree.protocol import Frame
 from robotree.protocol.messages import Setpoint, SetpointKind
 from robotree.protocol.services.goal_server import GoalServer
-from robotree.protocol.services.setpoint import LARGEST_CROWD, LONGEST_TTL, PAUSE, SetpointReceiver
+from robotree.protocol.services.setpoint import LONGEST_TTL, MAX_PEERS, PAUSE, SetpointReceiver
 
 TURN = 2**32
 """[ms] after which the time on the wire begins anew."""
@@ -209,7 +209,7 @@ def test_a_straggler_of_an_older_lease_does_not_bring_an_ended_stream_back(
 def test_ended_streams_of_many_senders_cost_bounded_memory(receiver: SetpointReceiver) -> None:
     for sender in range(10_000):
         receiver.refuse(_setpoint(1), 0.0, sender, over=True)
-    assert len(receiver._shut_out) == LARGEST_CROWD
+    assert len(receiver._shut_out) == MAX_PEERS
 
 
 def test_a_newer_epoch_begins_a_new_stream_at_once(receiver: SetpointReceiver) -> None:

@@ -17,7 +17,7 @@ from robotree.protocol.links.rejection import rejection
 from robotree.protocol.messages import Gripper, Heartbeat, SetupSigning, Timesync
 from robotree.protocol.signing import (
     EPOCH,
-    LARGEST_CROWD,
+    MAX_STREAMS,
     UNITS,
     Key,
     Signer,
@@ -196,7 +196,7 @@ def test_a_new_stream_may_lie_a_minute_behind_us(behind: float, passes: bool) ->
         ([Frame.of(BEAT).raw], r"our key \(1 refused\): they have no signature; sign them"),
         (
             [_signed(at=NOW - 120)],
-            r"\(1 refused\): their clock is 120 s behind, and 60 s are borne; set",
+            r"\(1 refused\): their clock is 120 s behind, and 60 s are allowed; set",
         ),
         ([_signed(at=NOW - 5)], r"\(1 refused\): their clock is 5\.0 s behind, so .* wait 5 s, or set both"),
         ([_signed(at=NOW + 1), _signed()], r"\(1 refused\): their time is not later than .* a recording"),
@@ -220,7 +220,7 @@ def test_where_nothing_is_refused_there_is_nothing_to_say() -> None:
 
 def test_forged_streams_do_not_fill_the_table() -> None:
     streams = StreamTable()
-    streams.of(KEY).update({i.to_bytes(3, "big"): 1 for i in range(LARGEST_CROWD)})
+    streams.of(KEY).update({i.to_bytes(3, "big"): 1 for i in range(MAX_STREAMS)})
     assert Parser(_verifier(WallClock(), streams)).feed(_signed()) == []
 
 

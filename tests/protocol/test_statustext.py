@@ -11,8 +11,8 @@ from robotree.protocol import Frame
 from robotree.protocol.messages import MavSeverity, Statustext, Timesync
 from robotree.protocol.services.statustext import (
     CHUNK,
-    LARGEST_CROWD,
     LONGEST,
+    MAX_PEERS,
     PATIENCE,
     StatustextReceiver,
     StatustextSender,
@@ -96,5 +96,5 @@ def test_sentences_of_two_speakers_are_kept_apart_and_forged_ones_do_not_pile_up
     assert [(each.peer.via, each.text[0]) for each in heard] == [("link 1", "a"), ("link 2", "b")]
     for number in range(1, 500):
         listener.receive(Frame.of(Statustext(1, "x" * 50, number, 0)), "link", 0.0)
-    assert len(listener._unfinished) == LARGEST_CROWD
+    assert len(listener._unfinished) == MAX_PEERS
     assert listener.receive(Frame.of(Timesync(1, 1)), "link", 0.0) == []

@@ -261,15 +261,15 @@ async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_br
 
 
 async def test_a_crowd_is_turned_away_at_the_door(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tcp, "LARGEST_CROWD", 5)
+    monkeypatch.setattr(tcp, "MAX_LINKS", 5)
     server = Server()
     listener = await listen("tcp:0", server.accept)
-    crowd = [Silent(listener.address) for _ in range(8)]
+    links = [Silent(listener.address) for _ in range(8)]
     await until(lambda: len(server.endpoints) == 5)
     await settle()
     assert len(listener.links) == 5
-    crowd[0].socket.close()
-    for each in crowd:
+    links[0].socket.close()
+    for each in links:
         each.socket.close()
     await until(lambda: not listener.links)
     late = Silent(listener.address)
@@ -294,17 +294,17 @@ class Turnover(Server):
 
 @pytest.mark.parametrize("unread", [b"", bytes(tcp.HIGH_WATER)], ids=["silent", "unread"])
 async def test_those_who_were_ended_keep_out_nobody(unread: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tcp, "LARGEST_CROWD", 5)
+    monkeypatch.setattr(tcp, "MAX_LINKS", 5)
     monkeypatch.setattr(tcp, "SYSTEM_BUFFER", 4096)  # the last word stays with asyncio
     server = Turnover(unread)
     listener = await listen("tcp:0", server.accept)
     for come in range(20, 81, 20):
-        crowd = [Silent(listener.address) for _ in range(20)]  # all before the loop has taken one step
+        links = [Silent(listener.address) for _ in range(20)]  # all before the loop has taken one step
         await until(lambda come=come: len(server.endpoints) == come)
         await settle()
         assert listener.links == {server.endpoints[-1].link}
-        assert len(listener._crowd) <= tcp.LARGEST_CROWD
-        for each in crowd:
+        assert len(listener._crowd) <= tcp.MAX_LINKS
+        for each in links:
             each.socket.close()
     await listener.close()
 

@@ -93,7 +93,7 @@ async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatc
 
 
 async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
+    monkeypatch.setattr(udp, "MAX_LINKS", 3)
     heard: list[RecordingHandler] = []
 
     def accept(link: Link) -> RecordingHandler:
@@ -114,7 +114,7 @@ async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_an_address_that_is_silent_gives_its_place_to_one_that_speaks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(udp, "LARGEST_CROWD", 3)
+    monkeypatch.setattr(udp, "MAX_LINKS", 3)
     monkeypatch.setattr(udp, "LINGER", 0.05)
     heard: list[RecordingHandler] = []
 

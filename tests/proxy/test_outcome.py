@@ -66,7 +66,7 @@ def test_no_end_from_a_wire_is_without_a_sentence(state: GoalState, reason: int,
     ("acknowledged", "heard", "sentence"),
     [
         (False, 0.1, "its controller is online but answers no goals; is it a Arm? Look whether"),
-        (True, 0.1, "its controller is online but tells nothing more of it; look whether"),
+        (True, 0.1, "its controller is online but reports it no more; look whether"),
         (False, 2.5, "its controller has fallen silent; look whether"),
         (True, 60.0, "its controller has fallen silent; look whether"),
     ],

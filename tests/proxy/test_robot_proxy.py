@@ -422,5 +422,5 @@ async def test_a_rover_is_not_sent_out_of_its_arena(make_controller: type[Contro
 async def test_a_proxy_of_the_wrong_kind_says_so(make_controller: type[Controller]) -> None:
     async with acting(make_controller(), lambda url: Rover("rover-1", url)) as scene:
         await scene.online()
-        with pytest.raises(CommandFailed, match="tells no LOCAL_POSITION_NED; is it a Rover"):
+        with pytest.raises(CommandFailed, match="sends no LOCAL_POSITION_NED; is it a Rover"):
             await scene.client.call("get_info", {})

@@ -247,7 +247,7 @@ async def test_a_file_that_cannot_be_written_keeps_the_key_and_its_holder_is_tol
 @pytest.mark.parametrize(
     ("late", "key", "words"),
     [
-        (120.0, OLD, "Your frames are refused: their clock is 120 s behind, and 60 s are borne"),
+        (120.0, OLD, "Your frames are refused: their clock is 120 s behind, and 60 s are allowed"),
         (0.0, NEW, "Your frames are refused: they have the signature of another key"),
     ],
 )

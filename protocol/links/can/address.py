@@ -24,7 +24,7 @@ _PASSED_ON = "bus."
 
 
 class Telemetry(StrEnum):
-    """To whom a controller sends telemetry that fits one frame."""
+    """Which hosts get a controller's telemetry that fits one frame."""
 
     AUTO = "auto"
     """To all while one host is linked, who then hears it like any listener; to each if there are several,

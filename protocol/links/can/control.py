@@ -1,7 +1,7 @@
 """How two nodes of a bus agree that there is a link between them. Pure.
 
-CAN knows no connections, and a handler wants to be told when the far end has gone. So a host opens a
-session, both ends say every `ALIVE_PERIOD` that they live, and whoever ends it says so. A control frame is
+CAN knows no connections, and a handler wants to be told when the far end has gone. So a host opens a session,
+both ends send ALIVE every `ALIVE_PERIOD`, and the end that closes the session sends CLOSE. A control frame is
 not ISO-TP; its data field is::
 
     code, version, session (4)

@@ -108,7 +108,7 @@ class DirectPort(Port):
                 return
             self._take(message)
             if self._buffered is not None and not self._buffered.pending:
-                return  # the descriptor tells when there is more
+                return  # the descriptor becomes readable when there is more
 
     def _stop(self) -> None:
         self._loop.remove_reader(self._descriptor)

@@ -85,7 +85,7 @@ class Host:
             raise LinkRefused(str(self._address), self._last_word) from None
 
     def heard(self, message: Message) -> None:
-        """The port tells: a data frame came."""
+        """A data frame arrived."""
         way = message.arbitration_id & ROUTE
         if not message.is_extended_id:
             self._foreign += 1
@@ -102,12 +102,12 @@ class Host:
             self._foreign += 1
 
     def room(self) -> None:
-        """The port tells: the bus took all that waited."""
+        """The bus has accepted all waiting frames."""
         if self._link.done():
             self._link.result().pump()
 
     def broke(self, cause: str) -> None:
-        """The port tells: the bus is of no more use."""
+        """The bus is broken."""
         if self._link.done():
             self._link.result().end(LinkBroken(str(self._address), cause))
         else:

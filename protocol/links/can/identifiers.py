@@ -13,7 +13,7 @@ bits    field       why
 7-0     source      who speaks; no two nodes ever send the same identifier, as CAN requires
 ======  ==========  ====================================================================================
 
-A node's number tells what it is: controllers have 1 to 127, hosts 128 to 254. So bit 7 of the source is the
+A node's number shows what it is: controllers have 1 to 127, hosts 128 to 254. So bit 7 of the source is the
 direction, and a node that hears its own frames again, as some interfaces let it, knows them by their source.
 All frames of a transfer have one priority, and all transfers between two nodes too: a driver that sends the
 lower identifier first cannot change their order.

@@ -38,7 +38,7 @@ LATE = 0.1
 
 
 class Ends(msgspec.Struct, frozen=True):
-    """Who speaks with whom, from one end's view."""
+    """The two nodes of a link, as seen from one end."""
 
     own: int
     partner: int

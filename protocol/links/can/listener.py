@@ -124,7 +124,7 @@ class CanListener:
         await self._port.leave()
 
     def heard(self, message: Message) -> None:
-        """The port tells: a data frame came."""
+        """A data frame arrived."""
         kind, target, source = taken_apart(message.arbitration_id)
         node = self._where.node
         if not message.is_extended_id or target not in (node, EVERYBODY):
@@ -139,12 +139,12 @@ class CanListener:
             self._foreign += 1
 
     def room(self) -> None:
-        """The port tells: the bus took all that waited."""
+        """The bus has accepted all waiting frames."""
         for link in list(self._links.values()):
             link.pump()
 
     def broke(self, cause: str) -> None:
-        """The port tells: the bus is of no more use."""
+        """The bus is broken."""
         self._breaks += 1
         for link in list(self._links.values()):
             link.end(LinkBroken(link.address, cause))
@@ -170,7 +170,7 @@ class CanListener:
             self._open(source, control.session, fd=fd)
         elif (link := self._links.get(source)) is None or link.presence.session != control.session:
             self._unknown += 1
-            if control.code != Code.CLOSE:  # whoever speaks for a session that has ended shall know
+            if control.code != Code.CLOSE:  # a host whose session has ended must know
                 self._control(Control(Code.CLOSE, control.session), target=source, fd=fd)
         elif control.code == Code.CLOSE:
             link.end(LinkClosed(link.address, by_us=False))

@@ -90,7 +90,7 @@ class Port(ABC):
         """Send what the bus still takes, and leave it; done when it is left. Never fails, may be repeated."""
 
     def _shut(self) -> None:
-        """Shut the bus down, and let go of it. May block.
+        """Shut the bus down and release it. May block.
 
         A pulled adapter takes no last word; python-can then forgets to close its descriptor, for which the
         system keeps the adapter's name. It is closed with the last reference.

@@ -29,7 +29,7 @@ from robotree.protocol.tools.capture.records import Captured
 
 LONGEST_LINE = 4096
 """[bytes]"""
-LARGEST_CROWD = 1024
+MAX_ENTRIES = 1024
 """Routes that are remembered: what senders forge must not fill the memory."""
 _LINE = re.compile(
     rb"\((\d{1,12})\.(\d{1,9})\) +(\S+) +([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:#[0-9A-Fa-f])?([0-9A-Fa-f]*)"
@@ -102,7 +102,7 @@ class CandumpReader:
         if len(parts[4]) != _EXTENDED_DIGITS or kind not in (Kind.ADDRESSED, Kind.BROADCAST):
             self._foreign += 1
             return None
-        if kind == Kind.ADDRESSED and len(self._partner) < LARGEST_CROWD:
+        if kind == Kind.ADDRESSED and len(self._partner) < MAX_ENTRIES:
             self._partner[parts[3], source] = target
         elif kind == Kind.BROADCAST:  # it has the sequence number of one of the speaker's links
             target = self._partner.get((parts[3], source), target)
@@ -113,7 +113,7 @@ class CandumpReader:
     def _reassemble(self, stream: tuple[str, int], field: bytes, time: int) -> bytes | None:
         receiver = self._receivers.get(stream)
         if receiver is None:
-            if len(self._receivers) >= LARGEST_CROWD:
+            if len(self._receivers) >= MAX_ENTRIES:
                 self._foreign += 1
                 return None
             receiver = self._receivers[stream] = Receiver()

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 HEAD_BYTES = STAMP_BYTES + 1
 """[bytes] from which `detect` can tell."""
-LARGEST_CROWD = 1024
+MAX_ENTRIES = 1024
 """Routes and speakers that are told apart; further ones share a last place."""
-_CROWD = "others"
+_OTHERS = "others"
 
 
 class Reader(Protocol):
@@ -204,8 +204,8 @@ class Decoder:
     def decode(self, captured: Captured) -> list[Decoded]:
         """The frames in what a reader handed out."""
         route = captured.route
-        if route not in self._parsers and len(self._parsers) >= LARGEST_CROWD:
-            route = _CROWD
+        if route not in self._parsers and len(self._parsers) >= MAX_ENTRIES:
+            route = _OTHERS
         parser = self._parsers.get(route)
         if parser is None:
             parser = self._parsers[route] = Parser(self._verifier)
@@ -213,7 +213,7 @@ class Decoder:
         if time is not None:  # what was captured at one moment is whole
             frames += parser.flush()
         if not frames:
-            self._strange.update(_strangers(captured.data, LARGEST_CROWD - len(self._strange)))
+            self._strange.update(_strangers(captured.data, MAX_ENTRIES - len(self._strange)))
         if time is not None and not plausible_time(time):
             self._bad_times += len(frames)
             time = None
@@ -222,8 +222,8 @@ class Decoder:
     def _count(self, frame: Frame, time: int | None, route: str) -> Decoded:
         speaker = f"{frame.system}/{frame.component}"
         self._messages[frame.name] += 1
-        told_apart = speaker in self._speakers or len(self._speakers) < LARGEST_CROWD
-        self._speakers[speaker if told_apart else _CROWD] += 1
+        told_apart = speaker in self._speakers or len(self._speakers) < MAX_ENTRIES
+        self._speakers[speaker if told_apart else _OTHERS] += 1
         self._signed += frame.signed
         if time is not None:
             self._first = time if self._first is None else self._first

@@ -1,6 +1,6 @@
 """Where frames lie in bytes, also frames of messages that our dialect does not have. Pure.
 
-The parser hands out only what it can vouch for. A recording, or a relay, must pass on what it does not
+The parser returns only frames that it has checked. A recording, or a relay, must pass on what it does not
 understand as well: a frame of an unknown message cannot be checked, but it says how long it is.
 """
 

@@ -10,8 +10,7 @@ import msgspec
 from robotree.protocol.links.rejection import rejection
 from robotree.protocol.messages import Timesync, Untyped
 from robotree.protocol.parser import Parser
-from robotree.protocol.services.heartbeat import LARGEST_CROWD as MAX_PEERS
-from robotree.protocol.services.heartbeat import HeartbeatMonitor
+from robotree.protocol.services.heartbeat import MAX_PEERS, HeartbeatMonitor
 from robotree.protocol.services.timesync import Synchroniser
 from robotree.protocol.tools.capture.records import plain_fields
 
@@ -29,7 +28,7 @@ WINDOW = 2.0
 _MOST_ARRIVALS = 4096
 """Arrivals of one message that are remembered; above 2 kHz the window is shorter."""
 _NAMED = ("NAMED_VALUE_", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
-LARGEST_CROWD = 1024
+MAX_ENTRIES = 1024
 """Messages that are told apart, by speaker and name."""
 
 
@@ -185,7 +184,7 @@ class LinkReading(msgspec.Struct, frozen=True):
 
 
 def _instance(message: AnyMessage) -> str:
-    """What tells messages of one kind apart: the name of a named value."""
+    """What distinguishes messages of one kind: the name of a named value."""
     if not message.codec.definition.name.startswith(_NAMED):
         return ""
     return str(message["name"] if isinstance(message, Untyped) else getattr(message, "name", ""))
@@ -217,7 +216,7 @@ class LinkGauge:
         self._peers = PeerTable()
 
     def receive(self, data: bytes, now: float) -> None:
-        """The link tells: bytes came."""
+        """Bytes came."""
         self._bytes.add(now, len(data))
         frames = self._parser.feed(data)
         for frame in frames:
@@ -228,7 +227,7 @@ class LinkGauge:
             if isinstance(message, Timesync):
                 self._synchroniser.receive(message, now)
             key = frame.system, frame.component, frame.msgid, _instance(message)
-            if key not in self._rows and len(self._rows) >= LARGEST_CROWD:
+            if key not in self._rows and len(self._rows) >= MAX_ENTRIES:
                 continue
             row = self._rows.setdefault(key, _Row())
             row.rate.add(now)
@@ -243,7 +242,7 @@ class LinkGauge:
 
     def _disbelief(self, parser: ParserStatistics) -> str:
         if self._keyless:
-            return f"{self._keyless} frames are signed while this link has no key: nobody vouches for them"
+            return f"{self._keyless} frames are signed while this link has no key: they cannot be checked"
         return "" if parser.received else rejection(self._verifier)
 
     def reading(self, now: float) -> LinkReading:

@@ -64,7 +64,7 @@ _FRAMES = 1
 _CHUNK_HEAD = re.compile(rb"\x06.{6}\0\0.{28}\x04\0\0\0zstd", re.DOTALL)
 """How a compressed chunk begins: opcode, length, two times, size and checksum, name of the compression."""
 _CHUNK_HEAD_BYTES = 45
-_LARGEST_CROWD = 4096
+_MAX_ENTRIES = 4096
 
 
 class McapWriter:
@@ -95,7 +95,7 @@ class McapWriter:
                 self._writer.add_message(self._shown(view), nanoseconds, data, nanoseconds, each.sequence)
 
     def flush(self) -> None:
-        """End the chunk, so that whoever reads the file while it grows, or after we were killed, has it."""
+        """End the chunk, so that it can be read while the file grows, and after we were killed."""
         # mcap 1.x ends a chunk when it is full or the file is closed, and offers no public way in between.
         self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined] # noqa: SLF001
 
@@ -106,7 +106,7 @@ class McapWriter:
     def _channel(self, frame: Frame) -> int:
         key = frame.system, frame.component, frame.msgid
         if (channel := self._channels.get(key)) is None:
-            if len(self._channels) >= _LARGEST_CROWD:
+            if len(self._channels) >= _MAX_ENTRIES:
                 return self._frames
             topic = f"/{frame.system}/{frame.component}/{frame.name}"
             channel = self._writer.register_channel(topic, "json", self._schema(frame.codec.definition))
@@ -115,7 +115,7 @@ class McapWriter:
 
     def _shown(self, view: View) -> int:
         if (channel := self._views.get(view.topic)) is None:
-            if len(self._views) >= _LARGEST_CROWD:
+            if len(self._views) >= _MAX_ENTRIES:
                 return self._frames
             if (schema := self._view_schemas.get(view.schema)) is None:
                 text = json.dumps(SCHEMAS[view.schema]).encode()

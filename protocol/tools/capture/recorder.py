@@ -35,7 +35,7 @@ WRITERS: dict[str, Callable[[BinaryIO], Writer]] = {".tlog": TlogWriter, ".mcap"
 
 
 def writer_of(name: str) -> Callable[[BinaryIO], Writer]:
-    """What makes a writer of the format that the suffix of a file's name tells.
+    """The writer for the suffix of a file's name.
 
     Raises:
         BadRecording: there is no format of this suffix.
@@ -43,7 +43,7 @@ def writer_of(name: str) -> Callable[[BinaryIO], Writer]:
     for suffix, make in WRITERS.items():
         if name.endswith(suffix):
             return make
-    raise BadRecording(name, f"its name must end with {' or '.join(WRITERS)}, which tells the format")
+    raise BadRecording(name, f"its name must end with {' or '.join(WRITERS)}, which names the format")
 
 
 class Recorder:

@@ -1,8 +1,8 @@
-"""A relay that does to a running link what the world does: loss, delay, repetition, silence.
+"""A relay that disturbs a running link as the world does: loss, delay, repetition, silence.
 
-It stands between two programs that know nothing of it: one connects to the relay, the relay connects to the
-other. What happens to a frame is decided by the loopback link (`robotree.protocol.links.loopback`). It is for
-demonstrations: whoever looks on sees a robot and its supervisor bear it.
+It stands between two programs that know nothing of it: one connects to the relay, and the relay connects to
+the other. The loopback link (`robotree.protocol.links.loopback`) decides what happens to a frame. It is for
+demonstrations: one sees how a robot and its supervisor cope with a bad link.
 """
 
 from robotree.protocol.tools.relay.joint import Joint, Traffic

@@ -96,4 +96,4 @@ def test_a_monitor_with_a_wrong_key_shows_nothing_as_live_but_what_was_refused(
     assert (link["refused"], link["rejection"]) == (0, "")
     assert {"HEARTBEAT", "ROBOTREE_JOINTS"} <= {row["name"] for row in link["messages"]}
     (link,) = say(*words, "--json").objects[-1]["links"]
-    assert "this link has no key: nobody vouches" in link["rejection"]
+    assert "this link has no key: they cannot be checked" in link["rejection"]

@@ -18,7 +18,7 @@ from robotree.protocol.frame import Frame
 from robotree.protocol.messages import Gripper, NamedValueFloat, Timesync, make
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.protocol.tools.capture import BadRecording, Captured, Decoder, Recording, tlog
-from robotree.protocol.tools.capture.decode import LARGEST_CROWD, READERS
+from robotree.protocol.tools.capture.decode import MAX_ENTRIES, READERS
 from robotree.protocol.tools.capture.replay import LONGEST_GAP, schedule
 
 NOISE = 2_000_000
@@ -89,11 +89,11 @@ def test_signed_frames_are_told_and_can_be_verified() -> None:
 
 def test_a_crowd_of_forged_speakers_does_not_fill_the_memory() -> None:
     decoder = Decoder("raw")
-    for number in range(2 * LARGEST_CROWD):
+    for number in range(2 * MAX_ENTRIES):
         decoder.feed(encode(GRIP, sequence=0, system=1 + number % 255, component=number // 255))
     speakers = decoder.statistics.speakers
-    assert len(speakers) == LARGEST_CROWD + 1
-    assert sum(speakers.values()) == 2 * LARGEST_CROWD
+    assert len(speakers) == MAX_ENTRIES + 1
+    assert sum(speakers.values()) == 2 * MAX_ENTRIES
 
 
 def test_a_file_that_is_not_there_and_a_format_that_is_none_are_told_in_a_sentence(tmp_path: Path) -> None:

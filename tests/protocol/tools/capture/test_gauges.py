@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotree.protocol import Parser, encode
 from robotree.protocol.messages import AnyMessage, Gripper, NamedValueFloat, Timesync, make
 from robotree.protocol.services.ping import summary
-from robotree.protocol.tools.capture.gauges import LARGEST_CROWD, LinkGauge, Rate
+from robotree.protocol.tools.capture.gauges import MAX_ENTRIES, LinkGauge, Rate
 
 
 def speaker(system: int = 1) -> Callable[[AnyMessage], bytes]:
@@ -111,11 +111,11 @@ def test_nothing_that_comes_raises(pieces: list[bytes]) -> None:
 def test_a_crowd_of_forged_speakers_does_not_fill_the_memory() -> None:
     gauge = LinkGauge("tcp:arm")
     message = Gripper(time_boot_ms=0, width=0, commanded=0, force=0, state=0)
-    for number in range(2 * LARGEST_CROWD):
+    for number in range(2 * MAX_ENTRIES):
         raw = encode(message, sequence=0, system=1 + number % 255, component=number // 255)
         gauge.receive(raw, 0)
-    assert len(gauge.reading(1).messages) == LARGEST_CROWD
-    assert gauge.reading(1).frames == 2 * LARGEST_CROWD == len(Parser().feed(raw)) * 2 * LARGEST_CROWD
+    assert len(gauge.reading(1).messages) == MAX_ENTRIES
+    assert gauge.reading(1).frames == 2 * MAX_ENTRIES == len(Parser().feed(raw)) * 2 * MAX_ENTRIES
 
 
 def test_a_rate_of_very_many_is_taken_over_a_shorter_time() -> None:

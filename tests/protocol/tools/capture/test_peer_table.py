@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotree.protocol import encode
 from robotree.protocol.messages import AnyMessage, Heartbeat, MavState, MavType, Timesync
-from robotree.protocol.services.heartbeat import LARGEST_CROWD, SILENCE
+from robotree.protocol.services.heartbeat import MAX_PEERS, SILENCE
 from robotree.protocol.tools.capture.gauges import LinkGauge, PeerReading
 
 ROVER = Heartbeat(MavType.GROUND_ROVER, 0, 0, 0, MavState.ACTIVE)
@@ -39,8 +39,8 @@ def test_forged_peers_that_come_and_go_do_not_fill_the_memory() -> None:
     gauge = LinkGauge("tcp:far")
     for wave in range(3):
         now = wave * 2 * SILENCE
-        crowd = (divmod(wave * LARGEST_CROWD + i, 255) for i in range(LARGEST_CROWD))
+        crowd = (divmod(wave * MAX_PEERS + i, 255) for i in range(MAX_PEERS))
         gauge.receive(b"".join(say(ROVER, 1 + system, component) for component, system in crowd), now)
         peers = gauge.reading(now + SILENCE).peers
-        assert len(peers) == LARGEST_CROWD
+        assert len(peers) == MAX_PEERS
         assert not any(peer.there for peer in peers)
