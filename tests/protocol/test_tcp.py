@@ -303,7 +303,7 @@ async def test_those_who_were_ended_keep_out_nobody(unread: bytes, monkeypatch: 
         await until(lambda come=come: len(server.endpoints) == come)
         await settle()
         assert listener.links == {server.endpoints[-1].link}
-        assert len(listener._crowd) <= tcp.MAX_LINKS
+        assert len(listener._links) <= tcp.MAX_LINKS
         for each in links:
             each.socket.close()
     await listener.close()
