@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotree.tui.cli import main
+from robotree.tui.cli import program
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    program()

@@ -12,7 +12,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from robotree.tui import exit_codes
 from robotree.tui.errors import Interrupted, NeedsTerminal
@@ -34,6 +34,19 @@ from robotree.tui.terminal import (
 
 if TYPE_CHECKING:
     from robotree.tui.processes.serving import Ready
+
+
+def program() -> NoReturn:
+    """Run the command line of this process and end the process.
+
+    Where nothing else runs in it, Python does not take apart what it has loaded: that takes as long as a list
+    of robots. All that was written has been flushed (`terminal.put`).
+    """
+    code = main()
+    threads = sys.modules.get("threading")  # not loaded: there is only this one
+    if threads is None or threads.active_count() == 1:
+        os._exit(code)
+    sys.exit(code)
 
 
 def main(words: Sequence[str] | None = None) -> int:
