@@ -1,11 +1,11 @@
-"""The campaign: what may go wrong, with real processes, and whether what robotree says of it is true.
+"""The fault campaign: faults in real processes, and whether what robotree reports about them is true.
 
     python -m tests.soak --seed 1            about 15 minutes
     python -m tests.soak --seed 1 --quick    less than two
     python -m tests.soak --seed 1 --only kill-17
 
-All takes place in folders and on ports of its own. The table goes to standard output, progress to standard
-error; the exit code is 0 if every trial was as it should be.
+It uses folders and ports of its own. The table goes to standard output, progress to standard error; the exit
+code is 0 if every trial passed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tests.soak.table import Row, Trial, is_good, table
 
 Try = Callable[[Stage, random.Random], Awaitable[Sequence[Trial]]]
 LONGEST_TRIAL = 60.0
-"""[s]; more is a trial that hangs."""
+"""[s] A trial that takes longer hangs."""
 BROKEN = Row("campaign", "the trial itself", "")
 
 
@@ -96,7 +96,7 @@ async def _one(stage: Stage, name: str, attempt: Try, chance: random.Random) -> 
 
 
 async def _mend(stage: Stage) -> None:
-    """Bring back whom a broken trial has left dead."""
+    """Restart the processes that a broken trial left dead."""
     for name in stage.dead():
         await stage.restart(name)
     await stage.whole()

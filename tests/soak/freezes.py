@@ -1,4 +1,4 @@
-"""SIGSTOP and SIGCONT: processes that make no step for a while, often for as long as a time-out."""
+"""Freezes: processes stopped with SIGSTOP for a while, often for about as long as a time-out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.soak.table import Row, Trial
 SHORTEST, LONGEST = 0.5, 6.0
 """[s]"""
 TIMEOUTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
-"""[s] at and around which something gives up: watchdogs, beats, leases, confirmations, and their sums."""
+"""[s] Time-outs of the system: watchdogs, heartbeats, leases, confirmations, and their sums."""
 AROUND = 0.06
 """[s]"""
 VICTIMS = ("arm proxy", "rover proxy", "host", "lookup-1", "arm controller", "rover controller")
@@ -27,32 +27,32 @@ CONCERNED = {
     "arm controller": {ARM},
     "rover controller": {ROVER, SQUARE},
 }
-"""Robots that may not confirm a stop while one of these is frozen."""
-HEALED = "going on to the realm being whole for a newcomer, too"
+"""Robots that cannot confirm a stop while this process is frozen."""
+HEALED = "from SIGCONT until all see each other, a new process too"
 HEALS = {one: Row("freeze", one, HEALED, 3.0) for one in VICTIMS}
 STOPPED = Row(
     "freeze",
-    "`stop` while one is frozen: the others stand",
-    "start of the command line to all others stopped",
+    "`stop` while one process is frozen: all other robots stand",
+    "from the start of the command line until all others stand",
     1.5,
 )
 SPOKE = Row(
     "freeze",
-    "`stop` while one is frozen: whom it missed is said",
-    "start of the command line to its end",
+    "`stop` while one process is frozen: names the robots it did not reach",
+    "from the start of the command line to its end",
     1.5,
 )
 
 
 def how_long(chance: random.Random) -> float:
-    """Draw a time [s]; two of three are near a time-out."""
+    """Draw a duration [s]; two of three are near a time-out."""
     if chance.random() < 1 / 3:
         return chance.uniform(SHORTEST, LONGEST)
     return chance.choice(TIMEOUTS) + chance.uniform(-AROUND, AROUND)
 
 
 async def freeze(stage: Stage, chance: random.Random, victim: str) -> Sequence[Trial]:
-    """Freeze one process while both robots move; stop everything after it, and often meanwhile."""
+    """Freeze one process while both robots move; stop everything afterwards, often also meanwhile."""
     await stage.furnish()
     seconds, stopping = how_long(chance), chance.random() < 0.5
     calls = await stage.both_move()
@@ -80,7 +80,7 @@ async def freeze(stage: Stage, chance: random.Random, victim: str) -> Sequence[T
 
 
 async def _stop(stage: Stage, victim: str) -> list[Trial]:
-    """Stop everything while one is frozen, and hold what is said against what is so."""
+    """Stop everything while one process is frozen, and compare the report with the truth."""
     began = time.monotonic()
     verb = await stage.verb("stop", "--json")
     concerned = CONCERNED[victim]
@@ -96,7 +96,7 @@ async def _stop(stage: Stage, victim: str) -> list[Trial]:
 
 
 def lies(stage: Stage, said: Said, victim: str) -> list[str]:
-    """Hold what a stop said against what is so."""
+    """Compare what a stop reported with the truth."""
     found = list[str]()
     claimed = names(said) if said.done else set[str]()
     for name, watched in ((ARM, stage.arm), (ROVER, stage.rover)):

@@ -1,4 +1,4 @@
-"""`kill -9` in the middle of commands: of those who carry them out, of those who find them, of who asked."""
+"""`kill -9` in the middle of commands: of proxies, hosts, controllers, lookup services and callers."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tests.soak.stage import Said, Stage
 from tests.soak.table import Row, Trial
 
 THERE = 0.03
-"""[m] A robot is where it was sent."""
+"""[m] A robot that is closer than this to its goal has reached it."""
 SETTLED = 3.0
-"""[s] after a call has failed, in which its robot must come to stand."""
-STANDING = "kill to the robot standing, on the controller's clock"
-HEALED = "the restarted process being ready to the realm being whole"
+"""[s] within which a robot must stand after its call has failed."""
+STANDING = "from the kill until the robot stands, on the controller's clock"
+HEALED = "from the restarted process being ready until all see each other"
 VICTIMS = {
     "arm proxy": Row("kill", "proxy of a moving arm", STANDING, 0.15),
     "rover proxy": Row("kill", "proxy of a moving rover", STANDING, 0.3),
@@ -29,16 +29,16 @@ VICTIMS = {
     "rover controller": Row("kill", "controller of a moving rover", HEALED, 3.0),
     "lookup-1": Row("kill", "lookup service", HEALED, 3.0),
 }
-BACK = Row("kill", "and back: any of the processes above", HEALED, 3.0)
+BACK = Row("kill", "restart of any process above", HEALED, 3.0)
 INVOLVED = {
     "arm": {"arm proxy", "arm caller", "arm controller"},
     "rover": {"rover proxy", "host", "square caller", "rover controller"},
 }
-"""Who may be missed by a call of each robot; all others' ends must not disturb it."""
+"""Processes whose death may end a call of each robot; the death of any other one must not."""
 
 
 async def kill(stage: Stage, chance: random.Random, victim: str) -> Sequence[Trial]:
-    """Kill one process while an arm goes its way and a virtual robot drives a rover."""
+    """Kill one process while an arm moves and a virtual robot drives a rover."""
     await stage.furnish()
     arm_mark, rover_mark = stage.arm.mark(), stage.rover.mark()
     (arm_call, arm_goal), (square_call, home) = await asyncio.gather(stage.move_arm(), stage.move_square())
@@ -89,7 +89,7 @@ async def lies(
     *,
     must: bool,
 ) -> list[str]:
-    """Hold what a call said against what its robot did.
+    """Compare what a call reported with what its robot did.
 
     Args:
         said: by the command line in the end.
@@ -97,7 +97,7 @@ async def lies(
         robot: `arm` or `rover`.
         goal: (3,) [m] where it should be after a success.
         mark: when the call began.
-        must: nobody whom the call needs was killed, so it has to succeed.
+        must: no process that the call needs was killed, so it has to succeed.
 
     Returns:
         What was not true, or was not kept.
@@ -112,7 +112,7 @@ async def lies(
         if robot == "rover" and watched.way_since(mark) < 0.8:
             return [f"{said}; but the rover has gone {watched.way_since(mark):.2f} m only"]
         return []
-    found = [f"{said}; though nobody whom it needs was killed"] if must else []
+    found = [f"{said}; though no process that it needs was killed"] if must else []
     if not await holds(lambda: watched.fresh and watched.speed() < 0.01, SETTLED):
         found.append(f"{said}; but the {robot} still moves {SETTLED:g} s later")
     return found

@@ -1,4 +1,4 @@
-"""What a controller really does, seen over a link of its own: what all statements are held against."""
+"""What a controller really does, seen over a separate link: the truth that all reports are compared with."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BEAT = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 OFTEN = 5000.0
 """[us] between two places: 200 a second."""
 STANDS = 0.01
-"""[m/s] Slower than this is standing."""
+"""[m/s] A robot that is slower than this stands."""
 KEPT = 20_000
 """Places that are remembered: more than a minute."""
 REDIAL = 0.1
@@ -54,7 +54,7 @@ class Seen:
 
 
 class Observer:
-    """Watches one controller and commands nothing. Dials again whenever its link ends.
+    """Watches one controller and commands nothing. It connects again whenever its link ends.
 
     Args:
         address: of the controller.

@@ -1,4 +1,4 @@
-"""Who may command, and what happens once: links, proxies and frames that should change nothing."""
+"""Rules: who may command, what is carried out once, and frames that must change nothing."""
 
 from __future__ import annotations
 
@@ -24,25 +24,33 @@ from tests.soak.table import Row, Trial
 
 FOREIGN = Row(
     "rule",
-    "a killed proxy over UDP, with a ground station that beats as 255/190",
-    "kill to the arm standing",
+    "the proxy of an arm on UDP is killed; a ground station sends heartbeats with the same id (255/190)",
+    "from the kill until the arm stands",
     2.5,
 )
 SECOND = Row(
-    "rule", "a second proxy takes no robot whose first one lives", "the first one's call after it", 5.0
-)
-ONCE = Row("rule", "a move, its result lost, its controller restarted: done once or said in doubt", "", None)
-REPLAY = Row(
     "rule",
-    "a signed controller after a crash: who has the key is obeyed, a recording is not",
-    "order to safe stop",
+    "a second proxy gets no robot while the first one lives",
+    "the next call through the first one",
     5.0,
 )
-EPOCH = Row("rule", "frames with epochs near 2^32 leave the robot commandable", "the call after them", 5.0)
+ONCE = Row(
+    "rule",
+    "a move whose result is lost, controller restarted: carried out once, or reported as in doubt",
+    "",
+    None,
+)
+REPLAY = Row(
+    "rule",
+    "signed controller after a crash: obeys the key, ignores a recording",
+    "from the order to the safe stop",
+    5.0,
+)
+EPOCH = Row("rule", "after frames with epochs near 2^32 the robot still takes commands", "the next call", 5.0)
 
 
 class GroundStation:
-    """Somebody else with the id that ground stations and proxies share."""
+    """Another program with the id that ground stations and proxies share."""
 
     def __init__(self) -> None:
         self._mouth: Endpoint
@@ -61,7 +69,7 @@ class GroundStation:
         self._mouth.send(message)  # type: ignore[arg-type] # any message
 
     async def beat(self) -> None:
-        """Say again and again that it lives."""
+        """Send heartbeats."""
         while True:
             self.say(BEAT)
             await asyncio.sleep(0.2)
@@ -72,7 +80,7 @@ class GroundStation:
 
 
 async def foreign_heartbeat(stage: Stage, chance: random.Random) -> Sequence[Trial]:
-    """Kill the proxy of an arm on UDP while another one beats with its id."""
+    """Kill the proxy of an arm on UDP while another program sends heartbeats with its id."""
     async with AsyncExitStack() as ties:
         arm = await stage.start("udp arm", "sim", "arm", "--listen", "udp:127.0.0.1:0")
         await stage.start("udp proxy", "proxy", "arm", "arm-2", "--connect", arm.address)
@@ -100,7 +108,7 @@ async def foreign_heartbeat(stage: Stage, chance: random.Random) -> Sequence[Tri
 
 
 async def second_proxy(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
-    """Start another proxy for the arm's controller and command it by that; then by the first one."""
+    """Start a second proxy for the arm's controller and command through it; then through the first one."""
     await stage.furnish()
     trial = Trial(SECOND, True)
     intruder = await stage.verb("proxy", "arm", "intruder", "--connect", stage.arm.address)
@@ -126,7 +134,7 @@ async def second_proxy(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 
 class Relay:
-    """A line between a proxy and its controller that can lose what says that a goal has ended."""
+    """A line between a proxy and its controller that can lose the frames which tell that a goal has ended."""
 
     def __init__(self, far: str) -> None:
         host, _, port = far.removeprefix("tcp:").rpartition(":")
@@ -211,7 +219,7 @@ async def lost_result(stage: Stage, chance: random.Random) -> Sequence[Trial]:
 
 
 async def replay(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
-    """Record what releases a signed arm, kill its controller, and say it again to the next one."""
+    """Record the frames that release a signed arm, kill its controller, and replay them to the next one."""
     key = stage.folder / "replay.key"
     create(key)
     words = ("sim", "arm", "--key", str(key), "--listen")
@@ -243,7 +251,7 @@ async def replay(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 
 async def great_epochs(stage: Stage, chance: random.Random) -> Sequence[Trial]:
-    """Send frames with epochs that no honest clock explains, and then command the robot as ever."""
+    """Send frames with epochs far ahead of any clock, then command the robot as usual."""
     await stage.furnish()
     station = await GroundStation().dial(stage.arm.address)
     epoch = 2**32 - 1 - chance.randrange(3)

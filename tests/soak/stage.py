@@ -1,4 +1,4 @@
-"""The stage of the campaign: the real processes of a small realm, and a command line beside them."""
+"""The processes of the campaign: a small realm of real processes, and command lines beside them."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ ARM, ROVER, SQUARE = "arm-1", "rover-1", "square"
 SIDE = 0.2
 """[m] of the square that the rover drives."""
 REACH = 0.2
-"""[m] to the left and to the right, between which the arm goes."""
+"""[m] to the left and to the right: the arm moves between these two places."""
 FAR = 0.5
-"""[m] from the middle of its floor, from where on the rover is brought back before the next trial."""
+"""[m] from the middle of its floor; a rover that is farther away is driven back before the next trial."""
 WHOLE = 10.0
-"""[s] after which a realm that is not whole again counts as not healed."""
+"""[s] A realm whose members do not all see each other after this time has not healed."""
 LONGEST_CALL = 20.0
-"""[s] for a call, and some more for the command line to say how it ended."""
+"""[s] for a call, and for the command line to report how it ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What a command line said in the end."""
+    """The result of a command line."""
 
     words: tuple[str, ...]
     code: int | None
-    """None: it did not end by itself."""
+    """Exit code; None: it did not end by itself."""
     out: str
     complaints: str
     seconds: float
@@ -61,7 +61,7 @@ class Said:
 
 
 class Verb:
-    """A command line that runs."""
+    """A running command line."""
 
     def __init__(self, words: Sequence[str], process: asyncio.subprocess.Process) -> None:
         self.words, self.process, self.began = tuple(words), process, time.monotonic()
@@ -78,14 +78,14 @@ class Verb:
         return self._hearing.done()
 
     async def end(self, within: float = LONGEST_CALL + 5.0) -> Said:
-        """Wait until it has ended; one that does not is killed, and said to be so."""
+        """Wait until it has ended; one that does not end is killed, and the result tells so."""
         if not (await asyncio.wait([self._hearing], timeout=within))[0]:
             self.kill()
             return Said(self.words, None, "", "", (await self._hearing).seconds)
         return self._hearing.result()
 
     def kill(self) -> None:
-        """End it as a crash does, if it still runs."""
+        """Kill it, if it still runs."""
         if self.process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 self.process.kill()
@@ -98,7 +98,7 @@ class Verb:
 
 
 class Stage:
-    """A realm with an arm, a rover, a virtual robot over it, two lookup services, and who is watching."""
+    """A realm: an arm, a rover, a virtual robot above the rover, two lookup services, and observers."""
 
     def __init__(self, realm: str, crew: Crew, ties: AsyncExitStack) -> None:
         self.realm, self._crew, self._ties = realm, crew, ties
@@ -119,7 +119,7 @@ class Stage:
         return member
 
     async def kill(self, name: str) -> None:
-        """End a member as a crash does."""
+        """Kill a member."""
         member = self.members.pop(name)
         member.process.kill()
         await member.process.wait()
@@ -127,12 +127,12 @@ class Stage:
         await member.stop()  # nothing is left to stop but its pipes
 
     async def restart(self, name: str) -> float:
-        """Start again what was killed. Returns: [s] our clock, when it was ready."""
+        """Restart a killed member. Returns: when it was ready [s, own clock]."""
         await self.start(name, *self._lines[name])
         return time.monotonic()
 
     def comes_back_at(self, name: str, address: str) -> None:
-        """Have a controller that is started again listen where it did."""
+        """Let a restarted controller listen at its old address."""
         *words, _ = self._lines[name]
         self._lines[name] = (*words, address)
 
@@ -170,7 +170,7 @@ class Stage:
         return Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / self.realm
 
     async def furnish(self) -> None:
-        """Resume, and put the virtual robot back over the rover if it has gone.
+        """Resume, and bind the rover to the virtual robot again if the bond is lost.
 
         Raises:
             VrError: it cannot be done.
@@ -202,7 +202,7 @@ class Stage:
             await observer.stands()
 
     async def whole(self, within: float = WHOLE) -> bool:
-        """Wait until all are seen, answer, and do so for a newcomer too."""
+        """Wait until all members are seen and answer, also to a new process."""
         wanted = {ARM, ROVER}
 
         async def complete(fleet: Fleet) -> bool:
@@ -224,7 +224,7 @@ class Stage:
     # -- commands in flight ------------------------------------------------------------------------
 
     async def move_arm(self, speed: float = 0.15) -> tuple[Verb, tuple[float, float, float]]:
-        """Have the arm go to the other side. Returns: the command line, and (3,) [m] its goal."""
+        """Move the arm to the other side. Returns: the command line, and the goal (3,) [m]."""
         self._side = -1 if self.arm.place[1] > 0 else 1
         goal = (0.45, self._side * REACH, 0.35)
         given = [f"{name}={value}" for name, value in zip("xyz", goal, strict=True)]
@@ -240,13 +240,13 @@ class Stage:
         return await self.verb(*line), goal
 
     async def move_square(self) -> tuple[Verb, tuple[float, float, float]]:
-        """Have the rover drive a square. Returns: the command line, and (3,) [m] where it begins."""
+        """Let the rover drive a square. Returns: the command line, and the start (3,) [m]."""
         here = self.rover.place
         line = ("call", f"{SQUARE}.move_square", f"length={SIDE}", "--within", f"{LONGEST_CALL:g} s")
         return await self.verb(*line), here
 
     async def both_move(self) -> tuple[Verb, Verb]:
-        """Have both robots move, the rover by the virtual robot.
+        """Move both robots, the rover through the virtual robot.
 
         Raises:
             MemberFailed: one of them does not.
@@ -259,7 +259,7 @@ class Stage:
         return calls
 
     async def frozen(self, name: str, seconds: float) -> None:
-        """Have a member make no step for some time."""
+        """Stop a member with SIGSTOP for some time."""
         pid = self.pid(name)
         os.kill(pid, signal.SIGSTOP)
         try:
@@ -269,13 +269,13 @@ class Stage:
 
 
 def missed(said: Said) -> set[str]:
-    """Return the names of the robots that a stop says it has not reached."""
+    """Return the names of the robots that a stop reports as not reached."""
     found = re.search(r"NOT by (.*)", said.complaints)
     return set(re.findall(r"\b(?:arm|rover|square|layer)(?:-\d+)?\b", found[1])) if found else set()
 
 
 def names(said: Said) -> set[str]:
-    """Return the names of those that a stop with `--json` says it has stopped."""
+    """Return the names of the robots that a stop with `--json` reports as stopped."""
     with contextlib.suppress(ValueError):
         data: Any = json.loads(said.out)
         return set(data.get("stopped", ()))
@@ -284,7 +284,7 @@ def names(said: Said) -> set[str]:
 
 @asynccontextmanager
 async def staged(realm: str, logs: Path) -> AsyncIterator[Stage]:
-    """Bring the stage up, and everything on it down again.
+    """Start all processes, and end them afterwards.
 
     Raises:
         MemberFailed: a process did not come up.

@@ -1,4 +1,4 @@
-"""Stops in the middle of everything: by who is new, by who is there, down a deep tree, past a broken door."""
+"""Stops: on a new command line, in a running supervisor, of a deep tree, and while the realm is damaged."""
 
 from __future__ import annotations
 
@@ -18,22 +18,34 @@ from tests.soak.table import Row, Trial
 ALL = {ARM, ROVER, SQUARE}
 DEPTH = 30
 NEW = Row(
-    "stop", "by a new command line, two robots moving", "start of the command line to both stopped", 1.5
+    "stop",
+    "`stop` on a new command line, two robots moving",
+    "from the start of the command line until both stand",
+    1.5,
 )
-ENDED = Row("stop", "the same: the command line has ended", "its start to its end", 2.0)
-RESIDENT = Row("stop", "by a supervisor that is there", "the order to both stopped", 0.2)
-DEEP = Row("stop", f"down a tree {DEPTH} deep", "the order to all having confirmed", 1.0)
+ENDED = Row("stop", "the same, until the command line ends", "from its start to its end", 2.0)
+RESIDENT = Row("stop", "`stop` in a supervisor that already runs", "from the order until both stand", 0.2)
+DEEP = Row("stop", f"`stop` of a tree with {DEPTH} levels", "from the order until all have confirmed", 1.0)
 REMOVED = Row(
-    "split", "the realm's folder is removed, then `stop`", "start of the command line to its end", 2.0
+    "split",
+    "the realm's folder is removed, then `stop`",
+    "from the start of the command line to its end",
+    2.0,
 )
 RENAMED = Row(
-    "split", "the realm's folder is renamed, then `stop`", "start of the command line to its end", 2.0
+    "split",
+    "the realm's folder is renamed, then `stop`",
+    "from the start of the command line to its end",
+    2.0,
 )
 PAUSED = Row(
-    "split", "a newcomer is frozen while it joins, then `stop`", "start of the command line to its end", 2.0
+    "split",
+    "a newcomer is frozen while it joins, then `stop`",
+    "from the start of the command line to its end",
+    2.0,
 )
 LAYERS = '''
-"""Layer: hands on what it is told."""
+"""Layer: passes each command to its child."""
 from robotree.vr import Child, VirtualRobot, command
 
 class Layer(VirtualRobot):
@@ -48,7 +60,7 @@ class Layer(VirtualRobot):
 
 
 async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
-    """Have a new command line stop both robots while they move."""
+    """Stop both robots with a new command line while they move."""
     await stage.furnish()
     calls = await stage.both_move()
     verb = await stage.verb("stop", "--json")
@@ -65,7 +77,7 @@ async def stop_anew(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 
 async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
-    """Have a supervisor that is there already stop both robots while they move."""
+    """Stop both robots with a supervisor that already runs while they move."""
     await stage.furnish()
     calls = await stage.both_move()
     await asyncio.sleep(chance.uniform(0.0, 0.5))
@@ -82,7 +94,7 @@ async def stop_resident(stage: Stage, chance: random.Random) -> Sequence[Trial]:
 
 
 async def stop_deep(stage: Stage, chance: random.Random) -> Sequence[Trial]:
-    """Stop a tree many levels deep from its top; the first trial builds it, and it stays."""
+    """Stop a deep tree from its top; the first trial builds it for all others."""
     await stage.furnish()
     tree = {one.name for one in await stage.fleet.tree()}
     if f"layer-{DEPTH}" not in tree:
@@ -111,7 +123,7 @@ async def stop_deep(stage: Stage, chance: random.Random) -> Sequence[Trial]:
 
 
 async def take_down(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
-    """Take the deep tree down."""
+    """Delete the deep tree."""
     await stage.furnish()
     for level in range(DEPTH, 0, -1):
         await stage.fleet.delete(f"layer-{level}")
@@ -119,7 +131,7 @@ async def take_down(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
 
 
 async def split(stage: Stage, chance: random.Random, how: str) -> Sequence[Trial]:
-    """Break the door of the realm, or have somebody stand in it, and stop everything."""
+    """Remove or rename the folder of the realm, or freeze a process that enters it, and stop everything."""
     await stage.furnish()
     calls = await stage.both_move()
     row, newcomer = {"removed": REMOVED, "renamed": RENAMED, "paused": PAUSED}[how], None
@@ -158,7 +170,7 @@ async def _both_stopped(stage: Stage) -> bool:
 
 
 async def _still(stage: Stage, calls: Sequence[Verb]) -> list[str]:
-    """See that both stand, and that no call claims to have succeeded."""
+    """Check that both robots stand and that no call reports success."""
     found = list[str]()
     for one in (stage.arm, stage.rover):
         if not await one.stands(1.0):

@@ -1,4 +1,4 @@
-"""What came of the trials, as a table that a guide can hold."""
+"""The results of the trials, as a table in Markdown."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table: what is tried, and what its time is."""
+    """One row of the table: what is tried, and which time is measured."""
 
     kind: str
     what: str
     measured: str
     """From when to when."""
     bar: float | None = None
-    """[s] that the time must not pass; None: there is none."""
+    """[s] The longest time allowed; None: there is no limit."""
 
 
 @dataclass(slots=True)
 class Trial:
-    """What came of one trial, for one row."""
+    """The result of one trial, for one row."""
 
     row: Row
     reached: bool
     seconds: float | None = None
-    """[s] None: there is nothing to measure."""
+    """[s]; None: nothing is measured."""
     false: list[str] = field(default_factory=list[str])
-    """Statements of robotree that were not true."""
+    """What robotree reported and was not true."""
     note: str = ""
     """Why it was not reached."""
     number: str = ""
-    """By which it can be run alone."""
+    """Name of the trial, for `--only`."""
 
 
 def table(trials: Iterable[Trial]) -> str:
-    """Draw the table, in Markdown; below it each trial that was not as it should be."""
+    """Write the table in Markdown; below it each trial that failed."""
     rows: dict[Row, list[Trial]] = {}
     for one in trials:
         rows.setdefault(one.row, []).append(one)
@@ -53,12 +53,12 @@ def table(trials: Iterable[Trial]) -> str:
         cells = (f"{row.kind}: {row.what}", len(found), reached, middle, most, bar, false, row.measured)
         lines.append(f"| {' | '.join(map(str, cells))} |")
     bad = [one for found in rows.values() for one in found if _is_bad(one)]
-    lines += ["", *(f"* {_told(one)}" for one in bad)] if bad else ["", "Every trial was as it should be."]
+    lines += ["", *(f"* {_told(one)}" for one in bad)] if bad else ["", "Every trial passed."]
     return "\n".join(lines)
 
 
 def is_good(trials: Iterable[Trial]) -> bool:
-    """Whether every trial was as it should be."""
+    """Whether every trial passed."""
     return not any(_is_bad(one) for one in trials)
 
 

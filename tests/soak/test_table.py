@@ -1,4 +1,4 @@
-"""What the campaign says of itself."""
+"""The table of the campaign's results."""
 
 from __future__ import annotations
 
