@@ -35,8 +35,8 @@ $(STAMP): $(LOCK) pyproject.toml
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
 	@$(BIN)/robotree demo
 
-test: $(STAMP)  ## the test suite (under 10 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+test: $(STAMP)  ## the test suite (about 5 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
+	$(BIN)/python -m pytest -n 2
 
 # Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
 interpreters:  ## the test suite on every interpreter that the project supports and this machine has

@@ -20,6 +20,27 @@ LONGEST_END = 5.0
 """[s] for code that was told to end."""
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Give each worker whole files, unless the command line says otherwise: their tests share processes."""
+    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
+        config.option.dist = "loadfile"
+        config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that start real processes: they take longest. Tell a story in its order."""
+    chapters: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        chapters.setdefault(item.path, []).append(item)
+    for chapter in chapters.values():
+        if chapter[0].get_closest_marker("story"):
+            chapter.sort(key=lambda item: item.reportinfo()[1] or 0)
+    order = sorted(chapters.values(), key=lambda chapter: chapter[0].get_closest_marker("e2e") is None)
+    items[:] = [item for chapter in order for item in chapter]
+
+
 @contextlib.contextmanager
 def place_apart() -> Generator[Path]:
     """Set a runtime and a state folder for this process and those that it starts, without realm or key.
@@ -50,6 +71,17 @@ def interrupts_are_heard() -> Iterator[None]:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def what_is_compiled_is_kept() -> Iterator[None]:
+    """Have the processes that tests start compile each module once, also where that is switched off.
+
+    Else each of some hundred processes compiles a hundred modules again.
+    """
+    with pytest.MonkeyPatch.context() as environment:
+        environment.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,12 @@ AXLE_X, AXLE_Z, RADIUS = 0.42, 0.08, 0.20
 if TYPE_CHECKING:
     from conftest import Stage
 
-pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(240)]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.story,
+    pytest.mark.asyncio(loop_scope="module"),
+    pytest.mark.timeout(240),
+]
 
 
 async def test_figure_4_2_the_supervisor_starts_and_proxy_and_view_are_running(stage: Stage) -> None:
