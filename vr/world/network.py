@@ -225,6 +225,7 @@ class MemoryNetwork:
         self.unlisted: set[MemoryTransport] = set()
         """Those that nobody who comes from now on can reach: see `unlist`."""
         self._agenda, self._loop = agenda, loop
+        self._thread = threading.get_ident()
         self._ways: dict[tuple[MemoryTransport, MemoryTransport], _Way] = {}
         self._frozen: set[MemoryTransport] = set()
         self._cut: set[tuple[MemoryTransport, MemoryTransport]] = set()
@@ -348,6 +349,13 @@ class MemoryNetwork:
         """Return the way from one to another one; None: one of them has ended."""
         return self._ways.get((source, target))
 
+    def inside(self, action: Callable[[], None]) -> None:
+        """Do something in the thread of the network: at once, if this is it."""
+        if threading.get_ident() == self._thread:
+            action()
+        else:
+            self.agenda.at(self.agenda.now(), action)
+
     def held(self, member: MemoryTransport, key: str) -> Held:
         """Return what the record says of something that a member holds."""
         asleep = member in self._frozen or member.paused
@@ -419,17 +427,12 @@ class _Exchange:
 
     def end(self) -> None:
         """There are no more."""
-        hear = self.drop()
-        if hear is not None:
-            hear(None)
-
-    def drop(self) -> Hear | None:
-        """Hear no more of it."""
         hear, self.hear = self.hear, None
         mine = self.asker.exchanges.get(self.server)
         if mine is not None:
             mine.pop(self, None)
-        return hear
+        if hear is not None:
+            hear(None)
 
 
 class MemoryTransport:
@@ -492,44 +495,41 @@ class MemoryTransport:
         self._ask(key, bytes(memoryview(body)), timeout, hear, urgent=urgent)
         return replies
 
-    def ask(
-        self, key: str, body: bytes, *, timeout: float, hear: Hear, urgent: bool = False
-    ) -> Callable[[], None]:
+    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
         """Ask without waiting, from any thread.
 
         Args:
             key: as served.
             body: the request.
-            timeout: [s] after which it is not begun any more, unless it is urgent.
-            hear: takes each reply, and None at the end; in any thread, and must not block.
+            within: [s] after which it is not begun any more, unless it is urgent.
             urgent: see `Transport.request`.
-
-        Returns:
-            How to hear no more.
+            hear: takes each reply, and None at the end; in any thread, and must not block.
         """
-        self._check(key)
-        return self._ask(key, bytes(memoryview(body)), timeout, hear, urgent=urgent)
+        packed = bytes(memoryview(body))
+        self.network.inside(lambda: self._ask(key, packed, within, hear, urgent=urgent))
 
-    def _ask(self, key: str, body: bytes, timeout: float, hear: Hear, *, urgent: bool) -> Callable[[], None]:
+    def _ask(self, key: str, body: bytes, within: float, hear: Hear, *, urgent: bool) -> None:
+        if self.closed:
+            hear(None)
+            return
         network = self.network
         server = self if key in self.served else self._where.get(key)
         if server is None:
             network.agenda.at(network.agenda.now(), lambda: hear(None))
-            return lambda: None
+            return
         exchange = _Exchange(self, server, hear)
-        latest = inf if urgent else network.agenda.now() + timeout
+        latest = inf if urgent else network.agenda.now() + within
         channel = URGENT if urgent else BULK
         arrive = partial(server.asked, self, exchange, key, body, latest, channel)
         if server is self:
             network.agenda.at(network.agenda.now(), partial(self.take, arrive))
-            return lambda: exchange.drop() and None
+            return
         self.exchanges.setdefault(server, {})[exchange] = None
         way = network.way(self, server)
         if way is not None:
             way.send(arrive, channel)
             if network.weather.duplication and network.chance() < network.weather.duplication:
                 way.send(partial(server.asked, self, None, key, body, latest, channel), channel)
-        return lambda: exchange.drop() and None
 
     def asked(
         self,
@@ -552,11 +552,12 @@ class MemoryTransport:
 
         def respond(reply: bytes) -> None:
             if exchange is not None and not self.closed:
-                send(partial(asker.replied, self, exchange, bytes(memoryview(reply))))
+                arrive = partial(asker.replied, self, exchange, bytes(memoryview(reply)))
+                network.inside(lambda: send(arrive))
 
         def end() -> None:
             if exchange is not None and not self.closed:
-                send(exchange.end)
+                network.inside(lambda: send(exchange.end))
 
         handler, direct = self.served.get(key), self._direct.get(key)
         if handler is None or network.agenda.now() > latest:

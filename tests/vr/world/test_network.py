@@ -153,7 +153,7 @@ async def test_an_urgent_request_may_overtake_a_sample() -> None:
 
 
 @in_virtual_time
-async def test_a_request_without_waiting_is_taken_directly_and_can_be_dropped() -> None:
+async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -> None:
     network = MemoryNetwork(delay=0.01)
     server, caller = network.join("server"), network.join("caller")
     heard: list[bytes | None] = []
@@ -172,11 +172,10 @@ async def test_a_request_without_waiting_is_taken_directly_and_can_be_dropped() 
     await server.serve(KEY, slowly, direct=directly)
     await asyncio.sleep(0.1)
     for body in (b"d", b"s"):
-        caller.ask(KEY, body, timeout=1.0, hear=heard.append)
+        caller.ask(KEY, body, within=1.0, hear=heard.append)
         await asyncio.sleep(0.1)
     assert heard == [b"direct d", None, b"slow s", None]
-    caller.ask(KEY, b"d", timeout=1.0, hear=heard.append)()
-    caller.ask("nobody", b"d", timeout=1.0, hear=heard.append)
+    caller.ask("nobody", b"d", within=1.0, hear=heard.append)
     await asyncio.sleep(0.1)
     assert heard[4:] == [None]
 
@@ -188,7 +187,7 @@ async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
     heard: list[bytes | None] = []
     await server.serve(KEY, lambda _body, _respond: asyncio.sleep(100.0), direct=lambda *_: True)
     await asyncio.sleep(0.1)
-    caller.ask(KEY, b"", timeout=10.0, hear=heard.append)
+    caller.ask(KEY, b"", within=10.0, hear=heard.append)
     await asyncio.sleep(0.1)
     assert heard == []
     network.kill(server)

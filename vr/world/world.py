@@ -1,0 +1,183 @@
+"""The World: simulated processes, the network between them, and a trace of what happens, from one seed.
+
+A process has an event loop and a transport of its own, runs until its main coroutine returns, and can be
+paused, killed, or cut off with its machine. `World` is generic: which agents live in the processes is decided
+by those who build it (`tests/world` builds a whole realm with proxies and controllers).
+
+The same seed gives the same trace, in the same process of the operating system and in another one: time,
+order, keys and addresses all come from the seed, and the garbage collector is off while the World runs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import hashlib
+import random
+import zlib
+from collections.abc import Awaitable, Callable, Coroutine
+from types import TracebackType
+from typing import Any, Self
+
+from robotree.vr.errors import VrError
+from robotree.vr.running import chance
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.virtual_loop import VirtualLoop
+from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
+
+Main = Callable[["SimulatedProcess"], Coroutine[Any, Any, None]]
+"""What a process does; it exits when this returns or raises."""
+
+Event = tuple[float, str, str, object]
+"""One line of the trace: when [s], in which process, what, and details."""
+
+
+class SimulatedProcess:
+    """One process: an event loop, a transport, and the greenlets that belong to it."""
+
+    def __init__(self, world: World, name: str, main: Main, *, skew: float, rate: float) -> None:
+        """Made by `World.start`."""
+        self.world, self.name = world, name
+        self.runner = VirtualProcess(world.runner, name, skew=skew, rate=rate)
+        self.loop = VirtualLoop(self.runner)
+        self.loop.set_exception_handler(self._complain)
+        self.transport: MemoryTransport = world.network.join(name, loop=self.loop)
+        self.alive = True
+        self.on_exit: list[Callable[[], None]] = []
+        """Called when it is gone, however; not in its own greenlets."""
+        self.runner.spawn(lambda: self._run(main), name)
+
+    def do(self, work: Callable[[], Awaitable[Any]], what: str = "") -> None:
+        """Have its event loop do something, from outside; how it ends is noted in the trace."""
+
+        async def run() -> None:
+            try:
+                result = await work()
+            except VrError as error:
+                self.world.note(self.name, f"{what} refused", f"{type(error).__name__}: {error}")
+            else:
+                self.world.note(self.name, f"{what} done", repr(result))
+
+        if self.alive:
+            self.loop.call_soon_threadsafe(lambda: self.loop.create_task(run()))
+
+    def pause(self) -> None:
+        """Stop it as SIGSTOP does."""
+        if self.alive:
+            self.world.note(self.name, "paused")
+            self.runner.pause()
+            self.world.network.pause(self.transport)
+
+    def resume(self) -> None:
+        """Let it go on, if it is paused."""
+        if self.alive and self.runner.halted:
+            self.world.note(self.name, "goes on")
+            self.runner.resume()
+            self.world.network.resume(self.transport)
+
+    def kill(self) -> None:
+        """End it as SIGKILL does: the others see it at once."""
+        self._end("killed", self.world.network.kill)
+
+    def vanish(self) -> None:
+        """End it together with its machine: the others only notice that it is silent."""
+        self._end("vanished", self.world.network.vanish)
+
+    def _end(self, how: str, leave: Callable[[MemoryTransport], None]) -> None:
+        if not self.alive:
+            return
+        self.alive = False
+        self.world.note(self.name, how)
+        self.runner.end()
+        if not self.transport.closed:
+            leave(self.transport)
+        for told in self.on_exit:
+            told()
+
+    def _run(self, main: Main) -> None:
+        try:
+            self.loop.run_until_complete(main(self))
+        except VrError as error:
+            self.world.note(self.name, "fails", f"{type(error).__name__}: {error}")
+        self.world.runner.at(self.world.runner.now(), lambda: self._end("exited", self.world.network.kill))
+
+    def _complain(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        self.world.complaints.append(f"{self.name}: {context.get('message')}: {context.get('exception')!r}")
+
+
+class World:
+    """See the module. Use it as a context manager; what it ran is gone afterwards, the trace stays."""
+
+    def __init__(self, seed: int, *, delay: float = 0.001, lease: float = 2.0) -> None:
+        """Begin with nobody.
+
+        Args:
+            seed: of everything.
+            delay: [s] of a message between two processes.
+            lease: [s] of silence after which a process counts as gone.
+        """
+        self.seed = seed
+        self.runner = VirtualRunner(seed)
+        self.network = MemoryNetwork(
+            delay=delay, lease=lease, agenda=self.runner, chance=random.Random(f"{seed} network").random
+        )
+        self.network.on_message = self._message
+        self.trace: list[Event] = []
+        self.complaints: list[str] = []
+        """What event loops report and nobody handles: faults, if there are any."""
+        self.processes: list[SimulatedProcess] = []
+        self._keys = random.Random(f"{seed} keys")
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        if gc.isenabled():  # when it runs is no part of the seed
+            gc.disable()
+            self._stack.callback(gc.enable)
+        self._stack.enter_context(chance.drawn_from(self._keys.getrandbits))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for process in self.processes:
+            process.alive = False
+        self.runner.close()
+        for process in self.processes:
+            process.loop.drop()
+        self._stack.close()
+
+    def start(self, name: str, main: Main, *, skew: float = 0.0, rate: float = 1.0) -> SimulatedProcess:
+        """Start a process.
+
+        Args:
+            name: for the trace.
+            main: what it does.
+            skew: [s] by which its time of day is ahead.
+            rate: [s/s] of its clocks.
+        """
+        self.note(name, "started")
+        process = SimulatedProcess(self, name, main, skew=skew, rate=rate)
+        self.processes.append(process)
+        return process
+
+    def run(self, until: float) -> None:
+        """Let virtual time pass up to a moment [s].
+
+        Raises:
+            BaseException: what a process raised and nobody caught, other than a `VrError`.
+        """
+        self.runner.run(until)
+
+    def note(self, who: str, what: str, details: object = "") -> None:
+        """Add a line to the trace."""
+        self.trace.append((self.runner.now(), who, what, details))
+
+    @property
+    def digest(self) -> str:
+        """A short text that is the same for the same trace."""
+        text = "\n".join(map(repr, self.trace))
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def _message(self, source: str, target: str, what: str, body: bytes) -> None:
+        self.trace.append((self.runner.now(), target, f"{what} from {source}", zlib.crc32(body)))
