@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Generator
 from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,9 @@ from robotree.vr.transport import Transport
 FRESH = 3.0
 """[s] for which a request holds at most: longer than a slow way takes, and than it takes to see that a
 process hangs, so that who gives up has little to wait."""
+
+_simulated = ""
+"""The simulated machine that this process stands for; empty: a real one."""
 
 
 class Question:
@@ -71,12 +74,19 @@ def opened(request: Request | Timely, who: str) -> Request:
 
 
 def _boot() -> str:
-    """Which boot of which machine this is: the clocks of others are not to be compared with its own.
+    """Which boot of which machine this is: the clocks of others are not to be compared with its own."""
+    return _simulated or _boot_of_this_machine()
 
-    A loop in virtual time says on which simulated machine it runs.
-    """
-    simulated: str | None = getattr(asyncio.get_running_loop(), "boot", None)
-    return _boot_of_this_machine() if simulated is None else simulated
+
+@contextlib.contextmanager
+def on_machine(boot: str) -> Generator[None]:
+    """Have all processes inside the block run on one simulated machine, whose clock is in virtual time."""
+    global _simulated  # noqa: PLW0603 # one machine at a time
+    before, _simulated = _simulated, boot
+    try:
+        yield
+    finally:
+        _simulated = before
 
 
 @cache

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import random
 from collections.abc import Callable, Iterable
 
 import msgspec
@@ -20,6 +19,7 @@ from robotree.vr.errors import VrError
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.table import REMEMBERED
 from robotree.vr.requests import Done, Register, Registered, Withdraw
+from robotree.vr.running.chance import fraction
 from robotree.vr.transport import Registration, Transport
 
 TERM = 10.0
@@ -51,7 +51,7 @@ class Registrar:
     """Enters agents, and keeps them entered."""
 
     def __init__(
-        self, transport: Transport, *, term: float = TERM, chance: Callable[[], float] = random.random
+        self, transport: Transport, *, term: float = TERM, chance: Callable[[], float] = fraction
     ) -> None:
         """Prepare.
 

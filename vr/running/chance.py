@@ -31,6 +31,11 @@ def token() -> str:
     return f"{_draw(64):016x}"
 
 
+def fraction() -> float:
+    """Draw a number from 0 up to but not including 1."""
+    return _draw(53) / 2**53
+
+
 @contextlib.contextmanager
 def drawn_from(draw: Bits) -> Generator[None]:
     """Take all chance from another source inside the block, in all threads of this process."""

@@ -557,7 +557,8 @@ class MemoryTransport:
 
         def end() -> None:
             if exchange is not None and not self.closed:
-                network.inside(lambda: send(exchange.end))
+                ended = exchange.end
+                network.inside(lambda: send(ended))
 
         handler, direct = self.served.get(key), self._direct.get(key)
         if handler is None or network.agenda.now() > latest:

@@ -10,12 +10,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
+import heapq
 import threading
 from asyncio import base_events, events
+from collections import deque
 from collections.abc import Callable, Coroutine
 from typing import Any, ParamSpec, TypeVar
 
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
+
+TICK = 1e-9
+"""[s] Timers that are due within it are due now, as asyncio has it."""
+
+MOST_CANCELLED = 100
+"""Timers that may lie about cancelled, as in asyncio."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -24,21 +32,18 @@ _R = TypeVar("_R")
 class VirtualLoop(base_events.BaseEventLoop):
     """See the module."""
 
-    def __init__(self, runner: VirtualRunner | VirtualProcess, boot: str = "virtual machine") -> None:
+    def __init__(self, runner: VirtualRunner | VirtualProcess) -> None:
         """Make the loop; `run_forever` belongs into the greenlet of its process.
 
         Args:
             runner: what it waits in, and whose clock it shows.
-            boot: names the simulated machine; loops on the same one have the same clock.
         """
         super().__init__()
-        self.runner, self.boot = runner, boot
+        self.runner = runner
+        self.time = runner.now  # type: ignore[method-assign] # [s]; asked for at every step
         self._waiter = runner.waiter()
-        self._selector = _Selector(self)
-
-    def time(self) -> float:
-        """Return the virtual time [s]."""
-        return self.runner.now()
+        self._queue: deque[asyncio.Handle] = self._ready  # type: ignore[attr-defined] # where asyncio puts them
+        self._timers: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[attr-defined]
 
     def run_forever(self) -> None:
         """Run until `stop`; while it waits, other greenlets run."""
@@ -48,7 +53,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         events._set_running_loop(self)  # noqa: SLF001
         try:
             while True:
-                self._run_once()  # type: ignore[attr-defined]
+                self._step()
                 if self._stopping:  # type: ignore[has-type]
                     break
         finally:
@@ -56,14 +61,46 @@ class VirtualLoop(base_events.BaseEventLoop):
             self._thread_id = None  # type: ignore[assignment] # as asyncio does
             events._set_running_loop(previous)  # noqa: SLF001
 
-    def wait(self, timeout: float | None) -> None:
-        """Let others run until there is something to do, or for `timeout` [s]."""
+    def _step(self) -> None:
+        """Do what is to be done now, as `BaseEventLoop._run_once` does; if it is nothing, wait for it."""
+        queue, timers = self._queue, self._timers
+        if len(timers) > MOST_CANCELLED and self._timer_cancelled_count > len(timers) / 2:  # type: ignore[has-type]
+            self._tidy_up()
+        while timers and timers[0].cancelled():
+            self._timer_cancelled_count -= 1
+            _forget(heapq.heappop(timers))
+        if queue:
+            if self.runner.others_wait():
+                self._let_others(None, at_once=True)
+        else:
+            self._let_others(max(timers[0].when() - self.time(), 0.0) if timers else None)
+        now = self.time() + TICK
+        while timers and timers[0].when() < now:
+            handle = heapq.heappop(timers)
+            _forget(handle)
+            queue.append(handle)
+        for _ in range(len(queue)):
+            handle = queue.popleft()
+            if not handle.cancelled():
+                handle._run()  # noqa: SLF001
+
+    def _tidy_up(self) -> None:
+        """Forget the timers that were cancelled."""
+        for handle in self._timers:
+            if handle.cancelled():
+                _forget(handle)
+        self._timers[:] = [handle for handle in self._timers if not handle.cancelled()]
+        heapq.heapify(self._timers)
+        self._timer_cancelled_count = 0
+
+    def _let_others(self, timeout: float | None, *, at_once: bool = False) -> None:
+        """Let other greenlets run, until there is something to do or for `timeout` [s]."""
         events._set_running_loop(None)  # noqa: SLF001
         try:
-            if timeout is None or timeout > 0:
-                self._waiter.wait(timeout)
-            else:
+            if at_once:
                 self.runner.point()
+            else:
+                self._waiter.wait(timeout)
         finally:
             events._set_running_loop(self)  # noqa: SLF001
 
@@ -105,8 +142,8 @@ class VirtualLoop(base_events.BaseEventLoop):
                     coroutine.close()
         finally:
             events._set_running_loop(previous)  # noqa: SLF001
-        self._ready.clear()  # type: ignore[attr-defined]
-        self._scheduled.clear()  # type: ignore[attr-defined]
+        self._queue.clear()
+        self._timers.clear()
         self._thread_id = None  # type: ignore[assignment]
         self.close()
 
@@ -117,19 +154,10 @@ class VirtualLoop(base_events.BaseEventLoop):
     def _write_to_self(self) -> None:
         self._waiter.wake()
 
-    def _process_events(self, event_list: list[Any]) -> None:
-        """There are none."""
 
-
-class _Selector:
-    """Watches no file: lets the runner wait instead."""
-
-    def __init__(self, loop: VirtualLoop) -> None:
-        self._loop = loop
-
-    def select(self, timeout: float | None = None) -> list[Any]:
-        self._loop.wait(timeout)
-        return []
+def _forget(handle: asyncio.TimerHandle) -> None:
+    """A timer is in the heap no longer: to cancel it counts no more."""
+    handle._scheduled = False  # type: ignore[attr-defined] # noqa: SLF001
 
 
 def run_in_virtual_time(story: Coroutine[Any, Any, _R], seed: int = 0) -> _R:

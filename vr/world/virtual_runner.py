@@ -123,6 +123,10 @@ class VirtualRunner:
         """Do something at a virtual time [s], between two greenlets; it must not wait."""
         heapq.heappush(self._timers, (max(when, self._time), next(self._order), action))
 
+    def others_wait(self) -> bool:
+        """Whether anything else can go on now."""
+        return bool(self._ready)
+
     def point(self) -> None:
         """Let others go first, perhaps."""
         if self._ready and not self.held:
@@ -233,6 +237,9 @@ class VirtualProcess:
         self.skew, self.rate, self.offset = skew, rate, offset
         self.lock, self.random, self.here = runner.lock, runner.random, runner.here
         self.point, self.interrupt = runner.point, runner.interrupt
+        self.others_wait = runner.others_wait
+        if rate == 1.0 and offset == 0.0:
+            self.now = runner.now  # type: ignore[method-assign] # asked for very often
         self.halted = False
         """Whether nothing of it runs at the moment."""
         self.ended = False

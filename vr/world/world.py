@@ -15,12 +15,15 @@ import contextlib
 import gc
 import hashlib
 import random
+import sys
+import warnings
 import zlib
 from collections.abc import Awaitable, Callable, Coroutine
 from types import TracebackType
 from typing import Any, Self
 
 from robotree.vr.errors import VrError
+from robotree.vr.exchange.timely import on_machine
 from robotree.vr.running import chance
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
@@ -43,7 +46,7 @@ class SimulatedProcess:
         self.loop = VirtualLoop(self.runner)
         self.loop.set_exception_handler(self._complain)
         self.transport: MemoryTransport = world.network.join(name, loop=self.loop)
-        self.alive = True
+        self.alive, self.vanished = True, False
         self.on_exit: list[Callable[[], None]] = []
         """Called when it is gone, however; not in its own greenlets."""
         self.runner.spawn(lambda: self._run(main), name)
@@ -82,6 +85,7 @@ class SimulatedProcess:
 
     def vanish(self) -> None:
         """End it together with its machine: the others only notice that it is silent."""
+        self.vanished = True
         self._end("vanished", self.world.network.vanish)
 
     def _end(self, how: str, leave: Callable[[MemoryTransport], None]) -> None:
@@ -135,6 +139,7 @@ class World:
             gc.disable()
             self._stack.callback(gc.enable)
         self._stack.enter_context(chance.drawn_from(self._keys.getrandbits))
+        self._stack.enter_context(on_machine("the World"))
         return self
 
     def __exit__(
@@ -142,9 +147,17 @@ class World:
     ) -> None:
         for process in self.processes:
             process.alive = False
-        self.runner.close()
-        for process in self.processes:
-            process.loop.drop()
+        # what is dropped in the middle of its work may not end in order, which is the fault of nobody
+        told, sys.unraisablehook = sys.unraisablehook, _ignore
+        try:
+            self._stack.enter_context(warnings.catch_warnings(action="ignore"))
+            self.runner.close()
+            for process in self.processes:
+                process.loop.drop()
+            self.processes.clear()
+            gc.collect(0)  # what was made meanwhile: it was off
+        finally:
+            sys.unraisablehook = told
         self._stack.close()
 
     def start(self, name: str, main: Main, *, skew: float = 0.0, rate: float = 1.0) -> SimulatedProcess:
@@ -181,3 +194,7 @@ class World:
 
     def _message(self, source: str, target: str, what: str, body: bytes) -> None:
         self.trace.append((self.runner.now(), target, f"{what} from {source}", zlib.crc32(body)))
+
+
+def _ignore(_: object) -> None:
+    """Say nothing."""
