@@ -64,7 +64,7 @@ class VirtualLoop(base_events.BaseEventLoop):
     def _step(self) -> None:
         """Do what is to be done now, as `BaseEventLoop._run_once` does; if it is nothing, wait for it."""
         queue, timers = self._queue, self._timers
-        if len(timers) > MOST_CANCELLED and self._timer_cancelled_count > len(timers) / 2:  # type: ignore[has-type]
+        if len(timers) > MOST_CANCELLED and self._timer_cancelled_count > len(timers) / 2:
             self._tidy_up()
         while timers and timers[0].cancelled():
             self._timer_cancelled_count -= 1
@@ -76,9 +76,9 @@ class VirtualLoop(base_events.BaseEventLoop):
             self._let_others(max(timers[0].when() - self.time(), 0.0) if timers else None)
         now = self.time() + TICK
         while timers and timers[0].when() < now:
-            handle = heapq.heappop(timers)
-            _forget(handle)
-            queue.append(handle)
+            due = heapq.heappop(timers)
+            _forget(due)
+            queue.append(due)
         for _ in range(len(queue)):
             handle = queue.popleft()
             if not handle.cancelled():
