@@ -120,7 +120,7 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP, spee
     """Bring up the demo's agents, each as soon as what it needs is there.
 
     Args:
-        crew: whom they join.
+        crew: which they join.
         counting: whether calls are counted over restarts, in the user's state folder.
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.

@@ -1,7 +1,7 @@
 """The two ends of a command line: results on standard output, everything else on standard error.
 
 Much of what is written comes from afar: names, results, the words of an error. It must not steer the
-terminal of whoever reads it, so whatever is no letter goes out by its number.
+terminal of the reader, so every character that is no letter is written as its number.
 """
 
 from __future__ import annotations

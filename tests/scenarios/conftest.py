@@ -150,11 +150,11 @@ class Stage:
             await self.press(key)
             await self.until(lambda seen=before: page.jog.fulfilled not in (None, seen), within)
 
-    def wish(self) -> dict[str, float]:
+    def target(self) -> dict[str, float]:
         """Where the jog keys have led so far."""
         page = self.app.screen
         assert isinstance(page, TeleopPage)
-        return page.jog.wish or self.readings(page.robot.name)
+        return page.jog.target or self.readings(page.robot.name)
 
     async def lever(self) -> float:
         """[rad] The angle that the workspace's instrument reads."""

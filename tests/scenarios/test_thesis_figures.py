@@ -116,7 +116,7 @@ async def test_figure_4_14_the_lever_is_closed_by_hand(stage: Stage) -> None:
         angle = await stage.lever()
         if angle > 0.6:
             break
-        at, ahead = stage.wish(), angle + 0.15
+        at, ahead = stage.target(), angle + 0.15
         forth = AXLE_X + RADIUS * math.sin(ahead) - at["x"]
         rise = AXLE_Z + RADIUS * math.cos(ahead) - at["z"]
         vertically = "pageup" if rise > 0 else "pagedown"

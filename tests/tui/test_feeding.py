@@ -56,7 +56,7 @@ async def test_a_look_that_fails_is_told_and_the_next_one_heals(
     await until(lambda: looks >= 2, "the second look")
     feed.hint()
     await until(lambda: "arm-1" in store.descriptions, "the third look")
-    told = [happening.text for happening in store.happenings]
+    told = [happening.text for happening in store.entries]
     assert "cannot see the tree: the network is away" in told
     await feed.close()
 

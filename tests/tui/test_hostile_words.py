@@ -11,7 +11,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import parse
 from robotree.tui.line.shell import Console, obey
-from robotree.tui.screen.widgets.harmless import Harmless
+from robotree.tui.screen.widgets.control_filter import ControlFilter
 from robotree.tui.terminal import STEERING, harmless
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def test_taking_away_what_steers_moves_nothing(hostile: Hostile) -> None:
     from textual.color import Color
 
     line = [Segment("plain "), Segment(hostile.words, Style(bold=True))]
-    shown = Harmless().apply(line, Color(0, 0, 0))
+    shown = ControlFilter().apply(line, Color(0, 0, 0))
     assert shown[0] == line[0]
     assert shown[1].style == Style(bold=True)
     assert sum(cell_len(one.text) for one in shown) == sum(cell_len(one.text) for one in line)

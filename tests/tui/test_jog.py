@@ -1,4 +1,4 @@
-"""Tele-operation: steps add up, stay in bounds and on a leash, and never queue."""
+"""Tele-operation: steps add up, stay in bounds and on a lead_limit, and never queue."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robotree.tui.screen.jog import AXES, STEPS, Jog, leash
+from robotree.tui.screen.jog import AXES, STEPS, Jog, lead_limit
 
 HOME = {"x": 0.4, "y": 0.0, "z": 0.3, "twist": 0.0}
 BOUNDS = {"x": (0.2, 0.6), "y": (-0.4, 0.4), "z": (0.05, 0.5), "twist": (-3.0, 3.0)}
@@ -44,8 +44,8 @@ def test_steps_add_up_exactly_although_the_robot_yields() -> None:
         jog.press("x", +1, {**HOME, "x": 0.4 + 0.0007})
         jog.take()
         jog.arrived()
-    assert jog.wish is not None
-    assert jog.wish["x"] == pytest.approx(0.4 + 0.0007 + 0.02)
+    assert jog.target is not None
+    assert jog.target["x"] == pytest.approx(0.4 + 0.0007 + 0.02)
 
 
 def test_a_robot_that_is_held_back_is_not_asked_for_more_and_more() -> None:
@@ -54,8 +54,8 @@ def test_a_robot_that_is_held_back_is_not_asked_for_more_and_more() -> None:
         jog.press("z", -1, HOME)
         jog.take()
         jog.arrived()
-    assert jog.wish is not None
-    assert jog.wish["z"] == pytest.approx(HOME["z"] - leash("z", 0.01))
+    assert jog.target is not None
+    assert jog.target["z"] == pytest.approx(HOME["z"] - lead_limit("z", 0.01))
 
 
 def test_five_quick_jogs_of_10_mm_move_50_mm() -> None:
@@ -76,7 +76,7 @@ def test_what_is_dropped_is_told_to_the_micrometre() -> None:
 
 @given(step=st.sampled_from(STEPS))
 def test_the_leash_is_never_shorter_than_three_steps_nor_longer_than_it_must(step: float) -> None:
-    assert 3 * step - 1e-12 <= leash("x", step) <= max(3 * step, 0.06) + 1e-12
+    assert 3 * step - 1e-12 <= lead_limit("x", step) <= max(3 * step, 0.06) + 1e-12
 
 
 def test_after_a_refusal_the_next_step_starts_where_the_robot_is() -> None:
@@ -108,14 +108,14 @@ class Operator(RuleBasedStateMachine):
 
     @rule(axis=st.sampled_from(AXES), direction=st.sampled_from([-1, 1]))
     def press(self, axis: str, direction: int) -> None:
-        before = (self.jog.wish or self.actual)[axis]
+        before = (self.jog.target or self.actual)[axis]
         dropped = self.jog.press(axis, direction, self.actual)
-        assert self.jog.wish is not None
-        moved = (self.jog.wish[axis] - before) * direction
+        assert self.jog.target is not None
+        moved = (self.jog.target[axis] - before) * direction
         assert -1e-12 <= moved <= self.jog.step(axis) + 1e-12
         if moved > 1e-12:
-            ahead = (self.jog.wish[axis] - self.actual[axis]) * direction
-            assert ahead <= leash(axis, self.jog.step(axis)) + 1e-12
+            ahead = (self.jog.target[axis] - self.actual[axis]) * direction
+            assert ahead <= lead_limit(axis, self.jog.step(axis)) + 1e-12
         assert moved + dropped == pytest.approx(self.jog.step(axis), abs=1e-5), "nothing is lost silently"
 
     @rule(by=st.sampled_from([-1, 1]))
@@ -142,7 +142,7 @@ class Operator(RuleBasedStateMachine):
     @invariant()
     def inside_the_bounds(self) -> None:
         for axis, (lower, upper) in BOUNDS.items():
-            assert lower <= (self.jog.wish or self.actual)[axis] <= upper
+            assert lower <= (self.jog.target or self.actual)[axis] <= upper
 
 
 TestOperator = Operator.TestCase

@@ -66,8 +66,8 @@ def test_r2_comes_before_r10() -> None:
 
 
 def test_children_stand_below_their_parents_with_their_slots() -> None:
-    seats = family(store_of(*LEVER))
-    assert [(one.name, one.depth, one.slot) for one in seats] == [
+    placements = family(store_of(*LEVER))
+    assert [(one.name, one.depth, one.slot) for one in placements] == [
         ("lever", 0, ""),
         ("mover", 1, "mover"),
         ("arm-1", 2, "arm"),
@@ -151,7 +151,7 @@ def test_a_wide_list_has_epoch_lease_and_process_and_a_narrow_one_never() -> Non
     assert [one.title for one in columns(80, {}, wide=True)] == ["ROBOT", "KIND", "STATE", "BY", "HOST"]
     assert not {"EPOCH", "LEASE", "PROCESS"} & {one.title for one in columns(300, {})}
     store = store_of(*LEVER)
-    child = next(seat for seat in family(store) if seat.name == "arm-1")
+    child = next(placement for placement in family(store) if placement.name == "arm-1")
     store.take_state("arm-1", State(epoch=7), 1.0)
     store.take_processes([Held("robot/arm-1/1", "process 4711", "")])
     made = row(store, child, 2.0, wide=True)
@@ -187,8 +187,7 @@ def test_who_answers_again_is_as_before() -> None:
     store.take_descriptions(LEVER, 4.0)
     assert not store.absent
     assert (
-        store.happenings[-1].text == "rover-2 (Arm) answers again"
-        or "answers again" in store.happenings[-1].text
+        store.entries[-1].text == "rover-2 (Arm) answers again" or "answers again" in store.entries[-1].text
     )
 
 
@@ -198,14 +197,14 @@ def test_a_newcomer_sees_who_hangs_already() -> None:
         [Held("robot/arm-1/1", "process 7", "wake it"), Held("host/h/1", "process 7", "x")], 1.0
     )
     assert names(store) == ["arm-1"], "a host is no robot"
-    assert len(store.happenings) == 2
+    assert len(store.entries) == 2
     store.take_silent([Held("robot/arm-1/1", "process 7", "wake it")], 2.0)
-    assert len(store.happenings) == 2, "told once"
+    assert len(store.entries) == 2, "told once"
 
 
 def test_a_robot_behind_an_open_link_is_marked_and_found_by_it() -> None:
     guarded, unguarded = (robot(name, attributes={"link": name}) for name in ("signed", "open"))
     store = store_of(guarded, unguarded, robot("virtual"))
-    marks = {seat.name: row(store, seat, 2.0).unguarded for seat in family(store)}
+    marks = {placement.name: row(store, placement, 2.0).unguarded for placement in family(store)}
     assert marks == {"open": True, "signed": False, "virtual": False}
     assert names(store, letters="open link") == ["open"]

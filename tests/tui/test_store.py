@@ -33,7 +33,7 @@ def store() -> Store:
 
 
 def texts(store: Store) -> list[str]:
-    return [happening.text for happening in store.happenings]
+    return [happening.text for happening in store.entries]
 
 
 def test_what_is_there_at_the_beginning_is_no_news(store: Store) -> None:
@@ -64,7 +64,7 @@ def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) 
     bond = BondSpec(parent=address("mover"), slot="arm", epoch=1, remaining=5)
     store.take_descriptions([robot("arm-1", bond=bond)], 1.0)
     store.found(address("arm-1"), 1.0)
-    assert texts(store) == ["arm-1 (Arm) obeys mover.arm now"]
+    assert texts(store) == ["arm-1 (Arm) is commanded by mover.arm now"]
 
 
 def test_who_hangs_leaves_with_no_wording_of_a_departure(store: Store) -> None:
@@ -146,7 +146,7 @@ def test_without_a_lookup_service_the_lists_are_stale(store: Store) -> None:
     store.take_services([], 2.0, stale=True)
     assert store.stale
     store.take_services(["lookup-1"], 3.0, stale=False)
-    assert [happening.weight for happening in store.happenings] == ["error", "good"]
+    assert [happening.weight for happening in store.entries] == ["error", "good"]
 
 
 def family() -> list[RobotDescription]:

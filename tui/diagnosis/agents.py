@@ -20,7 +20,7 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
 
     Args:
         realm: whose folder is sound.
-        name: of a robot that somebody misses; empty: none.
+        name: of a robot that is missing; empty: none.
         entries: the realm's processes.
     """
     async with joined(realm) as fleet:

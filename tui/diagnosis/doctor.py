@@ -34,7 +34,7 @@ async def diagnose(realm: str, name: str = "") -> list[Finding]:
 
     Args:
         realm: whose agents are looked at.
-        name: of a robot that somebody misses; empty: none.
+        name: of a robot that is missing; empty: none.
     """
     found = [machine.python(), *machine.installed(), machine.clock(), *machine.terminal()]
     found += [machine.room(state_home() / realm), keys(realm)]

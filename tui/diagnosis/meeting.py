@@ -116,13 +116,13 @@ def entries(realm: str) -> list[Entry]:
 
 
 def _answers_the_door(place: Rendezvous, tag: str) -> bool:
-    """Whether somebody listens behind an entry; the system says so, not the process."""
+    """Whether a process listens behind an entry, as the system knows."""
     try:
         place.dial(tag).close()
     except (ConnectionRefusedError, FileNotFoundError):
         return False
     except OSError:
-        return True  # its queue is full: there is somebody
+        return True  # its queue is full: a process listens
     return True
 
 
@@ -219,7 +219,7 @@ def whereabouts(name: str, realm: str) -> Finding | None:
 
 
 def links(found: list[Entry]) -> Iterator[Finding]:
-    """Tell the TCP connections of the processes, and which of them wait for somebody who does not listen."""
+    """Tell the TCP connections of the processes, and which of them wait for a port where nothing listens."""
     known = _tcp()
     for one in found:
         if one.condition == "dead":

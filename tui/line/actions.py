@@ -23,7 +23,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="tree",
-        help="Show who commands whom.",
+        help="Show the robots as trees: each below its parent, with its slot.",
         group=LOOK,
         run="tree",
         where=ANYWHERE,
@@ -48,7 +48,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="watch [NAME] [--within TIME]",
-        help="Tell each change of state, until interrupted.",
+        help="Print each change of state until it is interrupted.",
         group=LOOK,
         run="watch",
         where=Where.SHELL,
@@ -63,7 +63,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="doctor [NAME]",
-        help="Say why a robot is not seen: each check with its result and what to do.",
+        help="Check why a robot is not seen: prints each result and what to do.",
         group=LOOK,
         where=Where.SHELL,
         examples=("doctor", "doctor arm-1"),
@@ -94,7 +94,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="release PARENT.SLOT",
-        help="Let the child in a slot go; it is listed again.",
+        help="Release the child in a slot; it is listed as free again.",
         group=SHAPE,
         run="release",
         where=ANYWHERE,
@@ -184,7 +184,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="rules test TABLE",
-        help="Play a table of happenings against a script, without any robot, and compare the orders.",
+        help="Play a table of events against a script, without any robot, and compare the orders.",
         group=SCRIPTS,
         where=Where.SHELL,
         examples=("rules test examples/guide.test.yaml",),
@@ -192,7 +192,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="rules dry-run FILE [TABLE]",
-        help="Show what a script would do at the happenings of a TABLE, or of standard input, one a line.",
+        help="Show what a script would do at the events of a TABLE, or of standard input, one per line.",
         group=SCRIPTS,
         where=Where.SHELL,
         examples=("rules dry-run examples/guide.yaml", "rules dry-run guide.yaml guide.test.yaml"),
@@ -200,7 +200,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="rules explain WHAT [RULE] [--after TABLE]",
-        help="Say why a RULE fired or not, in a FILE or in a running script; without RULE: facts and agenda.",
+        help="Explain why a RULE fired or not, in a FILE or in a running script; without RULE: facts and agenda.",
         group=SCRIPTS,
         run="explain",
         where=LINES,
@@ -232,9 +232,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="sim KIND --listen URL [--key FILE | --open] [--state FILE] [--reset-epoch] [--speedup FACTOR]",
-        help="Simulate a robot's controller; it is open to all unless it has a key (realm: the realm's)."
-        " --reset-epoch: forget which leases it has obeyed. --speedup: seconds of the simulated world in a"
-        " second, up to 10.",
+        help="Simulate a robot's controller; every program can command it unless it has a key"
+        " (`realm`: the realm's). --reset-epoch: forget the leases that it has accepted."
+        " --speedup: simulated seconds in a second, up to 10.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
@@ -242,7 +242,7 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="proxy KIND NAME --connect URL [--component N] [--space FILE] [--key FILE | --open]"
         " [--take-over]",
-        help="Bring a robot's controller among the agents; KIND: arm, rover, limb, head, base, or"
+        help="Connect a robot's controller to the realm; KIND: arm, rover, limb, head, base, or"
         " FILE.py with yours. --component: which MAVLink component of the controller it is (1)."
         " --take-over: also if another proxy holds it.",
         group=PROCESS,
@@ -251,7 +251,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="view NAME --connect URL [--key FILE | --open]",
-        help="Show the workspace of a robot's controller to whoever looks.",
+        help="Offer pictures of the workspace of a robot's controller.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("view cell --connect tcp:127.0.0.1:5760",),
@@ -280,7 +280,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire record --connect URL FILE [--for TIME] [--key FILE] [--xml DIALECT]",
-        help="Keep what a link says in a FILE.tlog, or FILE.mcap for Foxglove.",
+        help="Record the frames of a link in a FILE.tlog, or FILE.mcap for Foxglove.",
         group=WIRE,
         where=Where.SHELL,
         examples=(
@@ -290,8 +290,8 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire replay FILE --connect URL | --listen URL [--speed SPEED] [--commands] [--key FILE]",
-        help="Send a recording again, in its own time, SPEED times as fast, or as fast as it goes (max); with"
-        " --connect without what commands, unless --commands is given.",
+        help="Send a recording again at its own speed, SPEED times as fast, or as fast as possible (max);"
+        " with --connect frames that command are left out unless --commands is given.",
         group=WIRE,
         where=Where.SHELL,
         examples=(
@@ -317,7 +317,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire dissector [FILE] [--port PORT] [--xml DIALECT]",
-        help="Write the Lua that makes Wireshark and tshark understand the wire.",
+        help="Write a Lua file with which Wireshark and tshark decode the frames.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire dissector robotree.lua",),
@@ -336,7 +336,7 @@ ACTIONS: tuple[Action, ...] = (
     Action(
         usage="wire inject --listen URL --connect URL [--loss SHARE] [--delay TIME] [--jitter TIME]"
         " [--duplication SHARE] [--seed NUMBER] [--for TIME]",
-        help="Stand between two programs and be a bad link; lines on standard input (cut 3s) change it.",
+        help="Relay between two programs as a bad link would; lines on standard input (cut 3s) change it.",
         group=WIRE,
         where=Where.SHELL,
         guide=("robotree.tui.wire.inject",),
@@ -354,7 +354,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="wire bench [PART …]",
-        help="Measure what the wire promises, as ratios: codec, trips, noise, imports, clients.",
+        help="Measure the speed of codec and links as ratios: codec, trips, noise, imports, clients.",
         group=WIRE,
         where=Where.SHELL,
         examples=("wire bench", "wire bench codec trips"),
@@ -394,16 +394,16 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         "mark",
-        "Mark the selected robot, or take its mark away: cancel and delete take all that are marked.",
+        "Mark the selected robot, or remove its mark: cancel and delete apply to all marked robots.",
         SCREEN,
         where=Where.SCREEN,
         key="m",
         about=About.ROBOT,
     ),
-    Action("unmark", "Take all marks away.", SCREEN, where=SHOWN, key="M"),
+    Action("unmark", "Remove all marks.", SCREEN, where=SHOWN, key="M"),
     Action(
         "dismiss",
-        "Take a robot that hangs or has gone off the list; it is back when it answers.",
+        "Remove a robot that hangs or has gone from the list; it returns when it answers.",
         SCREEN,
         where=Where.SCREEN,
         key="D",
@@ -411,13 +411,17 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action("views", "Show pictures of the workspaces.", SCREEN, where=SHOWN, key="v"),
     Action(
-        "level", "Leave more out of the log: all, warnings and errors, errors.", SCREEN, where=SHOWN, key="L"
+        "level",
+        "Change the level of the log: all, warnings and errors, errors only.",
+        SCREEN,
+        where=SHOWN,
+        key="L",
     ),
-    Action("camera", "Look through the next camera.", SCREEN, where=SHOWN, key="V"),
-    Action("log", "Show all that happened.", SCREEN, where=SHOWN, key="g"),
+    Action("camera", "Show the picture of the next camera.", SCREEN, where=SHOWN, key="V"),
+    Action("log", "Show the whole log.", SCREEN, where=SHOWN, key="g"),
     Action(
         "filter",
-        "Show only what contains these letters.",
+        "Show only rows that contain these letters.",
         SCREEN,
         where=Where.SCREEN,
         key="slash",

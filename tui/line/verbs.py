@@ -98,7 +98,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 
 SECOND_LOOK = 0.3
-"""[s] after which somebody who looks as if it hung is looked at again: it may only be on its way."""
+"""[s] after which a process that seems to hang is looked at again: it may only be starting."""
 
 
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
@@ -158,7 +158,7 @@ def _listed(
 
 
 async def tree(fleet: Fleet, _line: Line, _teller: Teller) -> Outcome:
-    """Show who commands whom."""
+    """Show the robots as trees."""
     hanging = await _hanging(fleet)
     roots = forest.forest(await fleet.tree())
     lost: list[dict[str, Any]] = [

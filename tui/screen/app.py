@@ -29,7 +29,7 @@ from robotree.tui.screen.pages.main import MainPage, main_page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
-from robotree.tui.screen.widgets.harmless import Harmless
+from robotree.tui.screen.widgets.control_filter import ControlFilter
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-HARMLESS = Harmless()
+CONTROL_FILTER = ControlFilter()
 """Every line of every widget goes through it."""
 
 
@@ -115,7 +115,7 @@ class Supervisor(OperatorApp):
         if "\n" in text:
             typed, reading = self.typing, Reading(grammar.form(line, shapes(Where.PROMPT)), text)
             self.push_screen(reading)
-            self.comes_unasked(reading, typed=typed)
+            self.opened_by_itself(reading, typed=typed)
         else:
             self.tell(text, "good")
 
@@ -169,7 +169,7 @@ class Supervisor(OperatorApp):
     # -- keys of the whole program -----------------------------------------------------------------
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Let a letter be a letter, and space a space, while somebody types."""
+        """Give letters and the space to the field in which the operator types."""
         if action == "quiet_verb" and (self.typing or not self.keyboard.has(BY_VERB[str(parameters[0])])):
             return False
         return super().check_action(action, parameters)
@@ -211,7 +211,7 @@ class Supervisor(OperatorApp):
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return what every line of every widget goes through: Textual's filters, and ours."""
-        return [*super().get_line_filters(), HARMLESS]
+        return [*super().get_line_filters(), CONTROL_FILTER]
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Offer the registry in the palette, beside what Textual offers."""

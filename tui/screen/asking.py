@@ -103,7 +103,7 @@ def _release(app: OperatorApp, place: Place) -> None:
     elif bond:
         confirm_line(app, Line("release", {"PARENT.SLOT": f"{bond.parent.name}.{bond.slot}"}))
     else:
-        app.tell(f"{name} holds nobody" if name else "no robot is selected", "warning")
+        app.tell(f"{name} has no child" if name else "no robot is selected", "warning")
 
 
 def _delete(app: OperatorApp, place: Place) -> None:
@@ -135,7 +135,7 @@ def _delete_marked(app: OperatorApp) -> None:
     if not names:
         app.tell(f"none of {', '.join(left)} can be deleted: they are no free virtual robots", "warning")
         return
-    hidden = sorted(set(names) - {seat.name for seat in main_page(app).shown})
+    hidden = sorted(set(names) - {placement.name for placement in main_page(app).shown})
     consequence = f"They end for good: {', '.join(names)}."
     consequence += f" Hidden by the filter: {', '.join(hidden)}." if hidden else ""
     consequence += f" Left as they are: {', '.join(left)}." if left else ""
@@ -262,7 +262,7 @@ def _changed_hands(store: Store, parent: str, slot: str) -> Callable[[], str]:
 
 
 def _child(store: Store, parent: str, slot: str) -> str:
-    """Return whom a slot holds; empty: nobody, or that is not known."""
+    """Return the child in a slot; empty: none, or unknown."""
     robot = store.descriptions.get(parent)
     return (
         next((one.child.name for one in robot.slots if one.name == slot and one.child), "") if robot else ""
@@ -294,7 +294,7 @@ def _dismiss(app: OperatorApp, place: Place) -> None:
         app.tell(f"{place.name} is off the list; it is back as soon as it answers")
     else:
         app.tell(
-            f"{place.name} is there: only who hangs or has gone can be dismissed"
+            f"{place.name} answers: only a robot that hangs or has gone can be dismissed"
             if place.name
             else "no robot is selected",
             "warning",

@@ -1,9 +1,9 @@
 """Tele-operation by key: small steps that add up to a target, never far ahead of the robot. Pure.
 
-A key press moves the *wish* by one step; one `go_to` runs at a time and the newest wish is the next one, so
-that presses never queue up. The wish stays on a leash (`leash`): it is never further ahead of where the robot
-is, so a robot that is held back by what it touches is not asked for more and more. What a press could not
-add to the wish is counted (`press` returns it), so that a person can be told.
+A key press moves the *target* by one step; one `go_to` runs at a time and the newest target is the next one,
+so that presses never queue up. The target is never further ahead of the robot than `lead_limit`: a robot that
+is held back by what it touches is not asked for more and more. What a press could not add to the target is
+counted (`press` returns it), so that the operator can be told.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ FIRST = 3
 """Index of the step at the beginning: 10 mm and 10 degrees."""
 
 LEAST = 1e-6
-"""[m] or [rad] that no person has dropped: rounding."""
+"""[m] or [rad] below which a difference is rounding."""
 
-LEASH = 3
-"""Steps that the wish may always be ahead of the robot."""
+LEAD_STEPS = 3
+"""Steps that the target may always be ahead of the robot."""
 
-QUICK = 2 * LEASH
+QUICK = 2 * LEAD_STEPS
 """Steps that it may be ahead as long as that is no more than `NEAR`: so many quick presses are not lost."""
 
 NEAR = 0.06
@@ -39,10 +39,10 @@ NEAR_TURN = radians(60)
 """[rad] The same for the twist: six quick steps of 10 degrees."""
 
 
-def leash(axis: str, step: float) -> float:
-    """Return how far the wish may be ahead of the robot along an axis, for a step; all in [m] or [rad]."""
+def lead_limit(axis: str, step: float) -> float:
+    """Return how far the target may be ahead of the robot along an axis, for a step; all in [m] or [rad]."""
     near = NEAR_TURN if axis == "twist" else NEAR
-    return max(LEASH * step, min(QUICK * step, near))
+    return max(LEAD_STEPS * step, min(QUICK * step, near))
 
 
 Pose = Mapping[str, float]
@@ -54,16 +54,16 @@ Bounds = Mapping[str, tuple[float, float]]
 
 @dataclass(slots=True)
 class Jog:
-    """The wish of one operator for one robot."""
+    """The target of one operator for one robot."""
 
     bounds: Bounds
     choice: int = FIRST
-    wish: dict[str, float] | None = None
+    target: dict[str, float] | None = None
     """Where the robot shall be; None: wherever it is."""
     sent: dict[str, float] | None = field(default=None, init=False)
-    """The wish that is being carried out."""
+    """The target that is being carried out."""
     fulfilled: dict[str, float] | None = field(default=None, init=False)
-    """The last wish that was carried out: the next step starts there, so that steps add up exactly."""
+    """The last target that was carried out: the next step starts there, so that steps add up exactly."""
 
     def step(self, axis: str) -> float:
         """Return the present step of an axis, [m] or [rad]."""
@@ -74,7 +74,7 @@ class Jog:
         self.choice = min(max(self.choice + by, 0), len(STEPS) - 1)
 
     def press(self, axis: str, direction: int, actual: Pose) -> float:
-        """Move the wish by one step; it never moves against the direction that was pressed.
+        """Move the target by one step; it never moves against the direction that was pressed.
 
         Args:
             axis: one of `AXES`.
@@ -82,24 +82,24 @@ class Jog:
             actual: where the robot is.
 
         Returns:
-            What of the step was dropped, [m] or [rad]: the leash or a bound has been reached.
+            What of the step was dropped, [m] or [rad]: the limit of the lead or a bound has been reached.
         """
-        wish = dict(self.wish) if self.wish else {one: actual[one] for one in AXES}
+        target = dict(self.target) if self.target else {one: actual[one] for one in AXES}
         step = self.step(axis)
-        before, furthest = wish[axis], actual[axis] + direction * leash(axis, step)
+        before, furthest = target[axis], actual[axis] + direction * lead_limit(axis, step)
         after = min(before + step, furthest) if direction > 0 else max(before - step, furthest)
         after = max(after, before) if direction > 0 else min(after, before)
-        wish[axis] = self._bounded(axis, before, after)
-        self.wish = wish
-        dropped = step - abs(wish[axis] - before)
+        target[axis] = self._bounded(axis, before, after)
+        self.target = target
+        dropped = step - abs(target[axis] - before)
         return dropped if dropped > LEAST else 0.0
 
     def short(self, actual: Pose) -> float:
-        """Return how far the robot is from the wish, along a straight line [m]; the twist is left out."""
+        """Return how far the robot is from the target, along a straight line [m]; the twist is left out."""
         return (
             0.0
-            if self.wish is None
-            else dist(*([pose[axis] for axis in "xyz"] for pose in (self.wish, actual)))
+            if self.target is None
+            else dist(*([pose[axis] for axis in "xyz"] for pose in (self.target, actual)))
         )
 
     def _bounded(self, axis: str, before: float, after: float) -> float:
@@ -109,14 +109,14 @@ class Jog:
 
     @property
     def moving(self) -> bool:
-        """Whether a wish is being carried out."""
+        """Whether a target is being carried out."""
         return self.sent is not None
 
     def take(self) -> dict[str, float] | None:
-        """Return the target of the next `go_to`, or None when one runs or nothing new is wished."""
-        if self.sent is not None or self.wish is None or self.wish == self.fulfilled:
+        """Return the target of the next `go_to`, or None when one runs or nothing new is wanted."""
+        if self.sent is not None or self.target is None or self.target == self.fulfilled:
             return None
-        self.sent = dict(self.wish)
+        self.sent = dict(self.target)
         return dict(self.sent)
 
     def arrived(self) -> None:
@@ -124,5 +124,5 @@ class Jog:
         self.fulfilled, self.sent = self.sent, None
 
     def drop(self) -> None:
-        """Forget all wishes: after a refusal, a cancel, a stop, or when somebody else moved the robot."""
-        self.wish = self.sent = self.fulfilled = None
+        """Forget all targets: after a refusal, a cancel, a stop, or when another program moved the robot."""
+        self.target = self.sent = self.fulfilled = None

@@ -23,10 +23,10 @@ from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.steps import Steps
 from robotree.tui.screen.error_boundary import ErrorBoundary
+from robotree.tui.screen.key_guard import KeyGuard
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.themes import OURS, REDUCED, chosen
-from robotree.tui.screen.unasked import Unasked
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.mood import took
@@ -62,7 +62,7 @@ class CallListener(Protocol):
         ...
 
 
-class OperatorApp(ErrorBoundary, Unasked[int]):
+class OperatorApp(ErrorBoundary, KeyGuard[int]):
     """What pages and widgets may ask of the app that they are in."""
 
     def __init__(
@@ -130,7 +130,7 @@ class OperatorApp(ErrorBoundary, Unasked[int]):
     def report_error(self, error: Exception) -> None:
         """Go on after an error that should not have been."""
         self.errors.append(error)
-        if any(repr(error) in one.text for one in list(self.store.happenings)[-3:]):
+        if any(repr(error) in one.text for one in list(self.store.entries)[-3:]):
             return  # what goes wrong at every drawing is told once
         self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
 

@@ -1,6 +1,6 @@
 """Keeps a store up to date from a fleet: arrivals and states as they come, the tree when it changed.
 
-Callbacks of the fleet arrive on the event loop; asking who commands whom costs a question to every robot,
+Callbacks of the fleet arrive on the event loop; asking for the tree costs a question to every robot,
 so it is done only after something hinted at a change, and never more often than `PAUSE`.
 """
 
@@ -84,7 +84,7 @@ class Feed:
             self._hint.set()
 
     def hint(self) -> None:
-        """Look soon again who commands whom: somebody changed it."""
+        """Ask for the tree again soon: it has changed."""
         self._hint.set()
 
     async def _keep_looking(self) -> None:

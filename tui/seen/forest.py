@@ -1,4 +1,4 @@
-"""Who commands whom: the robots as trees, free ones at the roots. Pure.
+"""The robots as trees: parents above their children, free robots at the roots. Pure.
 
 lever (OpenCloseLever)
 └─ mover: move-1 (MoveTo)
@@ -49,7 +49,7 @@ def forest(robots: Iterable[RobotDescription]) -> tuple[Branch, ...]:
     children = {slot.child.key for robot in known.values() for slot in robot.slots if slot.child}
     planted: set[str] = set()
     roots = [_grow(None, robot, known, planted) for key, robot in known.items() if key not in children]
-    # What is left goes round in a circle: that should not be, all the more must it be seen.
+    # The rest is a circle of parents: a fault, which must be seen.
     roots += [_grow(None, robot, known, planted) for key, robot in known.items() if key not in planted]
     return tuple(roots)
 

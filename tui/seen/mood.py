@@ -32,7 +32,7 @@ UNGUARDED = "open link"
 
 
 class Condition(Protocol):
-    """What a robot tells of itself: a state has it, and so has a description."""
+    """What a robot reports of itself, in its state and in its description."""
 
     @property
     def busy(self) -> str:
@@ -56,7 +56,7 @@ class Condition(Protocol):
 
     @property
     def abandoned(self) -> Sequence[str]:
-        """Commands whose code heeds no cancel and still runs."""
+        """Commands that were cancelled and whose code still runs."""
         ...
 
     @property
@@ -111,7 +111,7 @@ def doing(
     """Return how it is where the sign of its mood stands beside: `go_to 40 % 12 s +2`.
 
     Args:
-        robot: what it tells of itself.
+        robot: what it reports of itself.
         share: of the running command that is done, 0 to 1; None or not finite: it does not say.
         slots: of a virtual robot: an empty one is what it needs.
         seconds: for which the command has been running, as far as that was seen.

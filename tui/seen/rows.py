@@ -1,6 +1,6 @@
 """The robots as the main page lists them: children below their parents, or sorted; one row each. Pure.
 
-The places are found anew only when somebody came, went or is commanded by another; a row is made when it is
+The placements are computed again only when a robot came, left or has another parent; a row is made when it is
 looked at, so that a thousand robots cost what the visible ones cost.
 """
 
@@ -24,7 +24,7 @@ _DIGITS = re.compile(r"([0-9]+)")
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class Placement:
     """The place of one robot in the list."""
 
     name: str
@@ -39,13 +39,13 @@ class Seat:
 class RobotRow:
     """One robot as the list shows it."""
 
-    seat: Seat
+    placement: Placement
     kind: str
     mood: Mood
     state: str
     """The mood in words, with the command that runs."""
     by: str
-    """Who commands it; empty: nobody."""
+    """What commands it; empty: nothing."""
     host: str
     about: str
     fresh: bool = False
@@ -67,7 +67,7 @@ class RobotRow:
     @property
     def name(self) -> str:
         """The robot's name."""
-        return self.seat.name
+        return self.placement.name
 
 
 @lru_cache(maxsize=8192)
@@ -81,7 +81,7 @@ def natural(text: str) -> tuple[tuple[str | tuple[int, str], ...], str]:
     return tuple(key), text
 
 
-def family(store: Store) -> tuple[Seat, ...]:
+def family(store: Store) -> tuple[Placement, ...]:
     """Return the places of all known robots as trees: by name, children below their parents by slot."""
     names = store.known
     below: dict[str, dict[str, str]] = {}
@@ -93,33 +93,35 @@ def family(store: Store) -> tuple[Seat, ...]:
                 above[slot.child.name] = name
                 below.setdefault(name, {})[slot.child.name] = slot.name
     for name in sorted(names - above.keys(), key=natural):
-        robot = store.described(name)  # its parent hangs, and could not say whom it commands
+        robot = store.described(name)  # its parent hangs, and cannot say what it commands
         if robot and robot.bond and robot.bond.parent.name in names:
             above[name] = robot.bond.parent.name
             below.setdefault(robot.bond.parent.name, {})[name] = robot.bond.slot
-    seats: dict[str, Seat] = {}
+    placements: dict[str, Placement] = {}
     roots = sorted(names - above.keys(), key=natural)
-    # what is left then goes round in a circle: that should not be, all the more must it be seen
+    # the rest is a circle of parents: a fault, which must be seen
     for root in [*roots, *sorted(above, key=natural)]:
-        stack = [Seat(root)]
+        stack = [Placement(root)]
         while stack:
-            seat = stack.pop()
-            if seat.name in seats:
+            placement = stack.pop()
+            if placement.name in placements:
                 continue
-            seats[seat.name] = seat
-            children = reversed(below.get(seat.name, {}).items())
-            stack += [Seat(name, seat.depth + 1, seat.name, slot) for name, slot in children]
-    return tuple(seats.values())
+            placements[placement.name] = placement
+            children = reversed(below.get(placement.name, {}).items())
+            stack += [Placement(name, placement.depth + 1, placement.name, slot) for name, slot in children]
+    return tuple(placements.values())
 
 
-def row(store: Store, seat: Seat, now: float, marks: Container[str] = (), *, wide: bool = False) -> RobotRow:
+def row(
+    store: Store, placement: Placement, now: float, marks: Container[str] = (), *, wide: bool = False
+) -> RobotRow:
     """Return one robot as the list shows it at this moment [s]; `wide`: with epoch, lease and process."""
-    name = seat.name
+    name = placement.name
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
     epoch, lease, process = _more(store, name) if wide else ("", "", "")
     return RobotRow(
-        seat,
+        placement,
         kind=wording.kind(known.kind, known.attributes) if known else absent.kind if absent else "",
         mood=store.mood(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
@@ -155,40 +157,40 @@ _KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
 
 
 def listed(
-    store: Store, seats: Sequence[Seat], now: float, *, order: Order = "tree", letters: str = ""
-) -> tuple[Seat, ...]:
+    store: Store, placements: Sequence[Placement], now: float, *, order: Order = "tree", letters: str = ""
+) -> tuple[Placement, ...]:
     """Return the places that are shown.
 
     Args:
         store: what is known.
-        seats: all places, from `family`.
+        placements: all places, from `family`.
         now: [s]
-        order: by which they are sorted; all but `tree` leave out who is below whom.
+        order: by which they are sorted; all but `tree` ignore parents.
         letters: of the filter (`matching`); who is below a robot that is hidden moves up.
     """
     if letters.strip():
-        seats = _matching(store, seats, now, letters)
+        placements = _matching(store, placements, now, letters)
     if order == "tree":
-        return tuple(seats)
-    flat = [Seat(one.name, parent=one.parent) for one in seats]
-    flat.sort(key=lambda seat: natural(seat.name))
+        return tuple(placements)
+    flat = [Placement(one.name, parent=one.parent) for one in placements]
+    flat.sort(key=lambda placement: natural(placement.name))
     if key := _KEYS.get(order):
-        made = {seat.name: key(row(store, seat, now)) for seat in flat}
-        flat.sort(key=lambda seat: made[seat.name])
+        made = {placement.name: key(row(store, placement, now)) for placement in flat}
+        flat.sort(key=lambda placement: made[placement.name])
     return tuple(flat)
 
 
-def _matching(store: Store, seats: Sequence[Seat], now: float, letters: str) -> list[Seat]:
+def _matching(store: Store, placements: Sequence[Placement], now: float, letters: str) -> list[Placement]:
     wanted = matching.terms(letters)
     depths: dict[str, int] = {}
-    found: list[Seat] = []
-    for seat in seats:
-        above = depths.get(seat.parent, -1)
-        if matching.matches(wanted, said(store, row(store, seat, now))):
-            depths[seat.name] = above + 1
-            found.append(Seat(seat.name, above + 1, seat.parent, seat.slot))
+    found: list[Placement] = []
+    for placement in placements:
+        above = depths.get(placement.parent, -1)
+        if matching.matches(wanted, said(store, row(store, placement, now))):
+            depths[placement.name] = above + 1
+            found.append(Placement(placement.name, above + 1, placement.parent, placement.slot))
         else:
-            depths[seat.name] = above
+            depths[placement.name] = above
     return found
 
 
@@ -201,7 +203,7 @@ def said(store: Store, one: RobotRow) -> dict[str, str]:
         "state": f"{one.mood} {one.state} {UNGUARDED if one.unguarded else ''}",
         "by": one.by,
         "host": one.host,
-        "about": f"{one.seat.slot} {one.about} {store.speaks_of(one.name)}",
+        "about": f"{one.placement.slot} {one.about} {store.speaks_of(one.name)}",
     }
 
 

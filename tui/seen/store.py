@@ -43,7 +43,7 @@ Weight = Literal["good", "plain", "warning", "error"]
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class LogEntry:
     """Something that happened."""
 
     at: float
@@ -51,12 +51,12 @@ class Happening:
     weight: Weight
     text: str
     robot: str = ""
-    """Whom it concerns; empty: nobody, or several."""
+    """The robot that it concerns; empty: none, or several."""
 
 
 @dataclass(frozen=True, slots=True)
 class Absent:
-    """A robot that is seen no more and did not take its leave: it stays in the list until it is dismissed."""
+    """A robot that is seen no more and did not log off: it stays in the list until it is dismissed."""
 
     address: Address
     kind: str
@@ -119,11 +119,11 @@ class Store:
     """No lookup service lives: the lists are as old as that."""
     joined: bool = False
     """The realm has been joined; before that emptiness means nothing."""
-    happenings: deque[Happening] = field(default_factory=lambda: deque[Happening](maxlen=MEMORY))
+    entries: deque[LogEntry] = field(default_factory=lambda: deque[LogEntry](maxlen=MEMORY))
     revision: int = 0
     """Grows with each change that can be seen."""
     shape: int = 0
-    """Grows when somebody should look again who commands whom."""
+    """Grows when the tree should be asked for again."""
     family: int = 0
     """Grows when other robots are known, or others command them."""
     missed: dict[Address, Missed] = field(default_factory=dict[Address, Missed])
@@ -161,12 +161,12 @@ class Store:
 
     # -- what is told ------------------------------------------------------------------------------
 
-    def tell(self, text: str, weight: Weight, now: float, robot: str = "") -> Happening:
+    def tell(self, text: str, weight: Weight, now: float, robot: str = "") -> LogEntry:
         """Enter something that happened, to a robot or to none."""
-        happening = Happening(now, weight, one_line(text), robot)
-        self.happenings.append(happening)
+        entry = LogEntry(now, weight, one_line(text), robot)
+        self.entries.append(entry)
         self.revision += 1
-        return happening
+        return entry
 
     def take_lists(
         self,
@@ -212,11 +212,12 @@ class Store:
         self.tell(f"{who.name} ({_kind(who)}) left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
-        """Take that an agent lives that was missed: it is only on no list, for somebody commands it."""
+        """Note that an agent lives that was missed: it is on no list only because it has a parent."""
         missed, robot = self.missed.pop(address, None), self.descriptions.get(address.name)
         if missed and robot and robot.bond:
+            parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
             self.tell(
-                f"{robot.name} ({_kind(robot)}) obeys {robot.bond.parent.name}.{robot.bond.slot} now",
+                f"{robot.name} ({_kind(robot)}) is commanded by {parent} now",
                 "plain",
                 now,
             )
@@ -368,7 +369,7 @@ class Store:
 
     @contextmanager
     def asking(self, name: str) -> Generator[None]:
-        """Note that what a robot begins meanwhile was asked for here: whoever asked tells of it."""
+        """Note that what a robot begins meanwhile was asked for here, and is reported there."""
         self._asked[name] = self._asked.get(name, 0) + 1
         try:
             yield
@@ -376,7 +377,7 @@ class Store:
             self._asked[name] -= 1
 
     def _tell_commands(self, name: str, before: State, after: State, now: float, seconds: float) -> None:
-        """Tell what others have a robot do; what a parent asks of a child is part of its own command."""
+        """Log what other programs ask of a robot; what its parent asks is part of the parent's command."""
         if before.busy and name in self._elsewhere:
             self._elsewhere.discard(name)
             self.tell(
@@ -453,7 +454,7 @@ class Store:
 
     @property
     def orphaned(self) -> bool:
-        """Whether there is somebody, but no lookup service that would say so."""
+        """Whether there are agents, but no lookup service that lists them."""
         return self.stale and bool(self.robots or self.views or self.descriptions)
 
     @property
@@ -548,7 +549,7 @@ class Store:
         return age is not None and age > SILENCE
 
     def _told(self, name: str) -> Condition | None:
-        """Return what a robot tells of itself: its newest state; before the first one its description."""
+        """Return what a robot reports of itself: its newest state; before the first one its description."""
         return self.state(name) or self.described(name)
 
     def readings(self, name: str) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""As whom the verbs speak that ask something of a robot."""
+"""The MAVLink ids of the verbs that ask something of a robot."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ async def _ping(line: Line, asker: Asker, count: int) -> int:
 
 
 def _missing(line: Line, speakers: Collection[tuple[int, int]]) -> str:
-    """Why nothing was answered: nobody is there, or whoever is there does not know the service."""
+    """Why nothing was answered: nothing is there, or it does not know the service."""
     by = line.text("--by", "ping")
     hint = f"; try --by {next(name for name in SERVICES if name != by)}"
     if not speakers:

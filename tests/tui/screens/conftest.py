@@ -15,7 +15,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input
 
-from robotree.tui.screen import unasked
+from robotree.tui.screen import key_guard
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
@@ -140,7 +140,7 @@ def calm(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """See at once what comes unasked, and hear soon how robots are: nobody here waits for that."""
-    monkeypatch.setattr(unasked, "LOOK", 0.0)
+    monkeypatch.setattr(key_guard, "LOOK", 0.0)
     monkeypatch.setattr(feeding, "PAUSE", 0.05)
     monkeypatch.setattr(state_news, "QUICK", 0.03)
     monkeypatch.setattr(state_news, "SLOW", 0.15)

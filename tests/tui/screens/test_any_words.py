@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
-from robotree.tui.screen.app import HARMLESS, Supervisor
+from robotree.tui.screen.app import CONTROL_FILTER, Supervisor
 from robotree.tui.screen.pages.dialogs import Confirm, Modal, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog
 from robotree.tui.screen.pages.page import Page
@@ -128,7 +128,7 @@ async def look(words: tuple[str, ...]) -> None:
 def check(app: Bare) -> str:
     """Return what is on the screen; nothing in it steers a terminal."""
     strips = app.screen._compositor.render_strips()
-    filtered = [[HARMLESS.apply(list(strip), app.screen.background_colors[1])] for strip in strips]
+    filtered = [[CONTROL_FILTER.apply(list(strip), app.screen.background_colors[1])] for strip in strips]
     text = "\n".join("".join(segment.text for segment in line) for (line,) in filtered)
     assert not STEERING.search(text.replace("\n", ""))
     return text

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, Input
 
-from robotree.tui.screen import unasked
+from robotree.tui.screen import key_guard
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage, SourceTree
 from robotree.tui.screen.pages.panel import PanelPage
@@ -115,7 +115,7 @@ async def test_quick_keys_after_create_make_no_other_robots(
 async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
     realm: Realm, operate: Operate, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unasked, "LOOK", 0.5)
+    monkeypatch.setattr(key_guard, "LOOK", 0.5)
     async with operate(realm.fleet) as operator:
         await create_finisher(operator)
         slow_host.set()
@@ -157,7 +157,7 @@ async def test_a_running_command_takes_neither_values_nor_another_run(realm: Rea
 async def test_hasty_enters_do_not_cancel_what_has_just_begun(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unasked, "LOOK", 60.0)
+    monkeypatch.setattr(key_guard, "LOOK", 60.0)
     async with go_to_form(realm, operate) as (operator, _page, form):
         realm.arm.under_way = True
         operator.app._seen = 0.0
@@ -166,7 +166,7 @@ async def test_hasty_enters_do_not_cancel_what_has_just_begun(
         await operator.press("enter")
         await operator.sees("the key ⏎ was dropped: go_to is running")
         assert form.running
-        monkeypatch.setattr(unasked, "LOOK", 0.0)
+        monkeypatch.setattr(key_guard, "LOOK", 0.0)
         await operator.press("enter")
         await operator.sees("was cancelled")
 

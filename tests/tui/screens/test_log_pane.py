@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.tui.screen.widgets.happenings import HappeningLog
+from robotree.tui.screen.widgets.log_pane import LogPane
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def log_lines(operator: Operator) -> str:
     """Return what the log shows, without the line that flashes below it."""
-    log = operator.one(HappeningLog)
+    log = operator.one(LogPane)
     return "\n".join(log.render_line(y).text for y in range(log.size.height))
 
 

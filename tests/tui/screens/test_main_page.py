@@ -107,7 +107,7 @@ async def test_list_and_tree_are_one(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet) as operator:
         await operator.sees("mover", "○ needs arm: Arm", "arm-1", "rover-1")
         await realm.fleet.enslave("mover", "arm", "arm-1")
-        await operator.sees("└ arm: arm-1", "◆ under mover", "arm-1 (Arm) obeys mover.arm now")
+        await operator.sees("└ arm: arm-1", "◆ under mover", "arm-1 (Arm) is commanded by mover.arm now")
         assert operator.one(RobotTable).names == ["mover", "arm-1", "rover-1"], "below its parent"
 
 
@@ -179,7 +179,7 @@ async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, oper
         await operator.press("d")
         await operator.sees("arm-1 stands for a robot: end its proxy")
         await operator.press("r")
-        await operator.sees("arm-1 holds nobody")
+        await operator.sees("arm-1 has no child")
         await operator.press("R")
         await operator.sees("no robot is in protective stop")
 

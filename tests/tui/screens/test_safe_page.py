@@ -96,7 +96,7 @@ async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Rea
         await operator.sees("rover-1 (Rover) answers again")
         await operator.until(lambda: "HANGS" not in operator.text, "it is as before")
         await operator.press("D")
-        await operator.sees("rover-1 is there: only who hangs or has gone can be dismissed")
+        await operator.sees("rover-1 answers: only a robot that hangs or has gone can be dismissed")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ GONE", "its process has gone")
         await operator.press("D")

@@ -18,7 +18,7 @@ async def test_a_verb_of_the_shell_says_what_to_type_there(realm: Realm, operate
         for line in ("run 'my day.session'", "watch arm-1", "wire", "wire ping --connect tcp:127.0.0.1:5760"):
             await operator.obey(line)
             await operator.sees("it is for a shell:")
-            told = operator.app.store.happenings[-1].text
+            told = operator.app.store.entries[-1].text
             assert f"`robotree --realm test {line}`" in told
 
 

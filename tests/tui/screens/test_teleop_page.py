@@ -12,9 +12,9 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.still import Still
 from robotree.vr.supervision.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -33,12 +33,12 @@ async def sit_at(operator: Operator, name: str = "arm-1") -> TeleopPage:
 
 
 def state_line(page: TeleopPage) -> str:
-    return str(page.query_one("#state", Still).render())
+    return str(page.query_one("#state", CachedText).render())
 
 
 async def moved(operator: Operator, page: TeleopPage) -> None:
     await operator.until(
-        lambda: not page.jog.moving and page.jog.wish == page.jog.fulfilled, "it has arrived"
+        lambda: not page.jog.moving and page.jog.target == page.jog.fulfilled, "it has arrived"
     )
 
 
@@ -138,7 +138,7 @@ async def test_c_cancels_and_the_arm_holds_where_it_is(realm: Realm, operate: Op
         await operator.until(lambda: page.jog.moving, "it goes")
         await operator.press("c")
         await operator.sees("the commands of arm-1 are cancelled")
-        await operator.until(lambda: page.jog.wish is None, "nothing is wished any more")
+        await operator.until(lambda: page.jog.target is None, "nothing is wanted any more")
         realm.arm.under_way = False
         assert realm.arm.width == 0.08, "the gripper is as it was"
 
@@ -191,7 +191,7 @@ async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
         await operator.sees("PROTECTIVE STOP")
         await operator.press("up")
         await operator.until(lambda: bool(page._refusal), "a refusal")
-        assert page.jog.wish is None
+        assert page.jog.target is None
         await realm.fleet.resume(None)
         await operator.press("up")
         await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.36), "it moves again")

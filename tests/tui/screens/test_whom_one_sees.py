@@ -47,7 +47,7 @@ async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked
         await operator.until(
             lambda: not operator.app.store.stale and set(operator.app.store.robots) == listed, "the new list"
         )
-        told = [happening.text for happening in operator.app.store.happenings]
+        told = [happening.text for happening in operator.app.store.entries]
         assert "a lookup service is back" in told
         assert not [text for text in told if "left the list" in text], "they were on none"
         await operator.until(lambda: "stale" not in operator.text, "nothing is in doubt")
@@ -59,7 +59,7 @@ async def test_the_death_of_a_process_is_no_calm_departure(realm: Realm, operate
     async with operate(realm.fleet) as operator:
         await operator.sees("mover", "rover-1")
         await realm.fleet.enslave("mover", "arm", "arm-1")
-        await operator.sees("arm-1 (Arm) obeys mover.arm now")
+        await operator.sees("arm-1 (Arm) is commanded by mover.arm now")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ rover-1 (Rover): its process has gone")
 
@@ -80,7 +80,7 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
         await operator.sees("✗ arm-1 (Arm): its process has gone")
         await realm.fleet.delete("mover")
         await operator.until(lambda: "mover" not in store.descriptions, "the next look")
-        gone = [happening.text for happening in store.happenings if "has gone" in happening.text]
+        gone = [happening.text for happening in store.entries if "has gone" in happening.text]
         assert gone == ["arm-1 (Arm): its process has gone"]
         realm.network.thaw(realm.members["rover-1"])
 
@@ -93,4 +93,4 @@ async def test_a_process_that_hangs_has_not_gone(realm: Realm, operate: Operate)
         realm.network.thaw(realm.members["rover-1"])
         await operator.sees("✓ rover-1 (Rover) answers again")
         await operator.until(lambda: not operator.app.store.missed, "it is back")
-        assert not [one for one in operator.app.store.happenings if "gone" in one.text]
+        assert not [one for one in operator.app.store.entries if "gone" in one.text]

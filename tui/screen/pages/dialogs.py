@@ -86,7 +86,7 @@ class Confirm(Modal[bool]):
         if self.is_current and (why := self._outlived()):
             self.app.tell(why)
             self.dismiss(False)  # the answer
-            self.app.comes_unasked(self.app.screen, typed=False)
+            self.app.opened_by_itself(self.app.screen, typed=False)
 
     def action_answer(self, answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
         """Answer."""

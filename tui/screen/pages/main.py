@@ -17,15 +17,15 @@ from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.place import NOWHERE, Place
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import PictureBox
 from robotree.tui.screen.widgets.details import Details
 from robotree.tui.screen.widgets.flash import LastLines
-from robotree.tui.screen.widgets.happenings import HappeningLog
+from robotree.tui.screen.widgets.log_pane import LogPane
 from robotree.tui.screen.widgets.prompt import Kind, Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.screen.widgets.still import Still
 from robotree.tui.screen.widgets.views_pane import ViewsPane
-from robotree.tui.seen.rows import ORDERS, Order, Seat, family, listed
+from robotree.tui.seen.rows import ORDERS, Order, Placement, family, listed
 from robotree.tui.seen.store import Weight
 
 PANES = {"robots": "#robots", "views": "#cameras", "log": "#log"}
@@ -101,8 +101,8 @@ class MainPage(Page):
         """The robot whose details were drawn last, and when [s]."""
         self.filters: dict[str, str] = {}
         """Letters that a pane is filtered by."""
-        self._family: tuple[int, tuple[Seat, ...]] = (-1, ())
-        self._shown: tuple[Seat, ...] = ()
+        self._family: tuple[int, tuple[Placement, ...]] = (-1, ())
+        self._shown: tuple[Placement, ...] = ()
         self._following: Timer | None = None
         """Will draw the details of the robot that was selected."""
 
@@ -118,8 +118,8 @@ class MainPage(Page):
                         yield PictureBox(id="picture-box", rate=PICTURES)
                 yield ViewsPane(id=_pane_id("views"))
                 with Vertical(id=_pane_id("log")):
-                    yield HappeningLog(id="log")
-            yield Still(id="empty")
+                    yield LogPane(id="log")
+            yield CachedText(id="empty")
         yield Prompt(self.app, id="prompt")
 
     def messages(self) -> ComposeResult:
@@ -152,7 +152,7 @@ class MainPage(Page):
         return title
 
     @property
-    def shown(self) -> tuple[Seat, ...]:
+    def shown(self) -> tuple[Placement, ...]:
         """The robots that the list shows, in their order."""
         return self._shown
 
@@ -267,7 +267,7 @@ class MainPage(Page):
 
     # -- the prompt --------------------------------------------------------------------------------
 
-    @on(HappeningLog.Resized)
+    @on(LogPane.Resized)
     def _rewrite_log(self) -> None:
         self.draw()
 
@@ -286,32 +286,32 @@ class MainPage(Page):
 
     # -- drawing -----------------------------------------------------------------------------------
 
-    def _seats(self, now: float) -> tuple[Seat, ...]:
+    def _placements(self, now: float) -> tuple[Placement, ...]:
         """Return the places that are shown, found anew only when that may differ."""
         store = self.app.store
         if self._family[0] != store.family:
             self._family = (store.family, family(store))
-        seats = self._family[1]
+        placements = self._family[1]
         letters = self.filters.get(FIRST, "")
         if self.order == "tree" and not letters.strip():
-            return seats
-        return listed(store, seats, now, order=self.order, letters=letters)
+            return placements
+        return listed(store, placements, now, order=self.order, letters=letters)
 
     def draw(self) -> None:
         """Draw the pane in front."""
         if not self.is_mounted:
             return
         app, now = self.app, self.app.now()
-        before, self._shown = self._shown, self._seats(now)
-        names = [seat.name for seat in self._shown]
-        app.selection = app.selection.among([seat.name for seat in before], names, now)
+        before, self._shown = self._shown, self._placements(now)
+        names = [placement.name for placement in self._shown]
+        app.selection = app.selection.among([placement.name for placement in before], names, now)
         super().draw()
         if self.pane == "robots":
             self.query_one(RobotTable).draw(self._shown, self.selected, app.marks)
             self._draw_selected(now)
         elif self.pane == "views":
             self.query_one(ViewsPane).draw()
-        self.query_one(HappeningLog).draw(
+        self.query_one(LogPane).draw(
             app.store, now, self.wall(), letters=self.filters.get("log", ""), level=self.level
         )
         last = self.query_one(LastLines)
@@ -347,7 +347,7 @@ class MainPage(Page):
 
     def _draw_empty(self) -> None:
         """Say what emptiness means, over the list: one that is hidden would lose the focus."""
-        empty, letters = self.query_one("#empty", Still), self.filters.get(FIRST, "")
+        empty, letters = self.query_one("#empty", CachedText), self.filters.get(FIRST, "")
         nothing = self.pane == "robots" and not self._shown
         empty.display = nothing
         if nothing:

@@ -48,13 +48,17 @@ class SourceTree(Part, DirectoryTree):
         ]
 
     def _populate_node(self, node: TreeNode[DirEntry], content: Iterable[Path]) -> None:
-        """Begin at the first file whenever the folder has been read (`DirectoryTree._populate_node`)."""
+        """Begin at the first file whenever the folder has been read.
+
+        Textual (8.2.8) has no message or public method for that moment: `reload` returns before the
+        nodes of a folder that is being read have come, and `NodeExpanded` comes before them.
+        """
         super()._populate_node(node, content)
         if node is self.root:
             self.call_after_refresh(self._to_first_file)  # a line has its place only then
 
     def _to_first_file(self) -> None:
-        """Put the cursor upon the first file: what one has come for."""
+        """Put the cursor on the first file."""
         found = [node for node in self.root.children if not node.allow_expand]
         if found and self.last_line >= 0:  # gives each node its line
             self.move_cursor(found[0])
@@ -239,7 +243,7 @@ class NewPage(Form, Page):
             typed, in_front = self.app.typing, self.is_current
             self.dismiss()
             if in_front:
-                self.app.comes_unasked(self.app.screen, typed=typed)
+                self.app.opened_by_itself(self.app.screen, typed=typed)
             return
         self.query_one("#new-complaint", Label).update(f"✗ {refusal}")
         self.query_one("#create", Button).disabled = False

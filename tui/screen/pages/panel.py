@@ -15,11 +15,11 @@ from textual.widgets.option_list import Option
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
-from robotree.tui.screen.widgets.beside import Beside
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.screen.widgets.readings import Readings, Told
-from robotree.tui.screen.widgets.still import Still
+from robotree.tui.screen.widgets.readings import Readings, ShownReadings
+from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
 
 if TYPE_CHECKING:
@@ -48,16 +48,16 @@ class PanelPage(Page):
 
     def parts(self) -> ComposeResult:
         """List of commands, form, readings."""
-        yield Still(id="who")
+        yield CachedText(id="who")
         with Horizontal(classes="columns"):
             with Vertical(classes="side"):
                 yield OptionList(
                     *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
                 )
-                yield Beside(classes="beside -within")
+                yield SidePane(classes="beside -within")
                 yield Readings(id="readings")
             yield ContentSwitcher(id="forms")
-            yield Beside(classes="beside -own")
+            yield SidePane(classes="beside -own")
 
     def _option(self, index: int) -> Option:
         command = self.robot.commands[index]
@@ -192,14 +192,14 @@ class PanelPage(Page):
             no_wrap=True,
         )
         line.stylize(muted, len(line) - len(about))
-        self.query_one("#who", Still).show(line)
-        self.query_one(Readings).draw(Told.of(store, name, now))
+        self.query_one("#who", CachedText).show(line)
+        self.query_one(Readings).draw(ShownReadings.of(store, name, now))
         if form := self._in_front:
             form.draw(self._readings)
         running = any(one.running for one in self.query(CommandForm))
         self.set_class(running, "-running")
         if running:
-            for beside in self.query(Beside):
+            for beside in self.query(SidePane):
                 beside.draw(name)
 
     def _notice(self, newest: RobotDescription | None) -> None:

@@ -19,11 +19,11 @@ from robotree.tui.screen.busy import SOON
 from robotree.tui.screen.jog import AXES, STEPS, Bounds, Jog
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import GET_INFO, GO_TO, GRIP
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.readings import Readings, Told
-from robotree.tui.screen.widgets.still import Still
+from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.seen import instruments
 from robotree.vr.errors import VrError
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
 MOVE_LIMIT = 20.0
-"""[s] that one step may take: at the slowest speed the largest leash is done in half of that."""
+"""[s] that one step may take: at the slowest speed the largest lead_limit is done in half of that."""
 
 GAUGES = 0.1
 """[s] between two drawings of the readings."""
@@ -40,7 +40,7 @@ LIT = 0.3
 """[s] that the button of a pressed key is lit."""
 
 FAR = 0.003
-"""[m] from the wish at which a robot that rests counts as held back; tracking errors are below 1 mm."""
+"""[m] from the target at which a robot that rests counts as held back; tracking errors are below 1 mm."""
 
 FELT, HIGH = 3.0, 15.0
 """[N] from which on a force is told, and told in red: the arm's controller bounds it at 35 N."""
@@ -76,7 +76,7 @@ class TeleopPage(Page):
         self._cancelled = False
         """What runs was cancelled from here."""
         self._dropped: dict[str, float] = {}
-        """[m] or [rad] by axis that the presses of the last moment could not add to the wish."""
+        """[m] or [rad] by axis that the presses of the last moment could not add to the target."""
         self._rested_at = 0.0
         """[s] When the last of our movements ended."""
 
@@ -86,7 +86,7 @@ class TeleopPage(Page):
 
     def parts(self) -> ComposeResult:
         """The state over the whole width; pad and gauges on the left, the picture on the right."""
-        yield Still(id="state")
+        yield CachedText(id="state")
         with Horizontal(classes="columns"):
             with Vertical(classes="pad-side"):
                 with Grid(classes="pad"):
@@ -96,7 +96,7 @@ class TeleopPage(Page):
                 with Horizontal(classes="pad-row"):
                     for label in ("↶ ,", "↷ ."):
                         yield _jog_button(label)
-                    yield Still(id="step")
+                    yield CachedText(id="step")
                 yield Readings(id="gauges")
             with Vertical(classes="picture-side"):
                 yield Cameras()
@@ -136,7 +136,7 @@ class TeleopPage(Page):
         self.draw()
 
     def action_cancel(self) -> None:
-        """Cancel all that the robot does, and what was still wished."""
+        """Cancel all that the robot does, and what was still wanted."""
         self.jog.drop()
         self._cancelled = True
         self.app.do("cancel", NAME=self.robot.name)
@@ -192,7 +192,7 @@ class TeleopPage(Page):
 
     @work(exit_on_error=False, group="go", exclusive=False)
     async def _go(self) -> None:
-        """Carry out the newest wish, then the one that came meanwhile; never two at a time."""
+        """Carry out the newest target, then the one that came meanwhile; never two at a time."""
         while target := self.jog.take():
             self._cancelled = False
             refusal = await self._ask(GO_TO, target)
@@ -227,12 +227,12 @@ class TeleopPage(Page):
 
     def _draw_gauges(self) -> None:
         if self.is_active:
-            self.query_one("#state", Still).show(self._state_line())
-            told = Told.of(self.app.store, self.robot.name, self.app.now())
+            self.query_one("#state", CachedText).show(self._state_line())
+            told = ShownReadings.of(self.app.store, self.robot.name, self.app.now())
             self.query_one(Readings).draw(told)
 
     def draw(self) -> None:
-        """Draw the step and the wish."""
+        """Draw the step and the target."""
         super().draw()
         muted, strong = tint(self.app, "muted"), tint(self.app, "primary", bold=True)
         step = Text.assemble(
@@ -241,12 +241,12 @@ class TeleopPage(Page):
             (" · ", muted),
             (f"{degrees(self.jog.step('twist')):.0f}°", strong),
         )
-        self.query_one("#step", Still).show(step)
-        self.query_one("#state", Still).show(self._state_line())
+        self.query_one("#step", CachedText).show(step)
+        self.query_one("#state", CachedText).show(self._state_line())
         self.query_one(Cameras).draw()
 
     def _short(self) -> float:
-        """[m] How far the robot is from the wish."""
+        """[m] How far the robot is from the target."""
         readings = self.app.store.readings(self.robot.name)
         return self.jog.short(readings) if set(AXES) <= readings.keys() else 0.0
 
@@ -265,17 +265,17 @@ class TeleopPage(Page):
             line.append(f"✗ {self._refusal}  ", error)
         if self.jog.moving:
             line.append(f"◐ moving  {_way('', short)} to go  ", accent)
-        elif self.jog.wish is not None and short > FAR:
+        elif self.jog.target is not None and short > FAR:
             line.append(f"✗ {_way('', short)} short  ", error)
         elif len(line) == 1:
-            rests = "holds" if self.jog.wish else "at rest; press a key to move"
+            rests = "holds" if self.jog.target else "at rest; press a key to move"
             line.append(f"● {rests}  ", tint(self.app, "success", bold=True))
         if force >= FELT:
             line.append(f"{'✗ ' if force >= HIGH else ''}{force:.0f} N  ", error if force >= HIGH else "bold")
         if self._dropped:
             line.append(f"! {', '.join(_way(*one) for one in self._dropped.items())} dropped  ", error)
-        if self.jog.wish is not None:
-            x, y, z, twist = (self.jog.wish[axis] for axis in AXES)
+        if self.jog.target is not None:
+            x, y, z, twist = (self.jog.target[axis] for axis in AXES)
             line.append(f"to x {x:.3f}  y {y:.3f}  z {z:.3f} m  {degrees(twist):.0f}°", "bold")
         line.rstrip()
         return line

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 from rich.text import Text
 
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen.store import Store
 
 
-class Branch(Still):
+class Branch(CachedText):
     """Draws the branch of one robot, a line for each slot."""
 
     def draw(self, store: Store, name: str, now: float) -> None:

@@ -10,9 +10,9 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 
 from robotree.tui.screen.part import Part
+from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.still import Still, entitle
 from robotree.tui.seen.cells import seen
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
@@ -21,7 +21,7 @@ QUALITY = 80
 """JPEG quality: above, a terminal shows no difference."""
 
 
-class Cameras(Still):
+class Cameras(CachedText):
     """Names the camera and points a picture at it."""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it

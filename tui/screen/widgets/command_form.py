@@ -16,12 +16,12 @@ from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Button, Label, Static
 
-from robotree.tui.screen import entry, unasked
+from robotree.tui.screen import entry, key_guard
 from robotree.tui.screen.busy import Form
 from robotree.tui.screen.part import Part
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen import wording
 from robotree.vr.description import CommandSpec
 from robotree.vr.network.rendezvous import DEFAULT_REALM
@@ -63,7 +63,7 @@ class CommandForm(Form, Part, VerticalScroll):
 
     def lets(self, node: DOMNode | None, event: Event) -> bool:
         """Let what runs be cancelled by a person who has seen that it runs (`Form.lets`)."""
-        seen = self.app.now() - self._began >= unasked.LOOK
+        seen = self.app.now() - self._began >= key_guard.LOOK
         pressed = not isinstance(event, Key) or event.key == "enter"
         return node is not None and node.id == "cancel" and pressed and seen
 
@@ -75,9 +75,9 @@ class CommandForm(Form, Part, VerticalScroll):
         with Horizontal(classes="buttons"):
             yield Button(Text(f"▶ {self.spec.name}"), variant="primary", id="run", compact=True)
             yield Button("■ cancel", id="cancel", disabled=True, compact=True)
-        yield Still(id="progress")
+        yield CachedText(id="progress")
         yield Static("", id="outcome", markup=False)
-        yield Still(id="as-line")
+        yield CachedText(id="as-line")
 
     def on_mount(self) -> None:
         """Say at once when the command cannot be used."""
@@ -137,7 +137,7 @@ class CommandForm(Form, Part, VerticalScroll):
 
     @on(FieldRow.Changed)
     def _draw_line(self) -> None:
-        self.query_one("#as-line", Still).show(Text(f"$ {self.line}", tint(self.app, "muted")))
+        self.query_one("#as-line", CachedText).show(Text(f"$ {self.line}", tint(self.app, "muted")))
 
     def follow(self) -> None:
         """Let the field with the cursor, or all of them, follow the robot again."""
@@ -205,7 +205,7 @@ class CommandForm(Form, Part, VerticalScroll):
             line.append(f" {share:.0%}")
         line.append(f"  {self.app.now() - self._began:.0f} s", muted)
         line.append(f"  {self._told}" if self._told else "")
-        self.query_one("#progress", Still).show(line)
+        self.query_one("#progress", CachedText).show(line)
 
     def succeeded(self, value: Any, seconds: float) -> None:
         """The command succeeded."""

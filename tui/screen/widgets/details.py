@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 from textual.widget import Widget
 
+from robotree.tui.screen.widgets.cached_text import entitle
 from robotree.tui.screen.widgets.marks import mood_mark, tint
-from robotree.tui.screen.widgets.readings import Lines, Told
-from robotree.tui.screen.widgets.still import entitle
+from robotree.tui.screen.widgets.readings import Lines, ShownReadings
 from robotree.tui.seen import readiness, wording
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store
@@ -38,7 +38,7 @@ class Details(Lines):
         if lost := store.rebond(name):
             words = Text("re-bond {}.{} to {}? ⏎".format(*lost), tint(self.app, "warning"))
             self.line(text, "next", words)
-        self.append_readings(text, Told.of(store, name, now), folded=self.folded)
+        self.append_readings(text, ShownReadings.of(store, name, now), folded=self.folded)
         self._lease(text, store, robot, now)
         self._slots(text, robot)
         self._commands(text, robot)

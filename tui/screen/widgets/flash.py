@@ -6,24 +6,24 @@ import time
 
 from rich.text import Text
 
+from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint, weigh
-from robotree.tui.screen.widgets.still import Still, entitle
-from robotree.tui.seen.store import Happening, Store
+from robotree.tui.seen.store import LogEntry, Store
 
 STAYS = 8.0
-"""[s] that a happening stays in the line; errors stay twice as long."""
+"""[s] that a entry stays in the line; errors stay twice as long."""
 
 LINES = 3
 """Lines of the main page that always show what happened last."""
 
 
-def _recent(store: Store, now: float) -> list[Happening]:
+def _recent(store: Store, now: float) -> list[LogEntry]:
     """Return what has just happened, the newest first."""
-    found: list[Happening] = []
-    for happening in reversed(store.happenings):
-        if now - happening.at > STAYS * (1 + (happening.weight == "error")):
+    found: list[LogEntry] = []
+    for entry in reversed(store.entries):
+        if now - entry.at > STAYS * (1 + (entry.weight == "error")):
             break
-        found.append(happening)
+        found.append(entry)
     return found
 
 
@@ -32,7 +32,7 @@ def more(count: int, key: str) -> str:
     return f"+{count} · {key}" if count > 0 else ""
 
 
-class FlashLine(Still):
+class FlashLine(CachedText):
     """Shows what happened last; an error that does not fit has more lines."""
 
     def draw(self, store: Store, now: float) -> None:
@@ -51,7 +51,7 @@ class FlashLine(Still):
         self.show(line)
 
 
-class LastLines(Still):
+class LastLines(CachedText):
     """Shows what happened last, the newest at the bottom; an error that does not fit has the lines above."""
 
     def draw(self, store: Store, now: float, wall: float) -> None:
@@ -64,10 +64,10 @@ class LastLines(Still):
         """
         width, muted = max(self.size.width - 2, 1), tint(self.app, "muted")
         lines: list[Text] = []
-        for happening in reversed(store.happenings):
-            clock = time.strftime("%H:%M:%S", time.localtime(wall - (now - happening.at)))
-            line = Text.assemble((f"{clock} ", muted), weigh(self.app, happening.weight, happening.text))
-            if not lines and happening.weight == "error":
+        for entry in reversed(store.entries):
+            clock = time.strftime("%H:%M:%S", time.localtime(wall - (now - entry.at)))
+            line = Text.assemble((f"{clock} ", muted), weigh(self.app, entry.weight, entry.text))
+            if not lines and entry.weight == "error":
                 parts = list(line.wrap(self.app.console, width))[:LINES]
             else:
                 line.truncate(width, overflow="ellipsis")

@@ -15,8 +15,8 @@ from textual.widgets import Input, Label
 
 from robotree.tui.line import completion
 from robotree.tui.screen.part import Part
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.still import Still
 
 Kind = Literal["verb", "filter"]
 SIGNS: dict[Kind, str] = {"verb": ":", "filter": "/"}
@@ -93,7 +93,7 @@ class Prompt(Part, Vertical):
 
     def compose(self) -> ComposeResult:
         """Candidates; a sign and an input."""
-        yield Still(id="candidates")
+        yield CachedText(id="candidates")
         with Horizontal():
             yield Label(":", id="sign", markup=False)
             yield Input(compact=True, id="line", suggester=self._suggester, select_on_focus=False)
@@ -173,7 +173,7 @@ class Prompt(Part, Vertical):
         self._draw_candidates()
 
     def _draw_candidates(self) -> None:
-        shown, muted = self.query_one("#candidates", Still), tint(self.app, "muted")
+        shown, muted = self.query_one("#candidates", CachedText), tint(self.app, "muted")
         shown.display = len(self._offered) > 1
         text = Text(" ", no_wrap=True, overflow="ellipsis")
         chosen = tint(self.app, "primary", bold=True)

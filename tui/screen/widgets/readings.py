@@ -9,8 +9,8 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen import instruments
 from robotree.tui.seen.cells import clip, fit, seen
 from robotree.tui.seen.instruments import Figure, Group
@@ -40,7 +40,7 @@ LEAST = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ShownReadings:
     """What is drawn of the readings of a robot or a view."""
 
     readings: Mapping[str, float]
@@ -51,7 +51,7 @@ class Told:
     """[N] The sizes of past forces, the oldest first."""
 
     @classmethod
-    def of(cls, store: Store, name: str, now: float) -> Told:
+    def of(cls, store: Store, name: str, now: float) -> ShownReadings:
         """Return what the store knows of a robot at this moment [s]."""
         readings, age = store.readings(name), store.age(name, now)
         old = ""
@@ -61,11 +61,11 @@ class Told:
         return cls(readings, store.units(name), old, past)
 
 
-class Lines(Still):
+class Lines(CachedText):
     """Draws lines with a label each; what is longer than a line goes on below its beginning."""
 
     def extent(self, text: Text) -> list[int]:
-        """Return how many lines there are, if all of them fit into the width (`Still.extent`)."""
+        """Return how many lines there are, if all of them fit into the width (`CachedText.extent`)."""
         lengths = super().extent(text)
         return [len(lengths)] if max(lengths) <= self.size.width else lengths
 
@@ -85,7 +85,9 @@ class Lines(Still):
             text.append(" " * LABEL if number else f"{lead} ", tint(self.app, "muted"))
             text.append_text(part)
 
-    def append_readings(self, text: Text, told: Told, *, folded: bool = True, bars: bool = False) -> None:
+    def append_readings(
+        self, text: Text, told: ShownReadings, *, folded: bool = True, bars: bool = False
+    ) -> None:
         """Append the groups of the readings.
 
         Args:
@@ -120,7 +122,7 @@ class Lines(Still):
                 words.append(f" {seen(one.unit)} ", muted)
         words.rstrip()
 
-    def _force(self, words: Text, told: Told, group: Group) -> None:
+    def _force(self, words: Text, told: ShownReadings, group: Group) -> None:
         """Draw the size of the force: what it was, as a line of bars; what it is; the largest one."""
         muted = tint(self.app, "muted")
         size = instruments.size(told.readings)
@@ -145,7 +147,7 @@ class Lines(Still):
         share = abs(value) / full
         return tint(self.app, "error" if share >= ALARM else "warning" if share >= WARN else "primary")
 
-    def _bar(self, name: str, told: Told) -> Text:
+    def _bar(self, name: str, told: ShownReadings) -> Text:
         """Return the bar of one axis, with its figure."""
         value, full = told.readings[name], FULL[name]
         style = tint(self.app, "muted") if told.old else self._alarm(value, full)
@@ -161,7 +163,7 @@ class Lines(Still):
 class Readings(Lines):
     """The readings of a robot or a view, with a bar for each axis of its force."""
 
-    def draw(self, told: Told) -> None:
+    def draw(self, told: ShownReadings) -> None:
         """Draw these readings."""
         text = Text()
         if told.readings:

@@ -24,7 +24,7 @@ from robotree.tui.screen.widgets.marks import MOODS, tint
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.mood import CALM, UNGUARDED
-from robotree.tui.seen.rows import GAP, MOST, Column, RobotRow, Seat, columns, row
+from robotree.tui.seen.rows import GAP, MOST, Column, Placement, RobotRow, columns, row
 
 HEADER = 1
 """Lines above the first robot."""
@@ -57,7 +57,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Make an empty list."""
         super().__init__(id=id)
-        self._seats: tuple[Seat, ...] = ()
+        self._placements: tuple[Placement, ...] = ()
         self._marks: frozenset[str] = frozenset()
         self._at = -1
         self._drawn: dict[int, tuple[RobotRow, bool]] = {}
@@ -76,28 +76,30 @@ class RobotTable(Part, ScrollView, can_focus=True):
     @property
     def names(self) -> list[str]:
         """Names of the robots that are shown, in their order."""
-        return [seat.name for seat in self._seats]
+        return [placement.name for placement in self._placements]
 
     @property
     def row_count(self) -> int:
         """How many robots are shown."""
-        return len(self._seats)
+        return len(self._placements)
 
     @property
     def selected(self) -> str:
         """Name of the robot under the cursor; empty: none."""
-        return self._seats[self._at].name if 0 <= self._at < len(self._seats) else ""
+        return self._placements[self._at].name if 0 <= self._at < len(self._placements) else ""
 
     # -- drawing -----------------------------------------------------------------------------------
 
-    def draw(self, seats: tuple[Seat, ...], selected: str, marks: frozenset[str] = frozenset()) -> None:
+    def draw(
+        self, placements: tuple[Placement, ...], selected: str, marks: frozenset[str] = frozenset()
+    ) -> None:
         """Draw these robots, in this order, the cursor on the selected one."""
         self._marks = marks
-        if seats is not self._seats and seats != self._seats:
-            self._seats = seats
-            self.virtual_size = Size(self.size.width, len(seats) + HEADER)
+        if placements is not self._placements and placements != self._placements:
+            self._placements = placements
+            self.virtual_size = Size(self.size.width, len(placements) + HEADER)
             self._lay_out()
-        at = next((i for i, seat in enumerate(seats) if seat.name == selected), -1)
+        at = next((i for i, placement in enumerate(placements) if placement.name == selected), -1)
         if at != self._at:
             self._at = at
             self.scroll_to_cursor()
@@ -110,7 +112,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
     def point(self, selected: str) -> None:
         """Put the cursor on another robot, and draw no more than that: two lines, or all when it scrolls."""
         before, top = self._at, self.scroll_offset.y
-        self._at = next((i for i, seat in enumerate(self._seats) if seat.name == selected), -1)
+        self._at = next((i for i, placement in enumerate(self._placements) if placement.name == selected), -1)
         self.scroll_to_cursor()
         if self.scroll_offset.y != top:
             self._redraw()
@@ -128,13 +130,13 @@ class RobotTable(Part, ScrollView, can_focus=True):
         """Share the width anew; everything is drawn again."""
         store = self.app.store
         longest = {"STATE": STATES}
-        for seat in self._seats:
-            known = store.described(seat.name) or store.robots.get(seat.name)
+        for placement in self._placements:
+            known = store.described(placement.name) or store.robots.get(placement.name)
             words = {
-                "ROBOT": cell_len(_lead(seat, MOST["ROBOT"])) + cell_len(seat.name) + 1,
+                "ROBOT": cell_len(_lead(placement, MOST["ROBOT"])) + cell_len(placement.name) + 1,
                 "KIND": cell_len(wording.kind(known.kind, known.attributes)) if known else 0,
                 "HOST": cell_len(known.host) if known else 0,
-                "BY": cell_len(seat.parent),
+                "BY": cell_len(placement.parent),
             }
             for title, cells in words.items():
                 longest[title] = max(longest.get(title, 0), cells)
@@ -161,7 +163,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     def _redraw_soon(self, first: int) -> None:
         """Draw the lines from this one on, a portion after the other; keys are dealt with in between."""
-        used = HEADER + len(self._seats) - self.scroll_offset.y
+        used = HEADER + len(self._placements) - self.scroll_offset.y
 
         def go_on() -> None:
             self._redraw_soon(self._redraw_from(first))
@@ -197,9 +199,9 @@ class RobotTable(Part, ScrollView, can_focus=True):
         return urgent + rest[:CALM_LINES]
 
     def _wanted(self, position: int) -> tuple[RobotRow, bool] | None:
-        if not 0 <= position < len(self._seats):
+        if not 0 <= position < len(self._placements):
             return None
-        made = row(self.app.store, self._seats[position], self.app.now(), self._marks, wide=self.wide)
+        made = row(self.app.store, self._placements[position], self.app.now(), self._marks, wide=self.wide)
         return made, position == self._at
 
     def render_line(self, y: int) -> Strip:
@@ -236,7 +238,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
             room = column.room
             match column.title:
                 case "ROBOT":
-                    lead = _lead(shown.seat, room - 1)
+                    lead = _lead(shown.placement, room - 1)
                     fresh = base + tint(self.app, "accent", bold=True)
                     name = muted if shown.old else fresh if shown.fresh else base + Style(bold=True)
                     cells.append(Segment("*" if shown.marked else " ", fresh))
@@ -275,8 +277,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     def action_move(self, by: int) -> None:
         """Select the robot so many lines below."""
-        if self._seats:
-            self._choose(min(max(self._at + by, 0), len(self._seats) - 1))
+        if self._placements:
+            self._choose(min(max(self._at + by, 0), len(self._placements) - 1))
 
     def action_page(self, by: int) -> None:
         """Select the robot a page below."""
@@ -284,16 +286,16 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     def action_move_to(self, position: int) -> None:
         """Select the robot in this position; negative: counted from the end."""
-        if self._seats:
-            self._choose(position % len(self._seats))
+        if self._placements:
+            self._choose(position % len(self._placements))
 
     def _choose(self, position: int) -> None:
-        self.app.choose(self._seats[position].name)
+        self.app.choose(self._placements[position].name)
 
     def on_click(self, event: Click) -> None:
         """Select a robot; once more opens it."""
         position = self.scroll_offset.y + event.y - HEADER
-        if event.y < HEADER or not 0 <= position < len(self._seats):
+        if event.y < HEADER or not 0 <= position < len(self._placements):
             return
         if position == self._at:
             self.post_message(self.Opened())
@@ -305,16 +307,16 @@ class RobotTable(Part, ScrollView, can_focus=True):
     def on_resize(self, event: Resize) -> None:
         """Share the width anew, and keep the selected robot in sight."""
         del event
-        self.virtual_size = Size(self.size.width, len(self._seats) + HEADER)
+        self.virtual_size = Size(self.size.width, len(self._placements) + HEADER)
         self._lay_out()
         self.scroll_to_cursor()
 
 
-def _lead(seat: Seat, room: int) -> str:
+def _lead(placement: Placement, room: int) -> str:
     """Return what stands before a robot's name: how deep it is, and its slot; it leaves half the room."""
-    if not seat.depth:
+    if not placement.depth:
         return ""
-    lead = set_cell_size("  " * (seat.depth - 1) + "└ ", min(2 * seat.depth, max(room // 3, 0)))
-    free = max(room // 2, room - cell_len(seat.name) - 1) - cell_len(lead)
-    slot = clip(f"{seat.slot}:", max(free, 0)) if seat.slot else ""
+    lead = set_cell_size("  " * (placement.depth - 1) + "└ ", min(2 * placement.depth, max(room // 3, 0)))
+    free = max(room // 2, room - cell_len(placement.name) - 1) - cell_len(lead)
+    slot = clip(f"{placement.slot}:", max(free, 0)) if placement.slot else ""
     return f"{lead}{slot} " if slot else lead

@@ -6,13 +6,13 @@ from rich.text import Text
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import block, tint
-from robotree.tui.screen.widgets.still import Still
 from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store
 
 
-class TopBar(Still):
+class TopBar(CachedText):
     """Name of the program, realm, page; on the right the counts, and how to stop."""
 
     def draw(self, store: Store, realm: str, page: str) -> None:
@@ -40,7 +40,7 @@ class TopBar(Still):
         self.show(Text.assemble(left, " " * gap, right, stop, no_wrap=True, overflow="ellipsis"))
 
 
-class Banner(Still):
+class Banner(CachedText):
     """What one must not overlook; not there when there is nothing."""
 
     def draw(self, store: Store) -> None:

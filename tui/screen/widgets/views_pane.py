@@ -13,7 +13,7 @@ from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.screen.widgets.readings import Readings, Told
+from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.vr.errors import VrError
 
 INSTRUMENTS = 0.5
@@ -82,4 +82,4 @@ class ViewsPane(Part, Horizontal):
         except VrError as error:
             self.query_one(Readings).show(Text(str(error), tint(self.app, "error")))
             return
-        self.query_one(Readings).draw(Told(told.readings, told.units))
+        self.query_one(Readings).draw(ShownReadings(told.readings, told.units))

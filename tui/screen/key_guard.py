@@ -1,6 +1,6 @@
-"""What comes to the front by itself takes no key that was meant for what was there before.
+"""A screen that opens by itself takes no key that was meant for the one before.
 
-A verb returns after a while and shows its text, a question closes since somebody else has answered it: a
+A verb returns after a while and shows its text, a question closes since another program has answered it: a
 person who types at that moment means what they saw last. So what comes unasked is looked at before it is
 operated, as browsers do it. What a key opened takes keys at once.
 """
@@ -25,7 +25,7 @@ LOOK = 0.5
 _STOPS = {BY_VERB["stop"].key, BY_VERB["stop"].typing_key}
 
 
-class Unasked(BusyForms[ReturnType]):
+class KeyGuard(BusyForms[ReturnType]):
     """An app that drops what was typed before its screen could be seen; never the stop."""
 
     def __init__(self) -> None:
@@ -34,14 +34,14 @@ class Unasked(BusyForms[ReturnType]):
         self._seen = float("-inf")
         """[s] on the clock of events: from then on keys are meant for what is in front."""
         self._typed = False
-        """Somebody typed into a field when it came: a space was a letter of theirs."""
+        """A field had the focus when it opened: a space was a letter."""
 
     @staticmethod
     def now() -> float:
         """[s] on the clock of events."""
         raise NotImplementedError
 
-    def comes_unasked(self, front: Screen[Any], *, typed: bool) -> None:
+    def opened_by_itself(self, front: Screen[Any], *, typed: bool) -> None:
         """Note that a screen has come to the front by itself.
 
         Args:

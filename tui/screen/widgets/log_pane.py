@@ -19,10 +19,10 @@ from robotree.tui.seen.store import Store, Weight
 CLOCK = "%Y-%m-%d %H:%M:%S"
 
 LEVELS: Mapping[Weight, int] = {"good": 0, "plain": 0, "warning": 1, "error": 2}
-"""How important a happening is."""
+"""How important a entry is."""
 
 
-class HappeningLog(Part, RichLog):
+class LogPane(Part, RichLog):
     """Appends what is new since it was drawn last.
 
     Textual scrolls to the end when a line is written, as far as that is for the size of that moment; a log
@@ -89,10 +89,10 @@ class HappeningLog(Part, RichLog):
             self.clear()
         if not room:
             return  # it is hidden; RichLog would ask the terminal for the width
-        happenings = list(store.happenings)
-        start = next((i + 1 for i in range(len(happenings) - 1, -1, -1) if happenings[i] is self._last), 0)
+        entries = list(store.entries)
+        start = next((i + 1 for i in range(len(entries) - 1, -1, -1) if entries[i] is self._last), 0)
         wanted = matching.terms(letters)
-        for one in happenings[start:]:
+        for one in entries[start:]:
             said = {"name": one.robot, "state": one.weight, "text": one.text}
             if LEVELS[one.weight] < LEVELS[level] or not matching.matches(wanted, said):
                 continue
@@ -101,5 +101,5 @@ class HappeningLog(Part, RichLog):
                 (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, seen(one.text))
             )
             self.write(line, width=room, scroll_end=not self._scrolled_up)
-        if happenings:
-            self._last = happenings[-1]
+        if entries:
+            self._last = entries[-1]

@@ -10,7 +10,7 @@ from textual.widgets import Static
 from robotree.tui.screen.part import Part
 
 
-class Still(Part, Static):
+class CachedText(Part, Static):
     """Shows a text. Pages draw themselves a few times a second; most of it is the same as before."""
 
     def __init__(

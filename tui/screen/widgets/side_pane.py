@@ -1,4 +1,4 @@
-"""What one looks at while a command runs: the branch that works, and the workspace."""
+"""Beside the form of a command that runs: the branch of the tree that works, and the workspace."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.picture import PictureView
 
 
-class Beside(Part, Vertical):
+class SidePane(Part, Vertical):
     """Branch above, picture below. It asks for pictures only where it can be seen."""
 
     def compose(self) -> ComposeResult:

@@ -9,7 +9,7 @@ import pytest
 from textual.widgets import Input
 
 from robotree.tui.line.grammar import Line
-from robotree.tui.screen import unasked
+from robotree.tui.screen import key_guard
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.prompt import Prompt
@@ -26,7 +26,7 @@ ESCAPE, ENTER, CTRL_S = "\x1b\x1b", "\r", "\x13"
 def slow(quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Look for as long as people do."""
     del quick
-    monkeypatch.setattr(unasked, "LOOK", LOOK)
+    monkeypatch.setattr(key_guard, "LOOK", LOOK)
 
 
 async def described(operator: Operator) -> Reading:

@@ -13,7 +13,7 @@ from textual.filter import LineFilter
 from robotree.tui.terminal import STEERING
 
 
-class Harmless(LineFilter):
+class ControlFilter(LineFilter):
     """Takes away what steers a terminal instead of being seen."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:  # noqa: ARG002 # Textual's contract
