@@ -50,8 +50,8 @@ class SourceTree(Part, DirectoryTree):
     def _populate_node(self, node: TreeNode[DirEntry], content: Iterable[Path]) -> None:
         """Begin at the first file whenever the folder has been read.
 
-        Textual (8.2.8) has no message or public method for that moment: `reload` returns before the
-        nodes of a folder that is being read have come, and `NodeExpanded` comes before them.
+        A tree also reads its folder by itself, when it is shown first or has another path; Textual
+        (8.2.8) sends no message when that is done, and has no public method for it.
         """
         super()._populate_node(node, content)
         if node is self.root:
