@@ -60,3 +60,10 @@ def test_two_changes_in_one_moment_are_told_as_one() -> None:
     shown = hidden.among(["arm-1", "rover-1"], ["arm-1", "mover", "rover-1"], 10.2)
     assert shown.name == "mover"
     assert shown.refusal(10.3) == "the selection has just gone from rover-1 to mover: press again"
+
+
+def test_a_robot_that_was_out_of_the_list_for_a_moment_can_be_commanded_at_once() -> None:
+    away = Selection().choose("b").among(["a", "b"], ["a"], 10.0)
+    assert "from b to a" in away.refusal(10.1)
+    back = away.among(["a"], ["a", "b"], 10.2)
+    assert (back.name, back.refusal(10.3)) == ("b", "")

@@ -38,6 +38,8 @@ class Selection:
             return replace(self, wanted=name)
         # what a person saw last: a robot that was just made may be selected before it is shown
         seen = self.before if now - self.changed < LOOK else self.name
+        if seen == name:  # it is back on what was seen
+            return Selection(name, name)
         return Selection(name, name, seen, now if seen else -inf)
 
     def among(self, before: Sequence[str], names: Sequence[str], now: float) -> Selection:

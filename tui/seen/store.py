@@ -450,7 +450,8 @@ class Store:
     @property
     def known(self) -> set[str]:
         """Names of all robots that are there, or were and were not dismissed."""
-        return {*self.descriptions, *self.robots, *self.absent, *self.remembered}
+        missed = {address.name for address in self.missed if address.role == "robot"}
+        return {*self.descriptions, *self.robots, *self.absent, *self.remembered, *missed}
 
     @property
     def orphaned(self) -> bool:
