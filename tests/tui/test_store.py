@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from robotree.tui.seen import rows
 from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
@@ -57,6 +58,17 @@ def test_who_is_seen_nowhere_any_more_has_not_calmly_left(store: Store) -> None:
     store.departed(address("arm-2"), 3.0)
     assert texts(store)[1:] == ["arm-1 (Arm): its process has gone", "arm-2 (Arm) left the list"]
     assert set(store.absent) == {"arm-1"}, "who took its leave is not kept"
+
+
+def test_a_robot_whose_listing_expires_stays_in_sight_until_it_is_known_why(store: Store) -> None:
+    """Its process hangs: it answers no more, then its listing expires, and only then is it said to hang."""
+    store.take_descriptions([], 1.5)
+    store.take_lists([], [], 2.0, {address("arm-1")})
+    assert store.known == {"arm-1"}
+    assert (store.mood("arm-1", 2.0), store.doing("arm-1", 2.0)) == ("silent", "does not answer")
+    assert rows.row(store, rows.family(store)[0], 2.0).state == "does not answer"
+    store.departed(address("arm-1"), 3.0)
+    assert store.known == set(), "it had taken its leave"
 
 
 def test_who_leaves_the_list_and_answers_is_commanded_by_somebody(store: Store) -> None:

@@ -214,6 +214,7 @@ class Store:
     def found(self, address: Address, now: float) -> None:
         """Note that an agent lives that was missed: it is on no list only because it has a parent."""
         missed, robot = self.missed.pop(address, None), self.descriptions.get(address.name)
+        self.family += 1
         if missed and robot and robot.bond:
             parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
             self.tell(
@@ -450,8 +451,13 @@ class Store:
     @property
     def known(self) -> set[str]:
         """Names of all robots that are there, or were and were not dismissed."""
-        missed = {address.name for address in self.missed if address.role == "robot"}
-        return {*self.descriptions, *self.robots, *self.absent, *self.remembered, *missed}
+        return {*self.descriptions, *self.robots, *self.absent, *self.remembered, *self._unexplained}
+
+    @property
+    def _unexplained(self) -> set[str]:
+        """Names of robots that are on no list any more and do not answer; why is to be found out."""
+        names = {address.name for address in self.missed if address.role == "robot"}
+        return names - self.descriptions.keys() - self.robots.keys() - self.absent.keys()
 
     @property
     def orphaned(self) -> bool:
@@ -495,7 +501,7 @@ class Store:
         """Return how a robot is, in one word."""
         if absent := self.absent.get(name):
             return "hangs" if absent.hangs else "gone"
-        if self._silent(name, now):
+        if self._silent(name, now) or name in self._unexplained:
             return "silent"
         told = self._told(name)
         return mood.mood(told, self._slots(name)) if told else "free"
@@ -506,6 +512,8 @@ class Store:
             return f"HANGS (pid {absent.pid})" if absent.hangs else f"GONE {mood.span(now - absent.since)}"
         if self._silent(name, now):
             return f"silent {mood.span(self.age(name, now) or 0.0)}"
+        if name in self._unexplained:
+            return "does not answer"
         told, heard = self._told(name), self._heard.get(name)
         if told is None:
             return "free"
