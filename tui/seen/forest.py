@@ -88,8 +88,8 @@ def label(branch: Branch) -> str:
     if branch.robot:
         shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.told(branch.robot)}"
         link = f"  {mood.UNGUARDED}" if branch.robot.unguarded else ""
-        kind = wording.kind(branch.robot.kind, branch.robot.attributes)
-        return f"{place}{branch.robot.name} ({kind}){shown}{link}"
+        kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
+        return f"{place}{branch.robot.name} {kind}{shown}{link}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
     wants = f"takes {branch.slot.kind}" if branch.slot else ""

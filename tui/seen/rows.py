@@ -119,10 +119,11 @@ def row(
     name = placement.name
     robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
     known = robot or listing
+    told = known or absent
     epoch, lease, process = _more(store, name) if wide else ("", "", "")
     return RobotRow(
         placement,
-        kind=wording.kind(known.kind, known.attributes) if known else absent.kind if absent else "",
+        kind=wording.kind(told.kind, told.attributes) if told else "",
         mood=store.mood(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
         by=store.by(name),

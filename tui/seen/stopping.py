@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 ASKED = "asked, no answer yet"
+AWAKE = "answers again and is not stopped: stop once more"
 
 
 @dataclass(slots=True)
@@ -38,6 +39,11 @@ class StopRound:
             if name not in untold:
                 self.confirm(name, now)
         self.open = {name: why for name, why in untold.items() if name not in self.confirmed}
+
+    def wake(self, name: str) -> None:
+        """Note that a robot whose process hung answers again: it was not stopped."""
+        if name in self.open:
+            self.open[name] = AWAKE
 
     def dismiss(self, name: str) -> None:
         """Leave out a robot of which a person says that it is settled."""

@@ -67,6 +67,8 @@ class Absent:
     """The process that holds it and hangs; empty: its process has gone."""
     remedy: str = ""
     """What a person can do about it."""
+    attributes: Mapping[str, str] = field(default_factory=dict[str, str])
+    """As it described itself last."""
 
     @property
     def name(self) -> str:
@@ -194,7 +196,7 @@ class Store:
             if (known is None or known.address != listing.address) and not first:
                 self._came[name] = now
                 where = "has come, but no lookup service lists it" if self.stale else "is listed"
-                self.tell(f"{name} ({_kind(listing)}) {where}", "good", now, name)
+                self.tell(f"{name} {_inserted(listing)} {where}", "good", now, name)
         for name, listing in before.items():
             if name not in after:
                 self._came.pop(name, None)
@@ -209,7 +211,7 @@ class Store:
         self.shape += 1
 
     def _tell_departure(self, who: Listing | RobotDescription, now: float) -> None:
-        self.tell(f"{who.name} ({_kind(who)}) left the list", "plain", now, who.name)
+        self.tell(f"{who.name} {_inserted(who)} left the list", "plain", now, who.name)
 
     def found(self, address: Address, now: float) -> None:
         """Note that an agent lives that was missed: it is on no list only because it has a parent."""
@@ -218,7 +220,7 @@ class Store:
         if missed and robot and robot.bond:
             parent = f"{robot.bond.parent.name}.{robot.bond.slot}"
             self.tell(
-                f"{robot.name} ({_kind(robot)}) is commanded by {parent} now",
+                f"{robot.name} {_inserted(robot)} is commanded by {parent} now",
                 "plain",
                 now,
             )
@@ -264,8 +266,8 @@ class Store:
         hangs: Held | None = None,
     ) -> None:
         """Keep a robot in the list that hangs or has gone, and tell it."""
-        kind = who.kind if isinstance(who, Absent) else _kind(who) if who else ""
-        what = f"{address.name} ({kind or address.role})"
+        kind, attributes = (who.kind, who.attributes) if who else ("", {})
+        what = f"{address.name} {wording.inserted(kind or address.role, attributes)}"
         pid = hangs.where.removeprefix("process ") if hangs else ""
         if hangs:
             self.tell(
@@ -275,7 +277,9 @@ class Store:
             self.tell(f"{what}: its process has gone", "error", now, address.name)
         if address.role == "robot":
             remedy = hangs.remedy if hangs else ""
-            self.absent[address.name] = Absent(address, kind, who.host if who else "", now, pid, remedy)
+            self.absent[address.name] = Absent(
+                address, kind, who.host if who else "", now, pid, remedy, attributes
+            )
             self.family += 1
 
     def dismiss(self, name: str) -> Absent | None:
@@ -300,9 +304,10 @@ class Store:
             if gone:
                 self.family += 1
                 if gone.address == address:
-                    self.tell(
-                        f"{gone.name} ({gone.kind or address.role}) answers again", "good", now, gone.name
-                    )
+                    what = wording.inserted(gone.kind or address.role, gone.attributes)
+                    self.tell(f"{gone.name} {what} answers again", "good", now, gone.name)
+                if self.stop:
+                    self.stop.wake(gone.name)
             self._hanging.discard(address)
 
     def take_services(self, services: Sequence[str], now: float, *, stale: bool) -> None:
@@ -628,6 +633,6 @@ class Store:
         return tuple(line)
 
 
-def _kind(who: Listing | RobotDescription) -> str:
-    """Return the kind of an agent, and whether it is real or simulated: `Arm (sim)`."""
-    return wording.kind(who.kind, who.attributes)
+def _inserted(who: Listing | RobotDescription) -> str:
+    """Return the kind of an agent, and whether it is real or simulated: `(Arm, sim)`."""
+    return wording.inserted(who.kind, who.attributes)

@@ -108,10 +108,20 @@ def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
     return [(str(name), f"{value(part)} {units.get(name, '')}".rstrip()) for name, part in parts.items()]
 
 
+_ORIGINS = {"yes": "sim", "no": "real"}
+"""Words for what a controller says that it moves, by its attribute `simulated`."""
+
+
 def kind(words: str, attributes: Mapping[str, str]) -> str:
     """Return a kind, and what its controller says that it moves: `Arm (sim)`, `Arm (real)`."""
-    told = {"yes": " (sim)", "no": " (real)"}
-    return words + told.get(attributes.get("simulated", ""), "")
+    origin = _ORIGINS.get(attributes.get("simulated", ""))
+    return f"{words} ({origin})" if origin else words
+
+
+def inserted(words: str, attributes: Mapping[str, str]) -> str:
+    """Return the same as it stands in a sentence, in parentheses: `(Arm, sim)`."""
+    origin = _ORIGINS.get(attributes.get("simulated", ""))
+    return f"({words}, {origin})" if origin else f"({words})"
 
 
 def summary(doc: str) -> str:
