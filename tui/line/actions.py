@@ -200,7 +200,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action(
         usage="rules explain WHAT [RULE] [--after TABLE]",
-        help="Explain why a RULE fired or not, in a FILE or a running script; without RULE: facts and agenda.",
+        help="Explain why a RULE fired or not, in a FILE or running script; without RULE: facts and agenda.",
         group=SCRIPTS,
         run="explain",
         where=LINES,

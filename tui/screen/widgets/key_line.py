@@ -7,19 +7,21 @@ from collections.abc import Sequence
 from rich.cells import cell_len
 from textual.app import ComposeResult
 from textual.events import Resize
+from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Footer, Input
 from textual.widgets._footer import FooterKey
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
+from robotree.tui.screen.part import Part
 
 HELP = BY_VERB["help"]
 GAPS = 2
 """Columns beside the letters of a key: one before its word, one behind it."""
 
 
-class KeyLine(Footer):
+class KeyLine(Part, Footer):
     """A footer in which no word is cut: what has no room is left out, from the right, and help never."""
 
     def __init__(self) -> None:
@@ -30,12 +32,19 @@ class KeyLine(Footer):
     def compose(self) -> ComposeResult:
         """Yield the keys that have room."""
         keys = list(super().compose())
-        if not any(map(_is_help, keys)):
+        if keys and not any(map(_is_help, keys)):
             keys.append(self._help())
         widths = [_width(key) for key in keys]
         last = next((place for place, key in enumerate(keys) if _is_help(key)), None)
         kept = fitting(widths, self.screen.size.width, last)
+        self.styles.grid_size_columns = len(kept)
         yield from (keys[place] for place in kept)
+
+    def bindings_changed(self, screen: Screen[object]) -> None:
+        """Draw the keys again, also in a terminal that has no focus, such as a detached one of tmux."""
+        super().bindings_changed(screen)  # pyright: ignore[reportUnknownMemberType] # Textual leaves it open
+        if not self.app.app_focus and self.is_attached and screen is self.screen:
+            self.call_after_refresh(self.recompose)
 
     def _help(self) -> FooterKey:
         """Return the key of the help where a question is in front, or somebody types."""
