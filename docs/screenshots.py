@@ -140,6 +140,15 @@ async def prompt(stage: Stage) -> None:
 @scene(USUAL, SMALL)
 async def log(stage: Stage) -> None:
     """All that happened."""
+    for line in (
+        "call mover.get_info",
+        "call mover.go_to x=9 y=0 z=0.3 twist=0",
+        "cancel mover",
+        "stop",
+        "resume",
+    ):
+        stage.app.perform(stage.app.prompt.parse(line.split()))
+        await stage.pilot.pause(0.5)
     await stage.open("log")
 
 

@@ -216,7 +216,7 @@ class Column:
     room: int
 
 
-LEAST = {"ROBOT": 16, "KIND": 10, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
+LEAST = {"ROBOT": 16, "KIND": 11, "STATE": 22, "BY": 9, "HOST": 7, "ABOUT": 20}
 """Cells that a column needs. Where they are not there, ABOUT goes, then HOST, then BY."""
 MOST = {"ROBOT": 36, "KIND": 18, "STATE": 34, "BY": 16, "HOST": 14}
 """Cells that it takes however long its words are."""

@@ -253,7 +253,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     cells += [Segment(fit(told, max(room - 2, 0)) + gap, words)]
                 case "KIND":
-                    cells.append(Segment(fit(shown.kind, room) + gap, plain))
+                    cells.append(Segment(fit(_short_kind(shown.kind, room), room) + gap, plain))
                 case title:
                     told = {
                         "BY": shown.by,
@@ -310,6 +310,14 @@ class RobotTable(Part, ScrollView, can_focus=True):
         self.virtual_size = Size(self.size.width, len(self._placements) + HEADER)
         self._lay_out()
         self.scroll_to_cursor()
+
+
+def _short_kind(kind: str, room: int) -> str:
+    """Return a kind that fits; whether the robot is real or simulated is not what is cut."""
+    words, bracket, origin = kind.rpartition(" (")
+    if not bracket or cell_len(kind) <= room:
+        return kind
+    return clip(words, max(room - cell_len(bracket + origin), 1)) + bracket + origin
 
 
 def _lead(placement: Placement, room: int) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from rich.cells import cell_len
 from rich.text import Text
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import block, tint
-from robotree.tui.seen.cells import seen
+from robotree.tui.seen.cells import clip, seen
 from robotree.tui.seen.store import Store
+
+STOPPED = "■ PROTECTIVE STOP: "
 
 
 class TopBar(CachedText):
@@ -53,9 +56,10 @@ class Banner(CachedText):
             lines.append(Text(f" ■ NOT CONFIRMED: {told} ", block(self.app)))
         if store.stopped:
             took = f"  after {stop.longest:.2f} s" if stop and stop.confirmed else ""
-            names = ", ".join(seen(name) for name in store.stopped)
-            key = self.app.keymap.spelled("resume")
-            lines.append(Text(f"■ PROTECTIVE STOP: {names}{took} — {key} resumes", ground))
+            tail = f"{took} — {self.app.keymap.spelled('resume')} resumes"
+            room = (self.size.width or self.app.size.width - 2) - cell_len(STOPPED) - cell_len(tail)
+            names = clip(", ".join(seen(name) for name in store.stopped), max(room, 1))
+            lines.append(Text(f"{STOPPED}{names}{tail}", ground))
         if store.orphaned:
             stale = "✗ STALE: no lookup service is left; the lists may be old, known robots still obey"
             lines.append(Text(stale, ground))
