@@ -25,6 +25,7 @@ setup: $(STAMP)  ## build .venv from the hash-pinned lock
 # Other people's packages are compiled at once, as pip does: else every start of a process compiles them again
 # where PYTHONDONTWRITEBYTECODE is set.
 $(STAMP): $(LOCK) pyproject.toml
+	@test -x $(BIN)/python || echo "installing everything into $(VENV), once: this takes a minute or two …"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@command -v uv >/dev/null || test -x $(BIN)/uv || $(MAKE) --no-print-directory --silent $(BIN)/uv
 	@UV=$$(command -v uv || echo $(BIN)/uv); \

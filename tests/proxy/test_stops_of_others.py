@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import signal
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -30,21 +29,13 @@ from robotree.protocol.parser import Parser
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.vr.testing import until
+from tests.command_line import within_realm
 
 pytestmark = pytest.mark.e2e
 
 REALM = "stops"
+robotree = within_realm(REALM)
 REASON = "its controller is in safe stop: somebody asked for it"
-
-
-async def robotree(*words: str) -> tuple[int, str, str]:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    out, err = await asyncio.wait_for(process.communicate(), 60)
-    return process.returncode or 0, out.decode(), err.decode()
 
 
 async def shown(*, stopped: bool) -> dict[str, Any]:

@@ -20,11 +20,11 @@ from robotree.tui.line import manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS
 from robotree.tui.processes.realm import joined
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 CAST = """
 import asyncio, sys
 from pathlib import Path

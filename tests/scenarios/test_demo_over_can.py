@@ -24,10 +24,10 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from tests.command_line import robotree
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300), pytest.mark.usefixtures("place")]
 EXAMPLES = Path(__file__).parents[2] / "examples"
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 
 
 @asynccontextmanager
@@ -129,13 +129,6 @@ async def test_classic_can_carries_both_robots_and_pictures(tmp_path: Path, list
         frames = heard(bus)
         assert len(frames) > 1000, "the picture alone takes a thousand"
         assert not any(frame.is_fd or frame.dlc > 8 for frame in frames)
-
-
-def robotree(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    """One command line, as a person types it."""
-    return subprocess.run(
-        [*ROBOTREE, *map(str, words)], capture_output=True, text=True, check=False, timeout=280
-    )
 
 
 async def test_loggers_of_others_and_our_own_hear_the_bus(tmp_path: Path) -> None:

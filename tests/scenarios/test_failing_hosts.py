@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import signal
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +13,12 @@ import pytest
 
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew, Member
+from tests.command_line import within_realm
 
 pytestmark = pytest.mark.e2e
 
 REALM = "failing"
+robotree = within_realm(REALM)
 AUTHOR = '''
 """Clerk: counts, and can be asked to ignore everybody."""
 import contextlib
@@ -42,16 +42,6 @@ class Clerk(VirtualRobot):
                     with contextlib.suppress(BaseException):
                         time.sleep(0.02)
 '''
-
-
-async def robotree(*words: str) -> tuple[int, str, str]:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    out, complaints = await asyncio.wait_for(process.communicate(), 60)
-    return process.returncode or 0, out.decode(), complaints.decode()
 
 
 async def show(name: str) -> dict[str, Any]:

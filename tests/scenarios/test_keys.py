@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import re
 import secrets
 import subprocess
-import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -28,10 +26,10 @@ from robotree.tui.processes.realm import joined
 from robotree.vr.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from tests.command_line import ROBOTREE, robotree
 
 pytestmark = pytest.mark.e2e
 on_the_cells_loop = pytest.mark.asyncio(loop_scope="module")
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 REALM = "keys"
 
 
@@ -70,18 +68,6 @@ class Guarded:
 
 def secret_in(file: Path) -> str:
     return file.read_text().split()[-1]
-
-
-def robotree(*words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """One command line, as a person types it."""
-    return subprocess.run(
-        [*ROBOTREE, *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        env={**os.environ, **environment},
-    )
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

@@ -27,9 +27,9 @@ from robotree.tui.processes.realm import joined
 from robotree.tui.wire.security import realm_key
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
+from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOBODY = 65534
 AS_ANOTHER = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if os.geteuid() == 0 else {}
 another_user = pytest.mark.skipif(not AS_ANOTHER, reason="only root can play a second user")

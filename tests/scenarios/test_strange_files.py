@@ -6,7 +6,6 @@ import asyncio
 import os
 import resource
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,9 @@ from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.testing import until
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 MEMORY = 2 * 10**9
 """[bytes] of addresses that a verb may use: a file without end would take all there is."""
 VERBS = ("ls", "stop")

@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import socket
-import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -39,6 +38,7 @@ from robotree.protocol.services.fence import LAST_EPOCH
 from robotree.proxy.translate import component_of
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew, Member
+from tests.command_line import within_realm
 
 pytestmark = pytest.mark.e2e
 
@@ -175,13 +175,8 @@ def free_port() -> int:
 
 async def robotree(*words: str) -> tuple[int, str]:
     """Run a verb to its end; exit code and all that it said."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-    )
-    said, _ = await asyncio.wait_for(process.communicate(), 60)
-    return process.returncode or 0, said.decode()
+    code, out, complaints = await within_realm(REALM)(*words)
+    return code, out + complaints
 
 
 async def end(member: Member, number: int) -> None:

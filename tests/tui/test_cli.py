@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,20 +15,9 @@ from robotree.tui.cli import main
 from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 from robotree.tui.line import manual
 from robotree.tui.line.actions import ACTIONS
+from tests.command_line import ROBOTREE, robotree
 
 pytestmark = pytest.mark.usefixtures("place")
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
-
-
-def robotree(*words: str, within: float = 30) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*ROBOTREE, *words],
-        capture_output=True,
-        text=True,
-        timeout=within,
-        check=False,
-        stdin=subprocess.DEVNULL,
-    )
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,10 @@ from robotree.tui import exit_codes
 from robotree.tui.cli import main
 from robotree.tui.errors import sentence
 from robotree.tui.line.shell import PACE, Console
+from tests.command_line import ROBOTREE
 
 if TYPE_CHECKING:
     from tui.conftest import Realm
-
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -16,27 +15,19 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
+from tests.command_line import within_realm
 
 pytestmark = pytest.mark.e2e
 
 GUIDE = Path(__file__).parents[3] / "docs" / "bring-your-own-robot.md"
 REALM = "guide"
+robotree = within_realm(REALM)
 
 
 def page() -> str:
     """The kind of robot that the guide shows, whole."""
     text, *_ = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     return text
-
-
-async def robotree(*words: str) -> tuple[int, str, str]:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    out, err = await asyncio.wait_for(process.communicate(), 60)
-    return process.returncode or 0, out.decode(), err.decode()
 
 
 async def answer(*words: str) -> Any:

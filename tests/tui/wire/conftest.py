@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +13,7 @@ import pytest
 
 from robotree.protocol.links.keyring import create
 from robotree.tui.cli import main
-
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
+from tests.command_line import ROBOTREE
 
 
 @contextmanager

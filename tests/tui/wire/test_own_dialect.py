@@ -8,7 +8,6 @@ import os
 import socket
 import struct
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -20,8 +19,8 @@ from robotree.protocol.dialect.compile import build
 from robotree.protocol.frame import CRC_START
 from robotree.protocol.messages import NamedValueFloat
 from robotree.tui import exit_codes
+from tests.command_line import ROBOTREE
 
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 PROBE = '<message id="{}" name="{}"><description>A probe.</description>{}</message>'
 FIELDS = (
     '<field type="uint16_t" name="depth" units="m">Depth.</field>'

@@ -6,7 +6,6 @@ import json
 import re
 import resource
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,8 @@ from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
+from tests.command_line import ROBOTREE
 
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOON = 1_700_000_000_000_000
 
 

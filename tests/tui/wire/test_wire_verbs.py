@@ -22,8 +22,8 @@ from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
 from robotree.tui.wire.lasting import Lasting
 from robotree.tui.wire.replay import DATAGRAMS, Listeners, _send
+from tests.command_line import ROBOTREE
 
-ROBOTREE = [sys.executable, "-m", "robotree.tui"]
 NOON = 1_700_000_000_000_000
 NO_FRAME = "there is no frame in it that we know; is it a recording, and not compressed?\n"
 
