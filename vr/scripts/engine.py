@@ -6,15 +6,15 @@ the rules do ends: after `MOST_FIRINGS`, after `LONGEST` of processor time, or w
 
 from __future__ import annotations
 
+import contextlib
 import re
+import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Any, cast
 
 import clips
-import clips.facts
 import msgspec
-from clips._clips import ffi, lib
 from clips.common import CLIPSError
 
 from robotree.vr.scripts import expression
@@ -30,6 +30,7 @@ from robotree.vr.scripts.program import (
     Program,
     template_form,
 )
+from robotree.vr.scripts.working_memory import WorkingMemory
 from robotree.vr.written import Scalar
 
 MOST_FIRINGS = 1500
@@ -45,6 +46,8 @@ LONGEST_TEXT = 1_000
 """Characters that a rule may put together."""
 REMEMBERED = 200
 """Firings that are remembered for explanations."""
+_TOLD = 100
+"""Firings of one happening whose facts are remembered."""
 _GLANCE = 32
 """Firings between two looks at the clock."""
 _FACT = re.compile(r"f-(\d+)")
@@ -103,25 +106,28 @@ class Engine:
         self._define()
         self._build()
         self._env.reset()
-        self._message: Any = self._env.find_template(MESSAGE)
-        self._partner: Any = self._env.find_template(PARTNER)
-        self._known: dict[int, Any] = {}
-        self._tail: list[Any] = []
+        self._memory = WorkingMemory(self._env)
         self._partners: dict[str, Any] = {}
         self._roles: dict[str, Any] = {}
         for partner in program.partners:
             self._seat(partner.name, "")
         values = {one.name: one.default for one in program.parameters} | dict(parameters or {})
-        parameter: Any = self._env.find_template(PARAMETER)
         for name, value in values.items():
-            parameter.assert_fact(name=into(name), value=into(value))
-        templates = {one.name: self._env.find_template(one.name) for one in program.templates}
+            self._memory.begin(PARAMETER, name=into(name), value=into(value))
         for count, fact in enumerate(program.facts):
-            templates[fact.head].assert_fact(**_slots(program, fact))
+            self._memory.begin(fact.head, **_slots(program, fact))
             if count % _GLANCE == 0:
                 self._look()
         self._look()
         self._raise("with its first facts")
+
+    def __del__(self) -> None:
+        """Let go of the facts before their environment ends."""
+        if hasattr(self, "_memory"):
+            for fact in (*self._partners.values(), *self._roles.values()):
+                self._memory.remove(fact)
+            self._memory.close()
+            self._env.clear()  # else CLIPS says on standard output that not all memory is free
 
     # -- what it does ------------------------------------------------------------------------------
 
@@ -139,7 +145,8 @@ class Engine:
         self._told.clear()
         if happening.partner:
             self._seat(happening.partner, happening.robot)
-        event = self._message.assert_fact(
+        event = self._memory.insert(
+            MESSAGE,
             perf=into(happening.performative),
             **{"from": into(happening.sender)},
             act=into(happening.act),
@@ -147,41 +154,48 @@ class Engine:
             conv=into(happening.conversation),
             by=happening.reply_by,
         )
-        self._look()
-        self._raise("as it was told something")
-        self.handled = self._settle(event.index)
-        if event.exists:
-            event.retract()
-            self._settle(event.index)
+        number = self._memory.number(event)
+        try:
+            self._look()
+            self._raise("as it was told something")
+            self.handled = self._settle(number)
+        finally:
+            self._memory.remove(event)
+        self._settle(number)  # what a rule wanted when there was no such message
         if happening.act == "lost" and happening.partner and not self.handled:
             reason = f"{happening.partner} is lost ({_first(happening)})"
             raise ScriptError(f"{reason} and no rule of {self.program.name} handles it")
         return list(self._orders)
 
+    def called(self, name: str, values: tuple[Any, ...]) -> Any:
+        """Do what a rule calls for; the error is kept, for CLIPS would print it and go on."""
+        try:
+            return self._acts[name](*values)
+        except Exception as error:
+            self._error = self._error or str(error)
+            raise
+
     def role(self, partner: str, role: str) -> None:
         """Take note of the role that a partner plays from now on."""
-        if fact := self._roles.pop(partner, None):
-            fact.retract()
-        self._roles[partner] = self._env.find_template(ROLE).assert_fact(
-            partner=into(partner), name=into(role)
-        )
+        if (fact := self._roles.pop(partner, None)) is not None:
+            self._memory.remove(fact)
+        self._roles[partner] = self._memory.insert(ROLE, partner=into(partner), name=into(role))
 
     # -- what it looks like ------------------------------------------------------------------------
 
-    @property
-    def count(self) -> int:
-        """How many facts there are."""
-        return len(self._tail)
-
     def facts(self) -> list[str]:
         """Return all facts as text, the oldest first."""
-        return [str(fact) for fact in self._env.facts()]
+        with self._unheard():
+            return [self._memory.text(fact) for fact in self._memory.each()]
 
-    def facts_of(self, template: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    def facts_of(self, template: str) -> list[tuple[int, dict[str, Any]]]:
         """Return number and slots of each fact of a kind."""
-        for fact in self._env.facts():
-            if fact.template.name == template:
-                yield fact.index, {name: out(value) for name, value in dict(fact).items()}
+        found = [(self._memory.number(fact), *self._memory.slots(fact)) for fact in self._memory.each()]
+        return [
+            (number, {name: out(value) for name, value in slots.items()})
+            for number, kind, slots in found
+            if kind == template
+        ]
 
     def agenda(self) -> list[str]:
         """Return the rules that would fire next, with the numbers of their facts."""
@@ -198,16 +212,16 @@ class Engine:
     # -- inside ------------------------------------------------------------------------------------
 
     def _seat(self, slot: str, robot: str) -> None:
-        if fact := self._partners.get(slot):
-            fact.retract()
-        self._partners[slot] = self._partner.assert_fact(
-            name=into(slot), robot=into(robot or "none"), state=into("here" if robot else "missing")
+        if (fact := self._partners.pop(slot, None)) is not None:
+            self._memory.remove(fact)
+        self._partners[slot] = self._memory.insert(
+            PARTNER, name=into(slot), robot=into(robot or "none"), state=into("here" if robot else "missing")
         )
 
     def _settle(self, event: int) -> bool:
         """Let rules fire until none wants to; return whether one of them has used a certain fact."""
         begun, used = self._spent(), False
-        self._learn()
+        self._memory.learn()
         for count in range(MOST_FIRINGS):
             activation = next(self._env.activations(), None)
             if activation is None:
@@ -216,11 +230,11 @@ class Engine:
             rule, _, basis = line.strip().partition(": ")
             numbers = [int(number) for number in _FACT.findall(basis)]
             used = used or event in numbers
-            because = tuple(self._text(part) for part in basis.split(","))
+            because = self._because(basis) if count < _TOLD else ()
             before = len(self._orders)
             self._env.run(1)
             self.fired += 1
-            self._learn()
+            self._memory.learn()
             self._look()
             self._raise(f"in rule {rule}")
             self.firings.append(Firing(rule, because, tuple(self._orders[before:]), self.happened))
@@ -228,42 +242,42 @@ class Engine:
                 raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
         raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
 
+    def _because(self, basis: str) -> tuple[str, ...]:
+        """Write the facts of an activation."""
+        with self._unheard():
+            return tuple(self._text(part) for part in basis.split(","))
+
+    @contextlib.contextmanager
+    def _unheard(self) -> Generator[None]:
+        """Write facts without asking our listeners about each piece of them: that takes most of the time."""
+        for listener in self._env.routers():
+            listener.deactivate()
+        try:
+            yield
+        finally:
+            for listener in self._env.routers():
+                listener.activate()
+
     def _text(self, part: str) -> str:
         found = _FACT.search(part)
-        if found is None:
-            return "*"
-        known = self._known.get(int(found.group(1)))
-        if known is not None and known.exists:
-            return f"{found.group()} {known}"
-        self._env.eval(f"(ppfact {found.group(1)} stdout)")  # several times as slow: it has been modified
-        text = " ".join("".join(self._told).split())
-        self._told.clear()
-        return f"{found.group()} {text}"
-
-    def _learn(self) -> None:
-        """Take note of the facts that are new, so that they can be told of when they are gone."""
-        while self._tail and not self._tail[-1].exists:
-            self._tail.pop()
-        raw = self._env._env  # noqa: SLF001 # clipspy walks from the first fact only
-        last = self._tail[-1]._fact if self._tail else ffi.NULL  # noqa: SLF001
-        while (last := lib.GetNextFact(raw, last)) != ffi.NULL:
-            fact = clips.facts.TemplateFact(raw, last)
-            self._known[fact.index] = fact
-            self._tail.append(fact)
-        if len(self._known) > 2 * len(self._tail) + 1000:
-            self._known = {number: fact for number, fact in self._known.items() if fact.exists}
+        return f"{found.group()} {self._memory.known(int(found.group(1)))}".strip() if found else "*"
 
     def _busiest(self) -> str:
         last = [one.rule for one in self.firings][-20:]
-        names = sorted(set(last), key=last.index)
+        names = sorted(set(last))
         return (
             f"{' and '.join(names[:4])} set each other off"
             if len(names) > 1
             else f"{names[0]} sets itself off"
         )
 
+    @property
+    def memory(self) -> int:
+        """Memory of the environment [bytes]."""
+        return int(self._env.call("mem-used"))
+
     def _look(self) -> None:
-        if int(self._env.eval("(mem-used)")) > MOST_MEMORY:
+        if self.memory > MOST_MEMORY:
             self._error = (
                 self._error
                 or f"the rules need more than {MOST_MEMORY // 1_000_000} MB: too many facts fit together"
@@ -292,7 +306,16 @@ class Engine:
                 ) from None
 
     def _define(self) -> None:
-        functions: dict[str, Callable[..., Any]] = {
+        mine: weakref.ref[Any] = weakref.ref(
+            self
+        )  # clipspy keeps functions for ever: they must not keep the engine
+        for name in self._acts:
+            self._env.define_function(_fenced(mine, name), name)
+
+    @property
+    def _acts(self) -> dict[str, Callable[..., Any]]:
+        """What rules can call, by the name in CLIPS."""
+        return {
             "do": self._do,
             "do-as": self._do_as,
             "reply": self._reply,
@@ -302,24 +325,10 @@ class Engine:
             "note": self._note,
             "end": self._end,
             "fail": self._fail,
-            "text": _text,
-            "fields": _fields,
+            "text": self._text_of,
+            "fields": self._fields,
             CHECK: self._check,
         }
-        for name, function in functions.items():
-            self._env.define_function(self._fenced(function), name)
-
-    def _fenced(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Keep the error of a function of ours: CLIPS would print it and go on."""
-
-        def fenced(*values: Any) -> Any:
-            try:
-                return function(*values)
-            except Exception as error:
-                self._error = self._error or str(error)
-                raise
-
-        return fenced
 
     def _order(self, order: Order) -> None:
         if len(self._orders) >= MOST_ORDERS:
@@ -384,6 +393,14 @@ class Engine:
     def _fail(self, *values: Any) -> None:
         self._order(End(text=joined(values), well=False))
 
+    def _text_of(self, *values: Any) -> Any:
+        return into(joined(values))
+
+    def _fields(self, *values: Any) -> list[Any]:
+        if len(values) > LONGEST_LIST:
+            raise ScriptError(f"a list of more than {LONGEST_LIST} values")
+        return list(values)
+
     def _check(self) -> None:
         self._look()
         if self._error:
@@ -399,6 +416,16 @@ def _slots(program: Program, fact: Form) -> dict[str, Any]:
         known = template.slot(slot.head) if template else None
         slots[slot.head] = values if known is not None and known.several else values[0]
     return slots
+
+
+def _fenced(mine: weakref.ref[Any], name: str) -> Callable[..., Any]:
+    """Return a function for CLIPS that keeps its error: CLIPS would print it and go on."""
+
+    def fenced(*values: Any) -> Any:
+        engine: Engine | None = mine()
+        return None if engine is None else engine.called(name, values)
+
+    return fenced
 
 
 class _Ear(clips.Router):
@@ -443,16 +470,6 @@ def joined(values: tuple[Any, ...]) -> str:
     if len(text) > LONGEST_TEXT:
         raise ScriptError(f"a text of more than {LONGEST_TEXT} characters")
     return text
-
-
-def _text(*values: Any) -> Any:
-    return into(joined(values))
-
-
-def _fields(*values: Any) -> list[Any]:
-    if len(values) > LONGEST_LIST:
-        raise ScriptError(f"a list of more than {LONGEST_LIST} values")
-    return list(values)
 
 
 def _first(happening: Happening) -> str:

@@ -73,6 +73,11 @@ class ScriptRun:
         self._over: End | None = None
         self._wants_progress = any("progress" in rule.clips for rule in program.rules)
 
+    @property
+    def under_way(self) -> int:
+        """How many acts are under way."""
+        return len(self._acts)
+
     # -- the loop ----------------------------------------------------------------------------------
 
     def whole(self) -> str:

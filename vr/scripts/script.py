@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 
 from robotree.vr.child import Child
 from robotree.vr.command import command
-from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile
+from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile, VrError
 from robotree.vr.roles.player import forward
 from robotree.vr.running.runner import Threads
 from robotree.vr.scripts import explain
@@ -44,11 +44,13 @@ class Script(VirtualRobot):
         super().__init__(name, attributes)
         self._run: ScriptRun | None = None
         self._numbers = 0
+        self._ended = ""
 
     @property
     def attributes(self) -> dict[str, str]:
         """Free pairs, its condition among them."""
-        return {**self._given, "condition": self.condition, "script": self.program.hash[:12]}
+        ended = {"ended": self._ended} if self._ended and self._run is None else {}
+        return {**self._given, "condition": self.condition, "script": self.program.hash[:12], **ended}
 
     @attributes.setter
     def attributes(self, given: dict[str, str]) -> None:
@@ -67,7 +69,7 @@ class Script(VirtualRobot):
         run = self._run
         if run is None:
             return {}
-        return {"facts": run.engine.count, "fired": run.engine.fired, "heard": run.engine.happened}
+        return {"heard": run.engine.happened, "fired": run.engine.fired, "acts": run.under_way}
 
     def lead(self, parameters: Mapping[str, Scalar]) -> str:
         """Run until the script is over; return what it says at the end."""
@@ -83,7 +85,13 @@ class Script(VirtualRobot):
             raise self._failed("start", str(error)) from None
         self._run = run
         try:
-            return run.whole()
+            said = run.whole()
+        except VrError as error:
+            self._ended = str(error)
+            raise
+        else:
+            self._ended = said or "a rule ended it"
+            return said
         finally:
             self._run = None
 
@@ -129,7 +137,8 @@ class Script(VirtualRobot):
         """Show what the rules know now, and which of them would fire next."""
         run = self._run
         if run is None:
-            return f"{self.condition}\n(no facts: it is not started)"
+            last = f"; it ended last: {self._ended}" if self._ended else ""
+            return f"{self.condition}\n(no facts: it is not started{last})"
         with run.lock:
             return explain.state(run.engine, self.condition)
 

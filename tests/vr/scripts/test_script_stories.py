@@ -1,17 +1,42 @@
-"""A script leads robots: figure 4 of the NBSA paper, and what it claims of scripts and roles."""
+"""A script leads robots: figure 4 of the NBSA paper, and what the paper claims of scripts and roles."""
 
-from tests.vr.scripts.stage import EXAMPLES, Stage
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoRoles, NoSuchRole
+from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
+HEAD = "script: small\npartners:\n  robot: Companion\nhears:\n  go: {place: text}\nrules:\n"
+GO = (
+    HEAD
+    + "  - rule: go\n    when: [go: {place: $p}]\n    then:\n"
+    + "      - do: robot.go_to\n        with: {place: $p}\n"
+)
+
+
+async def led(
+    stage: Stage, source: str = GO, name: str = "guide"
+) -> tuple[Companion, Any, asyncio.Task[Any]]:
+    """Return a companion, the script that leads it, and the running start."""
+    robot, script = await stage.companion(), await stage.script(source, name)
+    await stage.enslave(name, "robot", "c1")
+    running = stage.begin(name)
+    await stage.until(lambda: script.condition == "active" and script._run.engine.happened >= 2)
+    return robot, script, running
 
 
 async def test_a_message_goes_through_the_rules_to_the_robot_and_its_end_comes_back(stage: Stage) -> None:
     robot, script = await stage.companion(), await stage.script(GUIDE)
     assert script.condition == "inactive: needs robot (Companion)"
     running = stage.begin("guide")
-    await stage.until(
-        lambda: script.condition.startswith("inactive") and stage.agents["guide"].description().busy
-    )
+    await stage.until(lambda: script._run is not None and script._run.missing)
+    with pytest.raises(CommandFailed, match=r"it is inactive: needs robot"):
+        await stage.call("guide", "person_seen", who="Anna", place="kitchen")
     await stage.enslave("guide", "robot", "c1")
     await stage.until(lambda: script.condition == "active" and script._run.engine.happened)
     await stage.call("guide", "person_seen", who="Anna Maria", place="kitchen")
@@ -25,3 +50,270 @@ async def test_a_message_goes_through_the_rules_to_the_robot_and_its_end_comes_b
     await stage.call("guide", "finish")
     assert await running == "finished on request"
     assert script.condition == "ready"
+
+
+async def test_a_script_is_listed_described_and_commanded_like_any_robot(stage: Stage) -> None:
+    await stage.script(GUIDE)
+    robot = stage.agents["guide"].description()
+    assert robot.kinds[:3] == ("Guide", "Script", "VirtualRobot")
+    assert [one.name for one in robot.commands if one.name.startswith("person")] == [
+        "person_seen",
+        "person_left",
+    ]
+    assert [field.name for field in robot.command("start").parameters] == ["welcome", "patience"]
+    assert robot.slot("robot").kind == "Companion"
+    with pytest.raises(BadArgument, match=r"guide.person_seen: place: is missing"):
+        await stage.call("guide", "person_seen", who="Anna")
+
+
+async def test_a_script_starts_and_leads_another_script(stage: Stage) -> None:
+    robot, small = await stage.companion(), await stage.script(GO, "small")
+    above = (
+        "script: boss\npartners:\n  team: Small\nrules:\n"
+        "  - rule: begin\n    when: [start]\n    then: [do: [team, start], do: [team, go, hall]]\n"
+        "  - rule: not-yet\n    when: [failed: {act: go}]\n    then: [wait: {name: again, for: 20 ms}]\n"
+        "  - rule: again\n    when: [timer: again]\n    then: [do: [team, go, hall]]\n"
+        "  - rule: over\n    when: [done: {act: go}]\n    then: [wait: {name: end, for: 200 ms}]\n"
+        "  - rule: end\n    when: [timer: end]\n    then: [end: it is told]\n"
+    )
+    await stage.script(above, "boss")
+    await stage.enslave("small", "robot", "c1")
+    await stage.enslave("boss", "team", "small")
+    assert await stage.call("boss", "start") == "it is told"
+    assert robot.done == ["go_to hall at 0.5"]
+    await stage.until(lambda: small.condition == "ready")  # it ended with the act of the one that led it
+
+
+async def test_do_never_waits_for_the_robot(stage: Stage) -> None:
+    robot, script, _ = await led(stage)
+    robot.go.clear()
+    for place in ("hall", "kitchen", "garden"):
+        await stage.call("guide", "go", place=place)
+    await stage.until(lambda: script._run.engine.happened == 5)
+    assert robot.done == []
+    robot.go.set()
+    await stage.until(lambda: len(robot.done) == 3)
+
+
+async def test_an_act_that_fails_ends_the_script_unless_a_rule_handles_it(stage: Stage) -> None:
+    robot, script, running = await led(stage)
+    robot.fails = "go_to hall"
+    await stage.call("guide", "go", place="hall")
+    with pytest.raises(
+        CommandFailed, match=r"robot.go_to failed \(.*a motor is hot.*\) and no rule handles it"
+    ):
+        await running
+    assert "a motor is hot" in script.attributes["ended"]
+
+
+async def test_an_act_that_the_robot_does_not_have_is_a_failure_in_the_facts(stage: Stage) -> None:
+    source = HEAD.replace("rules:", "rules:\n  - rule: fly\n    when: [go]\n    then: [do: robot.fly]")
+    source += "  - rule: no-wings\n    when: [failed: {act: fly, reason: $why}]\n    then: [end: $why]\n"
+    _, _, running = await led(stage, source)
+    await stage.call("guide", "go", place="hall")
+    assert "has no command 'fly'" in await running
+
+
+async def test_a_lost_partner_ends_the_script_and_its_acts(stage: Stage) -> None:
+    robot, _, running = await led(stage)
+    robot.go.clear()
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    await stage.release("guide", "robot")
+    with pytest.raises(
+        CommandFailed, match=r"robot is lost \(it was released\) and no rule of small handles it"
+    ):
+        await running
+    await stage.until(lambda: not stage.agents["c1"].description().busy)
+    assert robot.done == []
+
+
+async def test_a_rule_may_handle_a_lost_partner_and_the_next_one_is_found(stage: Stage) -> None:
+    source = GO + "  - rule: lost\n    when: [lost: {partner: robot, reason: $why}]\n    then: [log: $why]\n"
+    _, script, running = await led(stage, source)
+    await stage.release("guide", "robot")
+    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)")
+    assert not running.done()
+    other = await stage.companion("c2")
+    await stage.enslave("guide", "robot", "c2")
+    await stage.until(lambda: script.condition == "active")
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: other.done == ["go_to hall at 0.5"])
+
+
+async def test_a_partner_without_what_is_needed_does_not_make_a_script_active(stage: Stage) -> None:
+    source = GO.replace("robot: Companion", "robot: {kind: Companion, needs: [fly]}")
+    await stage.companion()
+    script = await stage.script(source)
+    await stage.enslave("guide", "robot", "c1")
+    assert script.condition == "inactive: needs robot (Companion): c1 has no fly"
+
+
+async def test_an_optional_partner_may_be_missing(stage: Stage) -> None:
+    source = GO.replace(
+        "  robot: Companion", "  robot: Companion\n  helper: {kind: Companion, optional: yes}"
+    )
+    await led(stage, source)
+
+
+async def test_only_those_who_may_start_a_script_start_it(stage: Stage) -> None:
+    await stage.script(GO.replace("hears:", "start: {by: [butler]}\nhears:"))
+    with pytest.raises(CommandFailed, match=r"operator may not start it; those may: butler"):
+        await stage.call("guide", "start")
+
+
+async def test_a_protective_stop_ends_the_script_and_what_it_has_begun(stage: Stage) -> None:
+    robot, script, running = await led(stage)
+    robot.go.clear()
+    await stage.call("guide", "go", place="hall")
+    await stage.client("guide").safe_stop("a test")
+    with pytest.raises(CommandCancelled, match=r"a test"):
+        await running
+    assert script.condition == "ready"
+    assert not stage.agents["c1"].description().busy
+
+
+async def test_a_request_waits_for_the_answer_of_a_rule(stage: Stage) -> None:
+    source = HEAD.replace("rules:", "rules:\n  - rule: answer\n    when:\n") + (
+        "      - message: {performative: request, act: ready, conversation: $c, arguments: [$who]}\n"
+        '    then: [reply: [$c, agree, "yes, $who"]]\n'
+        "  - rule: refuse\n    when:\n"
+        "      - message: {performative: request, act: dance, conversation: $c}\n"
+        "    then: [reply: [$c, refuse, it has no legs]]\n"
+    )
+    await led(stage, source)
+    answer = await stage.call("guide", "message", act="ready", arguments="Anna", performative="request")
+    assert answer == "agree yes, Anna"
+    with pytest.raises(CommandFailed, match=r"refuse: it has no legs"):
+        await stage.call("guide", "message", act="dance", performative="request")
+    with pytest.raises(CommandFailed, match=r"no rule answered within 0.1 s"):
+        await stage.call("guide", "message", act="sing", performative="request", reply_by=0.1)
+
+
+async def test_a_timer_is_a_fact(stage: Stage) -> None:
+    source = HEAD + (
+        "  - rule: begin\n    when: [start]\n    then: [wait: {name: bored, for: 20 ms}]\n"
+        "  - rule: end\n    when: [timer: bored]\n    then: [end: nobody came]\n"
+    )
+    await stage.companion()
+    await stage.script(source)
+    await stage.enslave("guide", "robot", "c1")
+    assert await stage.call("guide", "start") == "nobody came"
+
+
+async def test_a_script_that_floods_is_ended_with_one_sentence(stage: Stage) -> None:
+    source = HEAD + (
+        "  - rule: begin\n    when: [go: {place: $p}]\n    then: [do: [robot, fly, $p]]\n"
+        "  - rule: again\n    when: [failed: {act: fly}]\n    then: [do: [robot, fly, again]]\n"
+    )
+    robot, _, running = await led(stage, source)
+    await stage.call("guide", "go", place="hall")
+    with pytest.raises(CommandFailed, match=r"it floods: more than 200 orders in one second"):
+        await running
+    assert robot.done == []
+
+
+async def test_who_floods_a_script_is_refused(stage: Stage) -> None:
+    _, script, _ = await led(stage)
+    with script._run.lock:  # the rules are at work for a long time
+        inbox = script._run.inbox
+        from robotree.vr.scripts.happening import Happening
+
+        taken = [inbox.offer(Happening(act="go", arguments=("x",))) for _ in range(600)]
+    assert taken.count(False) >= 90
+
+
+# -- roles -------------------------------------------------------------------------------------------
+
+
+async def test_the_next_act_follows_a_new_role_and_the_script_is_untouched(stage: Stage) -> None:
+    robot, script, running = await led(stage, GUIDE)
+    before, rules = script.program.hash, script.program.listing
+    robot.go.clear()
+    await stage.call("guide", "person_seen", who="Anna", place="kitchen")
+    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    assert await stage.call("guide", "play", role="child") == "child"
+    robot.go.set()
+    await stage.until(lambda: len(robot.done) == 4)
+    assert robot.done[:2] == ["wave 1", "say Welcome, Anna [plain]"]
+    assert robot.done[2] == "go_to kitchen at 0.5", "an act that runs goes on as it began"
+    assert robot.done[3] == "say Look, the kitchen. [child-1]"
+    await stage.call("guide", "person_seen", who="Bob", place="hall")
+    await stage.until(lambda: len(robot.done) == 8)
+    assert robot.done[4:7] == ["wave with both arms", "say Hi, Bob [child-1]", "go_to hall at 0.3"]
+    assert (script.program.hash, script.program.listing) == (before, rules)
+    assert not running.done()
+
+
+async def test_five_roles_differ_in_what_can_be_seen_and_read(stage: Stage) -> None:
+    robot = await stage.companion()
+    seen: dict[str, tuple[str, ...]] = {}
+    for role in ("butler", "maid", "man", "woman", "child"):
+        robot.done.clear()
+        await stage.call("c1", "play", role=role)
+        await stage.call("c1", "wave")
+        await stage.call("c1", "say", text="Welcome, Anna")
+        await stage.call("c1", "go_to", place="hall")
+        seen[role] = tuple(robot.done)
+    assert len(set(seen.values())) == 5
+    assert len({done[1] for done in seen.values()}) == 5, "each says something else, in another voice"
+    assert seen["butler"] == ("wave 1", "say I bid you welcome, Anna [butler-1]", "go_to hall at 0.4")
+
+
+async def test_a_rule_changes_the_role_of_a_partner(stage: Stage) -> None:
+    source = HEAD + (
+        "  - rule: play\n    when: [go]\n    then: [role: {robot: child}, do: robot.wave]\n"
+        "  - rule: played\n    when:\n      - done: {act: wave}\n      - role: {partner: robot, name: $r}\n"
+        "    then: [end: $r]\n"
+    )
+    robot, _, running = await led(stage, source)
+    await stage.call("guide", "go", place="x")
+    assert await running == "child"
+    assert robot.role == "child"
+
+
+async def test_two_roles_at_once_are_refused_in_one_sentence(stage: Stage) -> None:
+    source = HEAD + (
+        "  - rule: one\n    when: [go]\n    then: [role: {robot: child}]\n"
+        "  - rule: two\n    when: [go]\n    then: [role: {robot: man}]\n"
+    )
+    robot, _, running = await led(stage, source)
+    await stage.call("guide", "go", place="x")
+    with pytest.raises(
+        CommandFailed, match=r"robot is given two roles at once \((man and child|child and man)\)"
+    ):
+        await running
+    assert robot.role == "neutral"
+
+
+async def test_an_unknown_role_and_a_robot_without_roles_are_refused(stage: Stage) -> None:
+    await stage.companion()
+    with pytest.raises(NoSuchRole, match=r"c1 knows no role 'king'; it knows: neutral, butler, child"):
+        await stage.call("c1", "play", role="king")
+    await stage.script(GO)
+    with pytest.raises(NoRoles, match=r"none of its partners plays roles"):
+        await stage.call("guide", "play", role="child")
+
+
+async def test_a_robot_learns_a_role_of_yours(stage: Stage) -> None:
+    robot = await stage.companion()
+    source = "role: waiter\ninherits: butler\nwords: {Welcome: Your table}\n"
+    assert await stage.call("c1", "learn_role", source=source) == "waiter"
+    await stage.call("c1", "play", role="waiter")
+    assert await stage.call("c1", "say", text="Welcome, Anna") == "Your table, Anna"
+    assert robot.attributes["role"] == "waiter"
+
+
+async def test_a_role_can_only_narrow_a_safety_limit(stage: Stage) -> None:
+    await stage.companion()
+    await stage.call("c1", "play", role="child")
+    with pytest.raises(BadArgument, match=r"speed: 0.5 is above 0.3, the limit of c1 as child"):
+        await stage.call("c1", "go_to", place="hall", speed=0.5)
+    from robotree.vr.errors import TooWide
+
+    with pytest.raises(TooWide, match=r"role racer: speed 2 is wider than the robot's own 0.7"):
+        await stage.call("c1", "learn_role", source="role: racer\nlimits: {speed: 2}\n")
+    with pytest.raises(TooWide, match=r"role hugger: distance 0.1 is wider than the robot's own 0.5"):
+        await stage.call("c1", "learn_role", source="role: hugger\nlimits: {distance: 0.1}\n")
+    with pytest.raises(TooWide, match=r"role teen: speed 0.6 is wider"):
+        await stage.call("c1", "learn_role", source="role: teen\ninherits: child\nlimits: {speed: 0.6}\n")

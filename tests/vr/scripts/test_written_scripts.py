@@ -1,0 +1,285 @@
+"""Scripts as people write them: what YAML may say; one clear sentence, with a place, for what it may not."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robotree.vr.errors import BrokenScript
+from robotree.vr.scripts.engine import Engine
+from robotree.vr.scripts.happening import Happening, said
+from robotree.vr.scripts.script import read_program
+from robotree.vr.scripts.trial import read_table, run
+from robotree.vr.scripts.when_then import read_yaml
+from tests.vr.scripts.stage import EXAMPLES
+
+HEAD = (
+    "script: s\npartners: {robot: Arm}\nfacts: {cup: {id: none, n: 0, colours: []}}\n"
+    "hears: {seen: {id: text, n: number}}\n"
+)
+
+
+def rule(when: str, then: str = "- log: x") -> str:
+    lines = "".join(f"      {line}\n" for line in when.split("\n"))
+    more = "".join(f"      {line}\n" for line in then.split("\n"))
+    return f"{HEAD}rules:\n  - rule: r\n    when:\n{lines}    then:\n{more}"
+
+
+MISTAKES = {
+    "an unknown fact": (
+        rule("- cat: {}"),
+        "s.yaml:8:9: there is no fact or message 'cat'; this script has: cup, seen",
+    ),
+    "an unknown slot": (
+        rule("- cup: {size: 3}"),
+        "s.yaml:8:15: fact cup has no slot 'size'; it has: id, n, colours",
+    ),
+    "an unknown part of a message": (rule("- seen: {who: 3}"), "8:16: message seen has no 'who'"),
+    "an unknown variable": (rule("- cup: {}", "- log: $who"), "10:14: ?who is not known here"),
+    "an unknown action": (
+        rule("- cup: {}", "- system: rm"),
+        "10:9: there is no action 'system'; there are: do,",
+    ),
+    "an unknown partner": (
+        rule("- cup: {}", "- do: arm.wave"),
+        "10:9: there is no partner 'arm'; this script has: robot",
+    ),
+    "an act without a partner": (rule("- cup: {}", "- do: wave"), "do is written as `do: PARTNER.ACT`"),
+    "a tab": (
+        rule("- cup: {}").replace("    when", "\twhen"),
+        "s.yaml:7:1: a tab cannot indent here: use spaces",
+    ),
+    "a tab behind spaces": (
+        rule("- cup: {}").replace("    when", "  \twhen"),
+        "7:3: a tab cannot indent here",
+    ),
+    "an invisible character": (
+        rule("- cup: {id: a\u200bb}"),
+        "8:20: the invisible character U+200B cannot stand here",
+    ),
+    "text written backwards": (rule("- cup: {id: \u202eb}"), "U+202E cannot stand here: remove it"),
+    "an alias": (HEAD + "rules: &a [*a]\n", "s.yaml:5:8: an alias (*) cannot be used: write it out"),
+    "a bomb of aliases": (
+        "script: s\nfacts: &a {x: {y: 1}}\nhears: *a\n",
+        "an alias (*) cannot be used: write it out",
+    ),
+    "a tag": ("script: !!python/name:os.system s\n", "a tag (!) cannot be used"),
+    "a key twice": (HEAD + "doc: a\ndoc: b\n", "'doc' stands here twice"),
+    "two documents": ("script: s\n---\nscript: t\n", "a second document begins here: one file holds one"),
+    "a key that means nothing": (
+        HEAD + "rule: []\n",
+        "a script has no 'rule'; it has: script, doc, partners,",
+    ),
+    "rules that are no list": (HEAD + "rules: {a: b}\n", "rules are a list: each begins with `- rule: NAME`"),
+    "a rule without then": (
+        HEAD + "rules:\n  - rule: r\n    when: [start]\n",
+        "rule r needs `when` and `then`",
+    ),
+    "two conditions in one line": (rule("- cup: {}\n  seen: {}"), "write a condition on a line of its own"),
+    "two roles at once": (
+        rule("- cup: {}", "- role: {robot: man, robot2: child}"),
+        "two roles at once cannot be played",
+    ),
+    "no name": ("partners: {robot: Arm}\n", "`script: NAME` is missing"),
+    "a name that the robot uses": (
+        "script: s\nhears: {stop: {}, start: {}}\n",
+        "'start' cannot be the name of a message",
+    ),
+    "no script at all": ("- a\n- b\n", "a script is written as `name: value`"),
+    "nothing": ("", "s.yaml:1:1: the file is empty"),
+    "a second colon": (HEAD + "doc: this: that\n", "a second ':' in one line: put the text into quotes"),
+    "a formula that is none": (
+        rule("- if: $n <"),
+        "8:13: something is missing at the end of the formula: $n <",
+    ),
+    "a time that is none": (
+        rule("- cup: {}", "- wait: {name: a, for: soon}"),
+        "'soon' is no time: write it as `5 s`",
+    ),
+    "a text in a condition": (rule('- cup: {id: "a $b"}'), "a condition takes a value, or a variable alone"),
+    "a number too large": (
+        rule("- cup: {n: 99999999999999999999}"),
+        "99999999999999999999 is too large a number",
+    ),
+    "nine conditions": (rule("\n".join(["- cup: {}"] * 9)), "rule r has more than 8 conditions"),
+    "a made message": (rule("- cup: {}", "- remember: {msg: {act: done}}"), "msg facts come from outside"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_sentence_with_line_and_column(name: str) -> None:
+    source, sentence = MISTAKES[name]
+    with pytest.raises(BrokenScript) as caught:
+        read_yaml(source, "s.yaml")
+    assert sentence in str(caught.value)
+    assert caught.value.data["line"] >= 1
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_garbled_script_raises_anything_else(seed: int) -> None:
+    good = (EXAMPLES / "guide.yaml").read_text()
+    chance = random.Random(seed)
+    refused = 0
+    for _ in range(60):
+        at = chance.randrange(len(good))
+        garbled = (
+            good[:at]
+            + chance.choice(["\t", ":", "{", "- ", "$", '"', "é", "\n", "&a ", "*a"])
+            + good[at + chance.randrange(3) :]
+        )
+        try:
+            read_yaml(garbled, "s.yaml")
+        except BrokenScript:
+            refused += 1
+    assert refused > 10
+
+
+def one(when: str, then: str, *happenings: Happening) -> list[str]:
+    engine = Engine(read_yaml(rule(when, then), "s.yaml"))
+    return [said(order) for happening in happenings for order in engine.feed(happening)]
+
+
+SEEN = Happening(act="seen", sender="op", arguments=("Ä b", 3))
+
+
+@pytest.mark.parametrize(
+    ("when", "then", "orders"),
+    [
+        ("- seen: {id: $i, n: $n}\n- if: $n + 1 > 3", "- log: $i", ['log "Ä b"']),
+        ("- seen: {id: $i, n: $n}\n- if: $n > 3 or $i = x", "- log: $i", []),
+        ("- seen: {n: {above: 2, as: $n}}", "- log: = $n * 2 + 1", ['log "7"']),
+        ("- seen: {n: {below: 3}}", "- log: x", []),
+        ("- seen: {n: {at least: 3, at most: 3}}", "- log: x", ["log x"]),
+        ("- seen: {id: {not: x}}", "- log: x", ["log x"]),
+        ("- seen: {id: {any: [x, Ä b]}}", "- log: x", ["log x"]),
+        ("- seen: {id: anything, from: $who}", '- log: "from $who, for $$5"', ['log "from op, for $5"']),
+        (
+            "- seen: {id: $i, n: $n}\n- no cup: {id: $i}",
+            "- do: [robot, take, $i, {force: $n}]",
+            ['do robot take "Ä b" force=3'],
+        ),
+        ("- seen: {id: $i}", "- do: robot.take\n  as: $i\n- cancel: $i", ["do robot take", "cancel Ä b"]),
+        ("- seen: {}", "- wait: [tea, 2 min]", ["wait tea 120"]),
+        ("- seen: {}", "- end: that is all", ['end "that is all"']),
+        ("- seen: {}", "- fail: too late", ['fail "too late"']),
+    ],
+)  # fmt: skip
+def test_what_a_rule_can_say(when: str, then: str, orders: list[str]) -> None:
+    assert one(when, then, SEEN) == orders
+
+
+def test_a_list_of_values_can_be_asked_for_one_of_them() -> None:
+    source = rule("- cup: {id: $i, colours: {has: red}}\n- seen", "- log: $i") + (
+        "begin with:\n  - cup: {id: a, colours: [blue, red]}\n  - cup: {id: b, colours: [blue]}\n"
+    )
+    engine = Engine(read_yaml(source, "s.yaml"))
+    assert [said(order) for order in engine.feed(SEEN)] == ["log a"]
+
+
+def test_the_listing_has_one_rule_of_clips_for_each_rule_of_yaml() -> None:
+    source = (EXAMPLES / "guide.yaml").read_text()
+    program = read_yaml(source, "guide.yaml")
+    written = [one["rule"] for one in yaml.safe_load(source)["rules"]]
+    assert [
+        line.split()[1] for line in program.listing.splitlines() if line.startswith("(defrule")
+    ] == written
+    assert len(program.rules) == len(written)
+
+
+SCRIPTS = sorted(path for path in EXAMPLES.iterdir() if path.name.endswith(".test.yaml"))
+
+
+def test_each_example_script_has_a_table() -> None:
+    scripts = {
+        path for path in EXAMPLES.iterdir() if path.suffix in {".yaml", ".clp"} and ".test." not in path.name
+    }
+    assert {path.parent / read_table(path.read_text(), path.name)[0] for path in SCRIPTS} == scripts
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_the_table_of_an_example_script(path: Path) -> None:
+    script, trials = read_table(path.read_text(), path.name)
+    program = read_program((path.parent / script).read_text(), script)
+    for trial in trials:
+        for played in run(program, trial):
+            assert not played.fault, f"{trial.name}: {played.fault}"
+
+
+def test_a_table_that_is_wrong_says_where_and_what_came_instead() -> None:
+    program = read_yaml((EXAMPLES / "guide.yaml").read_text(), "guide.yaml")
+    source = (
+        "script: guide.yaml\ntests:\n  - test: t\n    steps:\n"
+        "      - when: person_seen Anna hall\n        then: nothing\n"
+    )
+    (trial,) = read_table(source, "t.yaml")[1]
+    *_, last = run(program, trial)
+    assert last.fault == 'orders: do robot wave; do robot say text="Welcome, Anna"; expected: nothing'
+    assert last.mark.line == 5
+
+
+# -- the same facts in the same order give the same orders ------------------------------------------
+
+
+def test_the_same_happenings_in_the_same_order_give_the_same_orders() -> None:
+    program = read_yaml((EXAMPLES / "guide.yaml").read_text(), "guide.yaml")
+    people, places = ("Anna", "Bob", "Cho Li"), ("hall", "kitchen")
+    kinds = (
+        lambda chance, who: Happening(act="person_seen", sender="op", arguments=(who, chance.choice(places))),
+        lambda _chance, who: Happening(act="person_left", sender="op", arguments=(who,)),
+        lambda _chance, who: Happening(act="done", sender="robot", arguments=("say",), conversation=who),
+        lambda _chance, who: Happening(act="done", sender="robot", arguments=("go_to",), conversation=who),
+        lambda _chance, who: Happening(act="timer", arguments=("patience",), conversation=who),
+    )  # fmt: skip
+    found = Happening(act="found", partner="robot", robot="c1", arguments=("c1",))
+    first, second = Engine(program), Engine(program)
+    assert first.feed(found) == second.feed(found)
+    different: set[tuple[str, ...]] = set()
+    for seed in range(1000):
+        chance = random.Random(seed)
+        story = [chance.choice(kinds)(chance, chance.choice(people)) for _ in range(6)]
+        chance.shuffle(story)
+        told = [
+            tuple(said(order) for one in story for order in engine.feed(one)) for engine in (first, second)
+        ]
+        assert told[0] == told[1]
+        assert first.facts() == second.facts()
+        different.add(told[0])
+    assert len(different) > 100
+    assert [one.rule for one in first.firings] == [one.rule for one in second.firings]
+
+
+def test_a_new_engine_gives_the_orders_that_the_old_one_gave() -> None:
+    program = read_yaml((EXAMPLES / "guide.yaml").read_text(), "guide.yaml")
+    story = [
+        Happening(act="found", partner="robot", robot="c1", arguments=("c1",)),
+        *(
+            Happening(act="person_seen", sender="op", arguments=(who, "hall"))
+            for who in ("Anna", "Bob", "Cho")
+        ),
+        *(
+            Happening(act="done", sender="robot", arguments=("say",), conversation=who)
+            for who in ("Bob", "Anna")
+        ),
+    ]
+    runs = [
+        [said(order) for one in story for order in engine.feed(one)] for engine in map(Engine, [program] * 10)
+    ]
+    assert runs == [runs[0]] * 10
+    assert len(runs[0]) == 4
+
+
+def test_a_script_does_not_grow_with_its_messages() -> None:
+    engine = Engine(read_yaml((EXAMPLES / "guide.yaml").read_text(), "guide.yaml"))
+
+    def some(count: int) -> int:
+        for number in range(count):
+            engine.feed(Happening(act="person_seen", sender="op", arguments=(f"p{number}", "hall")))
+            engine.feed(Happening(act="person_left", sender="op", arguments=(f"p{number}",)))
+        return engine.memory
+
+    before = some(1000)
+    assert some(3000) < before + 50_000
