@@ -67,6 +67,7 @@ class Stage:
         self.network = MemoryNetwork()
         self.operator = self.network.join("operator")
         self.agents: dict[str, RobotAgent] = {}
+        self.begun: list[asyncio.Task[Any]] = []
 
     async def start(self, robot: Robot) -> RobotAgent:
         agent = RobotAgent(robot, self.network.join(robot.name))
@@ -91,7 +92,8 @@ class Stage:
         return await self.client(name).call(command, arguments, deadline=30.0, caller="operator")
 
     def begin(self, name: str, command: str = "start", **arguments: Any) -> asyncio.Task[Any]:
-        return asyncio.ensure_future(self.call(name, command, **arguments))
+        self.begun.append(begun := asyncio.ensure_future(self.call(name, command, **arguments)))
+        return begun
 
     async def enslave(self, parent: str, slot: str, child: str) -> None:
         await self.client(parent).enslave(slot, self.agents[child].address)
@@ -105,7 +107,8 @@ class Stage:
                 await asyncio.sleep(0.005)
 
     async def close(self) -> None:
-        for agent in self.agents.values():
+        for agent in reversed(self.agents.values()):
             await agent.close()
+        await asyncio.gather(*self.begun, return_exceptions=True)
         for transport in list(self.network.members):
             await transport.close()
