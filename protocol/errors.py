@@ -1,23 +1,25 @@
-"""Everything that can go wrong on the wire.
+"""The errors of the wire.
 
 Bytes that arrive never raise: they are counted, in the `statistics` of parsers, verifiers, links and buses.
-What raises is our own mistake, or a link or a file that cannot be had. The tree goes on in the `errors.py` of
-`capture`, `dialect` and `isotp`::
+Errors are our own mistakes, and links or files that cannot be opened. `dialect/errors.py` and
+`tools/capture/records.py` have further ones::
 
     ProtocolError
       DialectError          an XML file that does not compile
-      LocalProtocolError    we were about to speak wrongly
+      LocalProtocolError    our own mistake when sending
         InvalidMessage      a message with a value that its field cannot hold
         UnknownMessage      a message that the dialect does not have
         UnfitClass          a class with other fields than its message
+        PayloadSize         a payload that ISO-TP cannot carry
+        TransferUnderWay    an ISO-TP transfer before the last one has ended
       KeyRefused            a signing key that came over the wire, and is not taken
       KeyFileError          a file with signing keys that cannot be used
         UnmatchedLink       it has keys, but none for a link that is wanted
       LinkError
-        BadUrl              an address that means nothing
-        LinkRefused         nobody listens there, or the port is taken
+        BadUrl              an address that cannot be understood
+        LinkRefused         there is no listener, or the port is taken
         LinkClosed          ended in order: by us, or by the far end
-        LinkBroken          ended by the world
+        LinkBroken          the transport broke
         LinkOverrun         cut by us: the far end did not read
 """
 
@@ -72,6 +74,23 @@ class UnfitClass(LocalProtocolError):
         super().__init__(
             f"{cls} is not as {message} is; give it these fields, in this order: {', '.join(fields)}"
         )
+
+
+class PayloadSize(LocalProtocolError):
+    """A payload of this size cannot be sent."""
+
+    def __init__(self, size: int, largest: int) -> None:
+        self.size, self.largest = size, largest
+        super().__init__(f"a payload of {size} bytes cannot be sent; ISO-TP carries 1 to {largest}")
+
+
+class TransferUnderWay(LocalProtocolError):
+    """The transfer before has not ended."""
+
+    def __init__(self, size: int, position: int) -> None:
+        self.size, self.position = size, position
+        sentence = f"{position} of {size} bytes are sent; wait until `busy` is false, or abandon it"
+        super().__init__(sentence)
 
 
 class KeyRefused(ProtocolError):

@@ -42,7 +42,7 @@ _ROUND_MS = 50
 """[ms] after which to look whether somebody makes no room, or does not introduce himself."""
 
 
-class Stranger(msgspec.Struct, eq=False):
+class PendingConnection(msgspec.Struct, eq=False):
     """A connection whose far end has not introduced itself yet."""
 
     connection: socket.socket
@@ -71,7 +71,7 @@ class Membership:
         self.inlet = select.epoll()
         """Readable when some wire is."""
         self._wires: dict[int, Wire] = {}
-        self._strangers: dict[int, Stranger] = {}
+        self._pending: dict[int, PendingConnection] = {}
         self._open = True
         self._delayed = False
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -128,10 +128,10 @@ class Membership:
         self._thread.join()
         for wire in self._wires.values():
             wire.connection.close()
-        for stranger in self._strangers.values():
-            stranger.connection.close()
+        for pending in self._pending.values():
+            pending.connection.close()
         self._wires.clear()
-        self._strangers.clear()
+        self._pending.clear()
         self.outlets = ()
         self._seat.close()
         self.inlet.close()
@@ -171,12 +171,12 @@ class Membership:
                 self._meet(connection, dialled=True)
 
     def _all_answered(self) -> bool:
-        return not any(stranger.dialled for stranger in self._strangers.values())
+        return not any(pending.dialled for pending in self._pending.values())
 
     def _meet(self, connection: socket.socket, *, dialled: bool) -> None:
         connection.setblocking(False)
-        stranger = Stranger(connection, dialled, monotonic())
-        self._strangers[connection.fileno()] = stranger
+        pending = PendingConnection(connection, dialled, monotonic())
+        self._pending[connection.fileno()] = pending
 
     def _run(self) -> None:
         while self._open:
@@ -192,12 +192,12 @@ class Membership:
         """What the thread waits for now; made anew each time, since it changes with almost every round."""
         poll = select.poll()
         with self.lock:
-            for descriptor in (self._bell, self._seat.fileno(), *self._strangers):
+            for descriptor in (self._bell, self._seat.fileno(), *self._pending):
                 poll.register(descriptor, select.POLLIN)
             waiting = [wire.descriptor for wire in self.outlets if wire.waits]
         for descriptor in waiting:
             poll.register(descriptor, select.POLLOUT)
-        return poll, _ROUND_MS if waiting or self._strangers else None
+        return poll, _ROUND_MS if waiting or self._pending else None
 
     def _attend(self, descriptor: int) -> None:
         if descriptor == self._bell:
@@ -206,8 +206,8 @@ class Membership:
             for connection in self._newcomers():
                 self._meet(connection, dialled=False)
                 self._thin_out()
-        elif (stranger := self._strangers.get(descriptor)) is not None:
-            self._hear(stranger)
+        elif (pending := self._pending.get(descriptor)) is not None:
+            self._hear(pending)
 
     def _newcomers(self) -> Iterator[socket.socket]:
         with contextlib.suppress(OSError):
@@ -215,42 +215,42 @@ class Membership:
                 yield self._seat.accept()[0]
 
     def _thin_out(self) -> None:
-        silent = [fd for fd, stranger in self._strangers.items() if not stranger.dialled]
+        silent = [fd for fd, pending in self._pending.items() if not pending.dialled]
         for descriptor in silent[: len(silent) - MOST_STRANGERS]:
-            self._strangers.pop(descriptor).connection.close()
+            self._pending.pop(descriptor).connection.close()
 
-    def _hear(self, stranger: Stranger) -> None:
+    def _hear(self, pending: PendingConnection) -> None:
         """Take the next bytes of an introduction; with the last one the stranger becomes a member."""
         try:
-            data = stranger.connection.recv(GREETING_BYTES - len(stranger.heard))
+            data = pending.connection.recv(GREETING_BYTES - len(pending.heard))
         except BlockingIOError:
             return
         except OSError:
             data = b""
-        stranger.heard += data
-        if data and len(stranger.heard) < GREETING_BYTES:
+        pending.heard += data
+        if data and len(pending.heard) < GREETING_BYTES:
             return
-        greeting = read_greeting(stranger.heard)
-        del self._strangers[stranger.connection.fileno()]
+        greeting = read_greeting(pending.heard)
+        del self._pending[pending.connection.fileno()]
         if (
             greeting is None
-            or greeting.answer is not stranger.dialled
+            or greeting.answer is not pending.dialled
             or greeting.channel != self._first
             or greeting.token == self._token
         ):
             self.malformed += bool(data)
-            stranger.connection.close()
+            pending.connection.close()
         else:
-            self._welcome(stranger, greeting.token)
+            self._welcome(pending, greeting.token)
 
-    def _welcome(self, stranger: Stranger, token: int) -> None:
-        wire = Wire(stranger.connection, token, self._channel)
-        if not stranger.dialled:
+    def _welcome(self, pending: PendingConnection, token: int) -> None:
+        wire = Wire(pending.connection, token, self._channel)
+        if not pending.dialled:
             answer = Greeting(answer=True, channel=self._first, token=self._token)
             try:
                 wire.put(answer.encode(), monotonic())
             except OSError:
-                stranger.connection.close()
+                pending.connection.close()
                 return
         self._wires[wire.descriptor] = wire
         self._count()
@@ -271,10 +271,10 @@ class Membership:
                 except OSError:
                     self.lose(wire)
         self._delayed = any(wire.waits for wire in self.outlets)
-        for stranger in list(self._strangers.values()):
-            if now - stranger.since > MANNERS:
-                del self._strangers[stranger.connection.fileno()]
-                stranger.connection.close()
+        for pending in list(self._pending.values()):
+            if now - pending.since > MANNERS:
+                del self._pending[pending.connection.fileno()]
+                pending.connection.close()
 
     def _hang_up(self, connection: socket.socket) -> None:
         with contextlib.suppress(OSError, ValueError):

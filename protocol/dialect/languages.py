@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from robotree.files import overwrite
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownLanguage, writing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class Language(msgspec.Struct, frozen=True):
@@ -79,6 +83,31 @@ def write(name: str, target: Path, dialect: Path = compiler.DIALECT, *, base: st
             made = Path(folder) / f"out{suffix}"
             compiler.generate(made, xml=xml, language=LANGUAGES[name].generator)
             return _place(made, target)
+
+
+def dissector(ports: Sequence[int] = (), dialect: Path = compiler.DIALECT) -> str:
+    """The text of the dissector for Wireshark and tshark: Lua, bound to further ports.
+
+    Wireshark knows MAVLink by its usual ports (TCP 5760 to 5763; UDP 14550, 14580 and 18570) and by the link
+    type USER0 of a capture file. It dissects each TCP segment by itself, so it sees all frames of a sender
+    that writes whole frames, as robotree does.
+
+    Args:
+        ports: TCP and UDP ports on which MAVLink is spoken.
+        dialect: the XML.
+
+    Raises:
+        DialectError: the dialect does not compile.
+    """
+    with tempfile.TemporaryDirectory(prefix="robotree-dissector-") as folder:
+        target = Path(folder) / "robotree.lua"
+        write("wireshark", target, dialect)
+        text = target.read_text(encoding="utf-8")
+    return text + "".join(
+        f'DissectorTable.get("{transport}.port"):add({port}, mavlink_proto)\n'
+        for port in ports
+        for transport in ("tcp", "udp")
+    )
 
 
 def _place(made: Path, target: Path) -> list[Path]:

@@ -4,8 +4,8 @@ No I/O and no clock: `now` is an argument, data fields go in and out. `frames` i
 `Receiver` are the two halves, `Channel` is both for one partner.
 """
 
+from robotree.protocol.errors import PayloadSize, TransferUnderWay
 from robotree.protocol.isotp.channel import Channel, ChannelStatistics, Heard
-from robotree.protocol.isotp.errors import PayloadSize, TransferUnderWay
 from robotree.protocol.isotp.frames import CLASSIC, FD, LARGEST, FlowControl, FlowStatus
 from robotree.protocol.isotp.receiver import Receiver, ReceiverStatistics
 from robotree.protocol.isotp.sender import Failure, Sender, SenderStatistics

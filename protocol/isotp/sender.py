@@ -12,8 +12,8 @@ from math import inf
 
 import msgspec
 
+from robotree.protocol.errors import PayloadSize, TransferUnderWay
 from robotree.protocol.isotp import frames
-from robotree.protocol.isotp.errors import PayloadSize, TransferUnderWay
 from robotree.protocol.isotp.frames import FlowControl, FlowStatus
 
 N_BS = 1.0
@@ -90,7 +90,7 @@ class Sender:
             self._sent += 1
             return [frames.single(payload, self.width)]
         if not 0 < len(payload) <= frames.LARGEST:
-            raise PayloadSize(len(payload))
+            raise PayloadSize(len(payload), frames.LARGEST)
         self._payload = payload
         self._position, self._number, self._waits = self.width - 2, 1, 0
         self._waiting, self.due = True, now + self.n_bs

@@ -23,7 +23,7 @@ def answer(question: Ping, asker: Peer) -> list[Ping]:
     return [msgspec.structs.replace(question, target_system=asker.system, target_component=asker.component)]
 
 
-class Echo(msgspec.Struct, frozen=True):
+class PingAnswer(msgspec.Struct, frozen=True):
     """A ping that came back."""
 
     number: int
@@ -59,13 +59,13 @@ class Pinger:
         self._questions[self._number] = _Question(now)
         return Ping(round(now * _MICRO), self._number)
 
-    def receive(self, reply: Ping, peer: Peer, now: float) -> Echo | None:
+    def receive(self, reply: Ping, peer: Peer, now: float) -> PingAnswer | None:
         """Take an answer; None: it is none of ours. Several peers may answer the same question."""
         question = self._questions.get(reply.seq)
         if question is None or (reply.target_system, reply.target_component) != self._us:
             return None
         question.answered = True
-        return Echo(reply.seq, now - question.asked, peer.system, peer.component)
+        return PingAnswer(reply.seq, now - question.asked, peer.system, peer.component)
 
     def tick(self, now: float) -> list[int]:
         """The numbers of the questions that grew too old without an answer."""

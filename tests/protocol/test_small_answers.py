@@ -18,8 +18,8 @@ def test_everyone_who_hears_a_ping_answers_it_and_every_answer_is_measured() -> 
     question = pinger.ask(5.0)
     (answer,) = ping.answer(question, US)
     assert ping.answer(answer, ARM) == []
-    assert pinger.receive(answer, ARM, 5.25) == ping.Echo(1, 0.25, 1, 1)
-    assert pinger.receive(answer, ROVER, 5.5) == ping.Echo(1, 0.5, 2, 1)
+    assert pinger.receive(answer, ARM, 5.25) == ping.PingAnswer(1, 0.25, 1, 1)
+    assert pinger.receive(answer, ROVER, 5.5) == ping.PingAnswer(1, 0.5, 2, 1)
     assert pinger.tick(20.0) == []
     assert pinger.receive(answer, ARM, 20.0) is None
 

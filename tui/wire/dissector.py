@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from robotree.protocol.dialect.compile import DIALECT
-from robotree.protocol.dialect.dissector import dissector
 from robotree.protocol.dialect.errors import TargetTaken, writing
+from robotree.protocol.dialect.languages import dissector
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line

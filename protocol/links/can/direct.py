@@ -92,8 +92,8 @@ class DirectPort(Port):
                 self._retry = self._loop.call_later(_RETRY, self._drain)
                 return
             heapq.heappop(self._queue)
-        if self._open and self.tenant is not None:
-            self.tenant.room()
+        if self._open and self.user is not None:
+            self.user.room()
 
     def _readable(self) -> None:
         for _ in range(_BATCH):

@@ -54,7 +54,7 @@ class Host:
 
     def __init__(self, address: CanAddress, accept: Accept, port: Port) -> None:
         self._address, self._accept, self._port = address, accept, port
-        port.tenant = self
+        port.user = self
         self._loop = asyncio.get_running_loop()
         self._link: asyncio.Future[CanLink] = self._loop.create_future()
         self._began = self._loop.time()

@@ -72,7 +72,7 @@ class CanListener:
 
     def __init__(self, address: CanAddress, accept: Accept, port: Port) -> None:
         self._where, self._accept, self._port = address, accept, port
-        port.tenant = self
+        port.user = self
         self._links: dict[int, CanLink] = {}
         self._sessions: dict[int, int] = {}
         """The latest session of each host that opened one."""
@@ -130,7 +130,7 @@ class CanListener:
         if not message.is_extended_id or target not in (node, EVERYBODY):
             self._foreign += 1
         elif kind == Kind.ADDRESSED and target == node and source in HOSTS:
-            link = self._links.get(source) or self._stranger(message, source)
+            link = self._links.get(source) or self._unknown_host(message, source)
             if link is not None:
                 link.heard(message)
         elif kind == Kind.CONTROL and (control := read(bytes(message.data))) is not None:
@@ -158,7 +158,7 @@ class CanListener:
             except LinkRefused:
                 await asyncio.sleep(AGAIN)
             else:
-                self._port.tenant = self
+                self._port.user = self
                 return
 
     def _controlled(self, control: Control, source: int, *, fd: bool) -> None:
@@ -197,7 +197,7 @@ class CanListener:
         if host not in self._links:  # else the host did not hear our first answer
             self._link(host, session, fd=fd)
 
-    def _stranger(self, message: Message, host: int) -> CanLink | None:
+    def _unknown_host(self, message: Message, host: int) -> CanLink | None:
         """A data frame of a host without a link: a link, if the host knows nothing of sessions."""
         self._unknown += 1
         if (session := self._sessions.get(host)) is not None:

@@ -32,7 +32,7 @@ class PortStatistics(msgspec.Struct, frozen=True):
     """Frames that the bus has not taken yet."""
 
 
-class Tenant(Protocol):
+class PortUser(Protocol):
     """Lives behind a port."""
 
     def heard(self, message: can.Message) -> None:
@@ -53,7 +53,7 @@ class Port(ABC):
 
     def __init__(self, bus: can.BusABC, *, fd: bool) -> None:
         self.bus, self.fd = bus, fd
-        self.tenant: Tenant | None = None
+        self.user: PortUser | None = None
         """Must be set before the event loop runs again."""
         self._loop = asyncio.get_running_loop()
         self._open = True
@@ -105,8 +105,8 @@ class Port(ABC):
         self._received += 1
         if message.is_error_frame:
             self._errors += 1
-        elif self._open and self.tenant is not None and not message.is_remote_frame:
-            self.tenant.heard(message)
+        elif self._open and self.user is not None and not message.is_remote_frame:
+            self.user.heard(message)
 
     def _fail_to_receive(self, error: Exception) -> None:
         self._errors += 1
@@ -118,8 +118,8 @@ class Port(ABC):
         if self._open:
             self._open = False
             self._stop()
-            if self.tenant is not None:
-                self.tenant.broke(cause)
+            if self.user is not None:
+                self.user.broke(cause)
 
     @abstractmethod
     def _stop(self) -> None:

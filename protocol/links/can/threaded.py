@@ -98,5 +98,5 @@ class ThreadedPort(Port):
 
     def _gave(self) -> None:
         self._sent += 1
-        if not self.waiting and self._open and self.tenant is not None:
-            self.tenant.room()
+        if not self.waiting and self._open and self.user is not None:
+            self.user.room()

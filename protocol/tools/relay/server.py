@@ -11,7 +11,7 @@ import msgspec
 from robotree.protocol.errors import LinkError
 from robotree.protocol.links.loopback import Accidents
 from robotree.protocol.links.url import connect, listen, parse
-from robotree.protocol.tools.relay.joint import Joint, Traffic
+from robotree.protocol.tools.relay.cable import FaultyCable, Traffic
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable
@@ -38,11 +38,11 @@ class _Pair:
     def __init__(self, relay: Relay, near: Link, accidents: Accidents, silent_until: float) -> None:
         self._relay = relay
         self._loop = asyncio.get_running_loop()
-        self.joint = Joint(accidents, self._loop.time(), silent_until)
+        self.cable = FaultyCable(accidents, self._loop.time(), silent_until)
         self._links = [near]
         self._timer: asyncio.TimerHandle | None = None
         self._over = False
-        self.joint.open("near", near)
+        self.cable.open("near", near)
         self._opening = self._loop.create_task(self._open(), name=f"relay for {near.address}")
 
     async def _open(self) -> None:
@@ -57,21 +57,21 @@ class _Pair:
             far.close()
             return
         self._links.append(far)
-        self.joint.open("far", far)
+        self.cable.open("far", far)
 
     def take(self, side: str, data: bytes) -> None:
-        self.joint.take(side, data, self._loop.time())
+        self.cable.take(side, data, self._loop.time())
         self._schedule()
 
     def _schedule(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        due = self.joint.due
+        due = self.cable.due
         self._timer = None if due is None or self._over else self._loop.call_at(due, self._wake)
 
     def _wake(self) -> None:
         # The loop may wake a little early, by the resolution of its clock.
-        self.joint.advance(max(self._loop.time(), self.joint.due or 0.0))
+        self.cable.advance(max(self._loop.time(), self.cable.due or 0.0))
         self._schedule()
 
     def close(self) -> None:
@@ -126,19 +126,19 @@ class Relay:
     def accidents(self, accidents: Accidents) -> None:
         self._accidents = accidents
         for pair in self._pairs:
-            pair.joint.accidents = accidents
+            pair.cable.accidents = accidents
 
     @property
     def traffic(self) -> dict[str, Traffic]:
         """What went through all links, by the side it came from: `near` came to the relay by itself."""
-        every = [self._ended, *(pair.joint.traffic for pair in self._pairs)]
+        every = [self._ended, *(pair.cable.traffic for pair in self._pairs)]
         return {side: _sum([one[side] for one in every]) for side in ("near", "far")}
 
     def cut(self, duration: float) -> None:
         """Lose everything for `duration` [s], also of those who come meanwhile; the links stay open."""
         self._silent_until = asyncio.get_running_loop().time() + duration
         for pair in self._pairs:
-            pair.joint.cut(self._silent_until)
+            pair.cable.cut(self._silent_until)
 
     @property
     def cut_left(self) -> float:
@@ -157,7 +157,7 @@ class Relay:
 
     def forget(self, pair: _Pair) -> None:
         """A pair has ended."""
-        self._ended = {side: _sum([self._ended[side], one]) for side, one in pair.joint.traffic.items()}
+        self._ended = {side: _sum([self._ended[side], one]) for side, one in pair.cable.traffic.items()}
         if pair in self._pairs:
             self._pairs.remove(pair)
 

@@ -239,10 +239,10 @@ def test_a_member_with_two_connections_hears_everything_once(buses: Buses, chann
 
 def test_strangers_are_shown_the_door_and_counted(buses: Buses, channel: str) -> None:
     bus, other = buses(), buses()
-    with socket.create_connection((HOST, first_port(channel))) as stranger:
-        stranger.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    with socket.create_connection((HOST, first_port(channel))) as pending:
+        pending.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
         with suppress(ConnectionResetError):
-            assert stranger.recv(100) == b"", "it is cut without a word"
+            assert pending.recv(100) == b"", "it is cut without a word"
     assert bus.statistics.malformed == 1
     other.send(can.Message())
     assert bus.recv(SOON)

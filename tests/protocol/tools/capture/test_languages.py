@@ -14,8 +14,8 @@ import pytest
 from robotree.protocol import Parser, encode
 from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.dialect import languages
-from robotree.protocol.dialect.dissector import dissector
 from robotree.protocol.dialect.errors import NoFile, TargetTaken, UnknownBase, UnknownLanguage
+from robotree.protocol.dialect.languages import dissector
 from robotree.protocol.errors import DialectError
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import Gripper, NamedValueFloat

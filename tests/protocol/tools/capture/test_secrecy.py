@@ -20,7 +20,7 @@ from robotree.protocol.tools.capture.gauges import LinkGauge
 from robotree.protocol.tools.capture.recorder import WRITERS, Recorder
 from robotree.protocol.tools.capture.records import HIDDEN, Captured
 from robotree.protocol.tools.capture.replay import RecordFilter
-from robotree.protocol.tools.relay import Joint, Traffic
+from robotree.protocol.tools.relay import FaultyCable, Traffic
 
 SECRET = bytes(range(65, 97))
 SHOWN = (SECRET.hex(), SECRET.decode(), str([*SECRET])[1:-1], str([*SECRET])[1:-1].replace(" ", ""))
@@ -66,13 +66,13 @@ def test_a_recording_has_everything_but_keys_which_are_counted(suffix: str, sign
 
 
 def test_a_relay_passes_on_everything_but_keys_which_are_counted() -> None:
-    joint, far = Joint(Accidents(), 0.0), Heap()
-    joint.open("far", far)  # type: ignore[arg-type]  # all that is needed of a link
-    joint.take("near", said(BEAT, HANDED, BEAT), 0.0)
-    joint.advance(1.0)
+    cable, far = FaultyCable(Accidents(), 0.0), Heap()
+    cable.open("far", far)  # type: ignore[arg-type]  # all that is needed of a link
+    cable.take("near", said(BEAT, HANDED, BEAT), 0.0)
+    cable.advance(1.0)
     assert not kept(far.data)
     assert len(far.data) == 2 * len(said(BEAT))
-    assert joint.traffic["near"] == Traffic(taken=3, passed=2, withheld=1)
+    assert cable.traffic["near"] == Traffic(taken=3, passed=2, withheld=1)
 
 
 def test_a_foreign_recording_is_replayed_without_its_keys() -> None:

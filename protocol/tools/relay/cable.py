@@ -32,7 +32,7 @@ class Traffic(msgspec.Struct, frozen=True):
     """Frames among the taken ones that carry a secret; they are never passed on."""
 
 
-class _Exit:
+class _Outlet:
     """Where frames leave the cable."""
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class _Exit:
             link.send(self.early.popleft())
 
 
-class _Entrance:
+class _Inlet:
     """Where bytes are cut at frames and put into the cable."""
 
     def __init__(self, end: LoopbackEnd) -> None:
@@ -73,8 +73,8 @@ class _Entrance:
                 self._end.send(piece.data)
 
 
-class Joint:
-    """Joins a near and a far link.
+class FaultyCable:
+    """Joins a near and a far link, with faults.
 
     Args:
         accidents: what happens on the way; may be changed while it runs.
@@ -83,42 +83,44 @@ class Joint:
     """
 
     def __init__(self, accidents: Accidents, now: float, silent_until: float = 0.0) -> None:
-        self._exits = {"near": _Exit(), "far": _Exit()}
-        self._cable = Loopback(lambda _: self._exits["near"], lambda _: self._exits["far"], accidents, now)
-        self._entrances = {"near": _Entrance(self._cable.near), "far": _Entrance(self._cable.far)}
+        self._outlets = {"near": _Outlet(), "far": _Outlet()}
+        self._loopback = Loopback(
+            lambda _: self._outlets["near"], lambda _: self._outlets["far"], accidents, now
+        )
+        self._inlets = {"near": _Inlet(self._loopback.near), "far": _Inlet(self._loopback.far)}
         self._silent_until = silent_until
 
     @property
     def accidents(self) -> Accidents:
         """What happens on the way."""
-        return self._cable.accidents
+        return self._loopback.accidents
 
     @accidents.setter
     def accidents(self, accidents: Accidents) -> None:
-        self._cable.accidents = accidents
+        self._loopback.accidents = accidents
 
     @property
     def due(self) -> float | None:
         """When to call `advance`, [s]; None: nothing is under way."""
-        return self._cable.due
+        return self._loopback.due
 
     @property
     def traffic(self) -> dict[str, Traffic]:
         """What went in from either side."""
         return {
-            side: Traffic(one.taken, self._exits[_OTHER[side]].passed, one.withheld)
-            for side, one in self._entrances.items()
+            side: Traffic(one.taken, self._outlets[_OTHER[side]].passed, one.withheld)
+            for side, one in self._inlets.items()
         }
 
     def open(self, side: str, link: Link) -> None:
         """A side has its link; what arrived for it already is sent."""
-        self._exits[side].open(link)
+        self._outlets[side].open(link)
 
     def take(self, side: str, data: bytes, now: float) -> None:
         """Some bytes came from a side: put them on their way, and deliver what is due."""
-        self._cable.advance(now)
-        self._entrances[side].take(data, lose=now < self._silent_until)
-        self._cable.advance(now)
+        self._loopback.advance(now)
+        self._inlets[side].take(data, lose=now < self._silent_until)
+        self._loopback.advance(now)
 
     def cut(self, until: float) -> None:
         """Lose everything that comes before `until` [s], as if the cable were pulled."""
@@ -126,4 +128,4 @@ class Joint:
 
     def advance(self, now: float) -> None:
         """Deliver what is due."""
-        self._cable.advance(now)
+        self._loopback.advance(now)

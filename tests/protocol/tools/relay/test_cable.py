@@ -10,7 +10,7 @@ from robotree.protocol.errors import LinkBroken
 from robotree.protocol.links.loopback import Accidents, Loopback
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.testing import RecordingHandler
-from robotree.protocol.tools.relay import Joint
+from robotree.protocol.tools.relay import FaultyCable
 
 
 class Far:
@@ -34,92 +34,92 @@ def frame(number: int) -> bytes:
     return encode(message, sequence=number, system=1, component=1)
 
 
-def joined(accidents: Accidents) -> tuple[Joint, Far, Far]:
-    joint, near, far = Joint(accidents, 0.0), Far(), Far()
-    joint.open("near", near.network.near)
-    joint.open("far", far.network.near)
-    return joint, near, far
+def joined(accidents: Accidents) -> tuple[FaultyCable, Far, Far]:
+    cable, near, far = FaultyCable(accidents, 0.0), Far(), Far()
+    cable.open("near", near.network.near)
+    cable.open("far", far.network.near)
+    return cable, near, far
 
 
 @given(cut=st.integers(1, 60))
 def test_without_accidents_everything_passes_both_ways(cut: int) -> None:
-    joint, near, far = joined(Accidents())
+    cable, near, far = joined(Accidents())
     stream = b"".join(map(frame, range(20))) + b"noise"
     for i in range(0, len(stream), cut):
-        joint.take("near", stream[i : i + cut], i)
-        joint.take("far", stream[i : i + cut], i)
+        cable.take("near", stream[i : i + cut], i)
+        cable.take("far", stream[i : i + cut], i)
     assert far.sequences == near.sequences == list(range(20))
     assert far.heard.data == stream
-    assert joint.traffic["near"].passed == joint.traffic["near"].taken
+    assert cable.traffic["near"].passed == cable.traffic["near"].taken
 
 
 def test_a_lost_frame_is_lost_whole_and_the_others_are_not_touched() -> None:
-    joint, _, far = joined(Accidents(loss=0.3, seed=1))
+    cable, _, far = joined(Accidents(loss=0.3, seed=1))
     for number in range(200):
-        joint.take("near", frame(number)[:7], number)
-        joint.take("near", frame(number)[7:], number)
+        cable.take("near", frame(number)[:7], number)
+        cable.take("near", frame(number)[7:], number)
     found = far.sequences
     assert 110 <= len(found) <= 170
     assert Parser().feed(far.heard.data)[-1].sequence == found[-1]
     assert len(far.heard.data) == len(found) * len(frame(1))
-    traffic = joint.traffic["near"]
+    traffic = cable.traffic["near"]
     assert (traffic.taken, traffic.passed) == (200, len(found))
 
 
 def test_the_same_seed_loses_the_same_frames() -> None:
     outcomes: list[list[int]] = []
     for _ in range(2):
-        joint, _, far = joined(Accidents(loss=0.5, seed=7))
+        cable, _, far = joined(Accidents(loss=0.5, seed=7))
         for number in range(50):
-            joint.take("near", frame(number), number)
+            cable.take("near", frame(number), number)
         outcomes.append(far.sequences)
     assert outcomes[0] == outcomes[1]
 
 
 def test_a_delayed_frame_comes_when_it_is_due() -> None:
-    joint, _, far = joined(Accidents(delay=0.5))
-    joint.take("near", frame(0), 1.0)
-    assert joint.due == 1.5
-    joint.advance(1.49)
+    cable, _, far = joined(Accidents(delay=0.5))
+    cable.take("near", frame(0), 1.0)
+    assert cable.due == 1.5
+    cable.advance(1.49)
     assert far.sequences == []
-    joint.advance(1.5)
+    cable.advance(1.5)
     assert far.sequences == [0]
-    assert joint.due is None
+    assert cable.due is None
 
 
 def test_nothing_passes_while_the_cable_is_cut_and_everything_after() -> None:
-    joint, near, far = joined(Accidents())
+    cable, near, far = joined(Accidents())
     for number in range(20):
         if number == 10:
-            joint.cut(13.0)
-        joint.take("near", frame(number), number)
-        joint.take("far", frame(number), number)
+            cable.cut(13.0)
+        cable.take("near", frame(number), number)
+        cable.take("far", frame(number), number)
     assert near.sequences == far.sequences == [*range(10), *range(13, 20)]
 
 
 def test_accidents_change_while_it_runs() -> None:
-    joint, _, far = joined(Accidents(loss=1.0))
-    joint.take("near", frame(0), 0.0)
-    joint.accidents = Accidents()
-    joint.take("near", frame(1), 1.0)
-    joint.accidents = Accidents(duplication=1.0)
-    joint.take("near", frame(2), 2.0)
+    cable, _, far = joined(Accidents(loss=1.0))
+    cable.take("near", frame(0), 0.0)
+    cable.accidents = Accidents()
+    cable.take("near", frame(1), 1.0)
+    cable.accidents = Accidents(duplication=1.0)
+    cable.take("near", frame(2), 2.0)
     assert far.sequences == [1, 2, 2]
 
 
 def test_what_comes_before_the_far_link_is_open_waits_for_it() -> None:
-    joint, far = Joint(Accidents(), 0.0), Far()
-    joint.take("near", frame(0) + frame(1), 0.0)
-    joint.open("far", far.network.near)
-    joint.take("near", frame(2), 0.1)
+    cable, far = FaultyCable(Accidents(), 0.0), Far()
+    cable.take("near", frame(0) + frame(1), 0.0)
+    cable.open("far", far.network.near)
+    cable.take("near", frame(2), 0.1)
     assert far.sequences == [0, 1, 2]
 
 
 @given(st.lists(st.tuples(st.sampled_from(["near", "far"]), st.binary(max_size=300)), max_size=20))
 def test_no_bytes_raise_and_none_are_added(pieces: list[tuple[str, bytes]]) -> None:
-    joint, near, far = joined(Accidents())
+    cable, near, far = joined(Accidents())
     for now, (side, data) in enumerate(pieces):
-        joint.take(side, data, now)
+        cable.take(side, data, now)
     near.network.advance()
     far.network.advance()
     for side, other in (("near", far), ("far", near)):
@@ -128,8 +128,8 @@ def test_no_bytes_raise_and_none_are_added(pieces: list[tuple[str, bytes]]) -> N
 
 
 def test_an_end_that_has_gone_is_nothing_that_raises() -> None:
-    joint, _, far = joined(Accidents())
+    cable, _, far = joined(Accidents())
     far.network.cut()
     far.network.advance()
-    joint.take("near", frame(0), 0.0)
+    cable.take("near", frame(0), 0.0)
     assert [type(reason) for reason in far.heard.reasons] == [LinkBroken]
