@@ -36,7 +36,7 @@ def test_every_command_line_is_understood(path: Path) -> None:
         for line in block.splitlines():
             if line.startswith("robotree "):
                 words = grammar.split(re.split(r"\s{3,}| \| | > ", line)[0])
-                grammar.parse(words[1:] or ["supervise"], shapes(Where.SHELL), EVERYWHERE)
+                assert grammar.parse(words[1:] or ["supervise"], shapes(Where.SHELL), EVERYWHERE).verb
 
 
 def test_the_tables_of_verbs_and_keys_are_those_of_the_registry() -> None:

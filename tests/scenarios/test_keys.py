@@ -123,6 +123,7 @@ async def test_an_arm_without_keys_is_not_believed_by_who_has_one(cell: Guarded)
     words = ("proxy", "rover", "careful", "--connect", arm.address, "--space", "none")
     await cell.crew.start(*words, "--key", str(cell.folder / "ours.key"))
     await cell.refusal("careful", of="none is signed with our key")
+    assert not (await cell.fleet.describe("careful")).online
 
 
 def test_the_verbs_of_the_wire_take_the_key_from_the_line_or_the_environment(cell: Guarded) -> None:

@@ -176,6 +176,7 @@ def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_s
     for one in (signal.SIGHUP, signal.SIGTERM, signal.SIGHUP):
         os.killpg(terminal.pid, one)  # as a window's program and a tidy shell do
     gone(terminal, family)
+    assert not any(living(pid) for pid in family)
 
 
 @pytest.mark.parametrize("leader", ["", LED_BY_MAKE])
@@ -187,6 +188,7 @@ def test_the_plain_screen_ends_with_its_terminal(
     family = terminal.family()
     terminal.close()
     gone(terminal, family)
+    assert not any(living(pid) for pid in family)
 
 
 def test_a_screen_whose_terminal_takes_nothing_more_still_ends_when_it_is_told_to(

@@ -151,6 +151,7 @@ async def test_figure_4_17_move_to_is_created(stage: Stage) -> None:
 
 async def test_figure_4_18_and_named(stage: Stage) -> None:
     await stage.name_it("mover")
+    assert "mover" in stage.listed
 
 
 async def test_figure_4_19_open_close_lever_is_created(stage: Stage) -> None:
@@ -160,6 +161,7 @@ async def test_figure_4_19_open_close_lever_is_created(stage: Stage) -> None:
 
 async def test_figure_4_20_and_named(stage: Stage) -> None:
     await stage.name_it("lever")
+    assert "lever" in stage.listed
 
 
 async def test_figure_4_21_the_mover_enslaves_the_proxy(stage: Stage) -> None:

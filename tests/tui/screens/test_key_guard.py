@@ -90,7 +90,7 @@ async def test_a_dialog_that_a_key_opened_takes_keys_at_once(realm: Realm, opera
         await operator.press("question_mark")
         await operator.at(Reading)
         await operator.press("q")
-        await operator.at(MainPage)
+        assert await operator.at(MainPage) is operator.app.main
 
 
 async def test_the_answer_to_a_question_that_has_closed_is_no_key_of_the_page_beneath(

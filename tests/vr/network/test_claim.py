@@ -71,7 +71,7 @@ async def test_a_holder_that_is_just_leaving_is_waited_for() -> None:
     one, other = network.join(), network.join()
     held = await claim(one, new_address("robot", "arm"))
     asyncio.get_running_loop().call_later(0.05, lambda: asyncio.ensure_future(held.close()))
-    await claim(other, new_address("robot", "arm"))
+    assert await claim(other, new_address("robot", "arm"))
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.001, 0.05, 0.099])

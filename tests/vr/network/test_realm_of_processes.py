@@ -143,11 +143,12 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
     process.signal(signal.SIGSTOP)
     await asyncio.sleep(seconds)
     process.signal(signal.SIGCONT)
-    async with asyncio.timeout(1.0):  # measured: at most 0.05 s, on a machine at load 5
-        await arrived(transport, "arm")
-        answer = None
-        while answer != ([b"ack", b"hi"], None):
-            answer = await replies_of(transport.request("robot/arm/1", b"hi", timeout=5))
+    woken = time.perf_counter()
+    await arrived(transport, "arm")
+    answer = None
+    while answer != ([b"ack", b"hi"], None) and time.perf_counter() < woken + 10:
+        answer = await replies_of(transport.request("robot/arm/1", b"hi", timeout=5))
+    assert time.perf_counter() - woken < 1.0  # measured: at most 0.05 s, on a machine at load 5
 
 
 @pytest.mark.parametrize(("urgent", "count"), [(False, b"1"), (True, b"2")])
