@@ -4,6 +4,7 @@ PYTHON ?= python3
 NAMED = $(or $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'),$(error $(PYTHON) cannot be run))
 VENV := .venv$(if $(filter command,$(origin PYTHON)),-$(NAMED))
 SEED := 1
+WORKERS := 3
 INTERPRETERS := 3.11 3.12 3.13
 BIN := $(VENV)/bin
 LOCK := requirements.lock
@@ -36,8 +37,9 @@ $(STAMP): $(LOCK) pyproject.toml
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, two lookups, host, supervisor
 	@$(BIN)/robotree demo
 
-test: $(STAMP)  ## the test suite (about 5 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
-	$(BIN)/python -m pytest -n 2
+# One worker more than cores: nearly half of the time the tests wait for something.
+test: $(STAMP)  ## the test suite (5 to 7 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
+	$(BIN)/python -m pytest -n $(WORKERS)
 
 # Looked for on PATH, then where pyenv and uv keep theirs. A shim of pyenv is there and runs nothing, so each is tried.
 interpreters:  ## the test suite on every interpreter that the project supports and this machine has
