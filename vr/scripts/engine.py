@@ -219,8 +219,13 @@ class Engine:
         )
 
     def _settle(self, event: int) -> bool:
-        """Let rules fire until none wants to; return whether one of them has used a certain fact."""
+        """Let rules fire until none wants to; return whether one of them has used a certain fact.
+
+        A rule fires once for one happening and the same facts, also when it changes one of these facts: else
+        a counter of messages would count for ever. (A fact that is modified keeps its number, CLIPS 6.4.)
+        """
         begun, used = self._spent(), False
+        done: set[tuple[str, str]] = set()
         self._memory.learn()
         for count in range(MOST_FIRINGS):
             activation = next(self._env.activations(), None)
@@ -229,7 +234,12 @@ class Engine:
             _, _, line = str(activation).partition(" ")
             rule, _, basis = line.strip().partition(": ")
             numbers = [int(number) for number in _FACT.findall(basis)]
-            used = used or event in numbers
+            if event in numbers:
+                used = True
+                if (rule, basis) in done:  # the rule has changed one of these facts itself: not twice
+                    activation.delete()
+                    continue
+                done.add((rule, basis))
             because = self._because(basis) if count < _TOLD else ()
             before = len(self._orders)
             self._env.run(1)

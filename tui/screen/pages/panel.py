@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Horizontal, Vertical
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import ContentSwitcher, OptionList
 from textual.widgets.option_list import Option
 
@@ -21,10 +22,16 @@ from robotree.tui.screen.widgets.marks import mood_mark, tint
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
+from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
 
+
+SCRIPT = "Script"
+"""Kind of robots that are led by rules."""
+GLANCE = 1.0
+"""[s] between two looks at the facts of a script, and for its answer."""
 
 LETTERS = {"teleoperate", "cancel", "about"}
 """Actions whose keys are letters."""
@@ -56,6 +63,9 @@ class PanelPage(Page):
                 )
                 yield SidePane(classes="beside -within")
                 yield Readings(id="readings")
+                if self._leads:
+                    with VerticalScroll(id="rules", can_focus=False):
+                        yield CachedText(id="facts")
             yield ContentSwitcher(id="forms")
             yield SidePane(classes="beside -own")
 
@@ -71,6 +81,25 @@ class PanelPage(Page):
         if self.robot.commands:
             commands.highlighted = 0
         commands.focus()
+        if self._leads:
+            self.query_one("#rules").border_title = "rules"
+            self._watch_rules()
+
+    @property
+    def _leads(self) -> bool:
+        """Whether the robot is a script, which shows what its rules know."""
+        return SCRIPT in self.robot.kinds and self.robot.command("facts") is not None
+
+    @work(exclusive=True, exit_on_error=False, group="rules")
+    async def _watch_rules(self) -> None:
+        """Show facts, agenda and firings, live, until the panel is left."""
+        while True:
+            try:
+                told = str(await self.app.fleet.call(self.robot.name, "facts", {}, deadline=GLANCE))
+            except VrError as error:
+                told = str(error)
+            self.query_one("#facts", CachedText).show(Text(told))
+            await asyncio.sleep(GLANCE)
 
     @property
     def _readings(self) -> dict[str, float]:
