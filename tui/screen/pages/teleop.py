@@ -276,7 +276,9 @@ class TeleopPage(Page):
             line.append(f"! {', '.join(_way(*one) for one in self._dropped.items())} dropped  ", error)
         if self.jog.target is not None:
             x, y, z, twist = (self.jog.target[axis] for axis in AXES)
-            line.append(f"to x {x:.3f}  y {y:.3f}  z {z:.3f} m  {degrees(twist):.0f}°", "bold")
+            x, y, z = (round(value, 3) + 0.0 for value in (x, y, z))  # no -0.000
+            turn = round(degrees(twist)) + 0
+            line.append(f"to x {x:.3f}  y {y:.3f}  z {z:.3f} m  {turn}°", "bold")
         line.rstrip()
         return line
 
