@@ -1,7 +1,8 @@
 """Virtual robots (nothing to do with goggles): agents that wrap other robots' commands into coarser ones.
 
 What an author of a robot needs is here, in pure files; every error is in `errors.py`. From the bottom up:
-`running/` carries out an author's code, `bundle/` loads it from a page, `network/` leads to other processes;
+`running/` carries out an author's code, `roles/` changes its manner, `scripts/` are robots made of rules,
+`bundle/` loads a page or a script, `network/` leads to other processes;
 `exchange/` asks and answers, `lookup/` knows who is where, `space/` keeps counts; `agents/` live by all of
 these, `supervision/` sees them all by name, and `world/` runs it all in virtual time, for tests.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from robotree.vr.bundle import Bundle
 from robotree.vr.roles import read_profile, resolve
 from robotree.vr.roles.profile import shipped
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
@@ -36,3 +37,11 @@ def test_the_role_of_the_guide_can_be_played() -> None:
     assert role.manner["voice"] == "man-2"
     assert role.manner["pitch"] == 0.8
     assert role.words["Welcome"] == "Your table is ready"
+
+
+def test_the_companion_of_the_guide_loads_and_plays_its_roles() -> None:
+    (page,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
+    robot = Bundle(page, "companion.py").create("companion")
+    assert robot.play(role="child") == "child"
+    assert robot.way_to("wave").__name__ == "_wave_as_child"
+    assert robot.manner_of("wave").number("speed", 0.5) == 0.3
