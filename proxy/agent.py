@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, Callable, Coroutine
+from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,7 +18,7 @@ from robotree.proxy import kinds
 from robotree.proxy.errors import BadController
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.session import CONTROLLER
-from robotree.proxy.view import WorkspaceView
+from robotree.proxy.view import CAMERAS, WorkspaceView
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
@@ -86,6 +86,7 @@ async def run_view(
     *,
     realm: str | None = None,
     security: LinkSecurity = UNSIGNED,
+    cameras: Mapping[str, int] = CAMERAS,
     ready: Ready = _ignore,
 ) -> None:
     """Run the view of one workspace in a realm until cancelled. The controller may come and go.
@@ -95,6 +96,7 @@ async def run_view(
         url: where the controller listens whose cameras it uses.
         realm: None: `$ROBOTREE_REALM`, else `default`.
         security: the keys of the link to the controller.
+        cameras: components of the controller by the name of the camera.
         ready: called with the address once the view can be used.
 
     Raises:
@@ -103,7 +105,7 @@ async def run_view(
         DuplicateName: a living view has the name.
         TransportError: the realm cannot be joined.
     """
-    view = WorkspaceView(name, _checked(url), security=security)
+    view = WorkspaceView(name, _checked(url), security=security, cameras=cameras)
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)

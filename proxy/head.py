@@ -27,6 +27,8 @@ USUAL_RATE = 1.5
 """[rad/s] when the caller names none."""
 LONGEST = 200
 """[bytes] of UTF-8 in one text."""
+HEARD = "heard"
+"""Attribute of a head that has heard something: number, tag of the speaker, and the text."""
 NEVER = 1e6
 """[s] age of a tag that was not seen."""
 
@@ -106,6 +108,13 @@ class Head(RobotProxy):
 
     limits = LIMITS
     readers = HEAD_READERS
+
+    def readings(self) -> dict[str, float]:
+        """Return the last known readings; what was heard last is told beside them, as an attribute."""
+        latest = self._session.twin.latest(Speech)
+        if latest is not None:
+            self.attributes[HEARD] = f"{latest.number} {latest.speaker} {latest.text}"
+        return super().readings()
 
     @command(effect="repeat")
     def look(self, pan: Pan, tilt: Tilt, rate: Rate = USUAL_RATE) -> None:

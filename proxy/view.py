@@ -20,8 +20,8 @@ from robotree.proxy.session import ControllerSession, Event
 from robotree.proxy.translate import UNITS
 from robotree.vr.errors import BadArgument, CommandFailed
 
-CAMERAS = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
-"""Cameras by their component of the controller. The first one is the default."""
+CAMERAS: Mapping[str, int] = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
+"""Cameras by their component of the controller, where a view is given no others."""
 RATES: Mapping[type[Message], float] = {Joints: 10.0, Tool: 10.0, LocalPositionNed: 10.0}
 """[Hz] at which the poses are enough to be read by people; a controller sends them five times as often, and
 on a bus they would take the place of the pictures."""
@@ -69,6 +69,7 @@ class WorkspaceView:
         dial: Dial = connect,
         chance: random.Random | None = None,
         security: LinkSecurity = UNSIGNED,
+        cameras: Mapping[str, int] = CAMERAS,
     ) -> None:
         """Prepare the view; nothing is opened before `run`.
 
@@ -79,15 +80,16 @@ class WorkspaceView:
             dial: opens a link.
             chance: for the waits between attempts to connect.
             security: the keys of our links.
+            cameras: components of the controller by the name of the camera; the first one is the default.
         """
-        self.name = name
+        self.name, self._cameras = name, dict(cameras)
         self._answer_within = answer_within
         self._session = ControllerSession(component=MavComponent.ONBOARD_COMPUTER, rates=RATES)
         self._connection = Connection(
             url, self._session, on_event=self._hear, dial=dial, chance=chance, security=security
         )
         self._shared: dict[PictureSpec, asyncio.Task[bytes]] = {}
-        self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in CAMERAS}
+        self._turn: dict[str, asyncio.Lock] = {camera: asyncio.Lock() for camera in self._cameras}
         self._expected: dict[int, asyncio.Future[bytes]] = {}
 
     @property
@@ -98,7 +100,7 @@ class WorkspaceView:
     @property
     def cameras(self) -> Sequence[str]:
         """Names of the cameras; the first one is the default."""
-        return tuple(CAMERAS)
+        return tuple(self._cameras)
 
     @property
     def reading_units(self) -> Mapping[str, str]:
@@ -134,7 +136,7 @@ class WorkspaceView:
             CommandFailed: the controller is offline or does not send a picture.
         """
         camera = camera or self.cameras[0]
-        if camera not in CAMERAS:
+        if camera not in self._cameras:
             reason = f"there is no camera {camera!r}; there is: {', '.join(self.cameras)}"
             raise BadArgument(command=f"{self.name}.look", parameter="camera", reason=reason)
         spec = PictureSpec.of(camera, width, height, quality)
@@ -159,7 +161,7 @@ class WorkspaceView:
 
     async def _ask(self, spec: PictureSpec, ends: float) -> bytes | None:
         """Ask once, and wait while pieces come, until the moment `ends` [s]; None: no whole picture came."""
-        component, system = CAMERAS[spec.camera], self._session.controller.system
+        component, system = self._cameras[spec.camera], self._session.controller.system
         request = PictureRequest(spec.width, spec.height, system, component, spec.quality)
         expected: asyncio.Future[bytes]
         expected = self._expected[component] = asyncio.get_running_loop().create_future()

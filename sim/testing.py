@@ -153,6 +153,10 @@ class Operator:
         self.say(Goal(key, epoch, round(1000 * ttl), padded, verb, 1, self.target))
         return key
 
+    def knows(self, key: int) -> bool:
+        """Whether anything was heard of a goal."""
+        return key in self._statuses
+
     def status_of(self, key: int) -> GoalStatus:
         """The latest that was heard of a goal."""
         return self._statuses[key]

@@ -175,7 +175,7 @@ def _take_calm(line: Line) -> None:
 
 def _demo(line: Line, *, readonly: bool) -> int:
     """Play the demo: on the full screen where there is a terminal for it, else as its script."""
-    from robotree.tui import demo
+    from robotree.tui import demo, demo_companion
     from robotree.tui.wire import security
 
     _take_calm(line)
@@ -189,7 +189,9 @@ def _demo(line: Line, *, readonly: bool) -> int:
 
         keymap.load()  # one that is wrong is told before anything begins
     over = demo.Wire.of(can=line.flag("--can"), classic=line.flag("--classic"))
+    story = demo_companion.STORY if demo_companion.wanted(line.text("STORY")) else demo.CELL
     work = demo.demo(
+        story,
         headless=headless or bool(without),
         realm=line.text("--realm"),
         pictures=line.text("--pictures"),
@@ -313,12 +315,32 @@ def _component(text: str) -> int:
     return int(text)
 
 
+def _cameras(text: str) -> dict[str, int]:
+    """Components by the names of cameras, from `left=101,right=102`."""
+    from robotree.tui.errors import ValueRefused
+
+    found: dict[str, int] = {}
+    for each in text.split(","):
+        name, _, component = each.partition("=")
+        if not name.strip():
+            raise ValueRefused("LIST", f"{each!r} names no camera; write NAME=COMPONENT, such as left=101")
+        found[name.strip()] = _component(component)
+    return found
+
+
 async def _view(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_view
     from robotree.tui.wire.security import securing
 
     async with securing(line) as security:
-        await run_view(line.text("NAME"), line.text("--connect"), realm=realm, security=security, ready=ready)
+        await run_view(
+            line.text("NAME"),
+            line.text("--connect"),
+            realm=realm,
+            security=security,
+            cameras=_cameras(line.text("--cameras", "cell=100,wrist=101")),
+            ready=ready,
+        )
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:

@@ -9,10 +9,12 @@ import asyncio
 import json
 import os
 import time
+from collections.abc import Collection
 from contextlib import chdir
 from enum import Enum
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Protocol
 
 from robotree.files import own_folder
 from robotree.tui import exit_codes
@@ -51,7 +53,23 @@ class Wire(Enum):
         return f"{bus}&node=1", f"{bus}&node=2"
 
 
+class Story(Protocol):
+    """What a demo consists of."""
+
+    names: Collection[tuple[str, str]]
+    """Role and name of all who take part."""
+
+    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+        """Bring up everybody."""
+        ...
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
+        """Play without a person; the last line is one JSON object."""
+        ...
+
+
 async def demo(
+    story: Story,
     *,
     headless: bool,
     realm: str = "",
@@ -61,13 +79,14 @@ async def demo(
     readonly: bool = False,
     key: str = REALM,
 ) -> int:
-    """Start everything, hand over to a person or to the session script, and end everything.
+    """Start everything, hand over to a person or to the story's own course, and end everything.
 
     Args:
-        headless: play `examples/close_lever.session` instead of showing the supervisor.
+        story: which.
+        headless: play the story instead of showing the supervisor.
         realm: where; empty: the default realm for a person, so that a second terminal sees the demo, and
             a realm of its own for the script.
-        pictures: folder for the pictures before and after; empty: `robotree-demo` in the current one.
+        pictures: folder for pictures; empty: `robotree-demo` in the current one.
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
@@ -81,13 +100,13 @@ async def demo(
     try:
         if headless:
             await asyncio.to_thread(own_folder, folder)
-        await _alone(realm)
+        await _alone(realm, story.names)
         file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING)) as crew:
-            note(f"starting the demo in realm {realm!r}: a cell, a rover, their proxies, lookups, a host …")
-            await cast(crew, counting=not headless, wire=wire, speedup=speedup)
+            note(f"starting the demo in realm {realm!r}: {len(story.names)} programs …")
+            await story.cast(crew, counting=not headless, wire=wire, speedup=speedup)
             if headless:
-                return await _play(realm, folder, readonly=readonly)
+                return await story.play(realm, folder, readonly=readonly)
             return await _supervise(realm, readonly=readonly)
     except (MemberFailed, DemoRuns) as failure:
         complain(failure)
@@ -97,7 +116,7 @@ async def demo(
         return exit_codes.INTERRUPTED
 
 
-async def _alone(realm: str) -> None:
+async def _alone(realm: str, cast: Collection[tuple[str, str]]) -> None:
     """See that nobody in the realm has a name of the cast.
 
     Raises:
@@ -108,8 +127,6 @@ async def _alone(realm: str) -> None:
     if not anybody_met(realm):
         return
     async with joined(realm) as fleet:
-        cast = {("robot", ARM), ("robot", ROVER), ("view", VIEW), ("host", HOST)}
-        cast |= {("lookup", name) for name in LOOKUPS}
         there = [one for role in ROLES for one in fleet.directory.present(role)]
         taken = sorted(one.name for one in there if (one.role, one.name) in cast)
     if taken:
@@ -141,6 +158,29 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP, spee
         ("proxy", "rover", ROVER, "--connect", rover.address, *counters),
         ("view", VIEW, "--connect", arm.address),
     )
+
+
+class Cell:
+    """An arm at its lever, and a rover."""
+
+    names: Collection[tuple[str, str]] = (
+        ("robot", ARM),
+        ("robot", ROVER),
+        ("view", VIEW),
+        ("host", HOST),
+        *(("lookup", name) for name in LOOKUPS),
+    )
+
+    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+        """Bring up the cell."""
+        await cast(crew, counting=counting, wire=wire, speedup=speedup)
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
+        """Play the lever's story."""
+        return await _play(realm, folder, readonly=readonly)
+
+
+CELL = Cell()
 
 
 async def _supervise(realm: str, *, readonly: bool) -> int:

@@ -38,9 +38,9 @@ BRAKING: Final = 0.7
 """[m/s2] at which the base may have to brake at any moment."""
 BALANCE_MARGIN: Final = 0.02
 """[m] that the zero-moment point keeps from the wheels' rectangle."""
-_BODY: Final = ("chassis", "column", "trunk_l", "trunk_r", "chest", "skull")
-_LIMB: Final = ("upper_arm", "lower_arm", "cuff", "knuckle", "palm", "pad_l", "pad_r")
-_NEIGHBOURS: Final = {("upper_arm", "chest"), ("upper_arm", "trunk_l"), ("upper_arm", "trunk_r")}
+BODY: Final = ("chassis", "column", "trunk_l", "trunk_r", "chest", "skull")
+LIMB: Final = ("upper_arm", "lower_arm", "cuff", "knuckle", "palm", "pad_l", "pad_r")
+NEIGHBOURS: Final = {("upper_arm", "chest"), ("upper_arm", "trunk_l"), ("upper_arm", "trunk_r")}
 """Beside the shoulder; the joints' stops keep them apart."""
 _IN_WORDS: Final = {
     "chassis": "base",
@@ -206,16 +206,16 @@ class Guard:
     def _own_pairs(self) -> list[_Pair]:
         pairs: list[_Pair] = []
         for side in SIDES:
-            for limb in _LIMB:
-                for body in _BODY:
-                    if (limb, body) not in _NEIGHBOURS:
+            for limb in LIMB:
+                for body in BODY:
+                    if (limb, body) not in NEIGHBOURS:
                         words = f"{side} {_IN_WORDS[limb]} and {_IN_WORDS.get(body, body)}"
                         pairs.append(self._own(f"{side}_{limb}", body, words))
             for limb in ("palm", "pad_l", "pad_r", "knuckle"):
                 words = f"{side} {_IN_WORDS[limb]} and {side} upper arm"
                 pairs.append(self._own(f"{side}_{limb}", f"{side}_upper_arm", words))
-        for mine in _LIMB:
-            for other in _LIMB:
+        for mine in LIMB:
+            for other in LIMB:
                 words = f"left {_IN_WORDS[mine]} and right {_IN_WORDS[other]}"
                 pairs.append(self._own(f"left_{mine}", f"right_{other}", words))
         return pairs
@@ -224,7 +224,7 @@ class Guard:
         return _Pair(self._id(first), self._id(second), SELF_MARGIN, words, Reason.SELF_COLLISION)
 
     def _thing_pairs(self) -> list[_Pair]:
-        parts = [f"{side}_{limb}" for side in SIDES for limb in _LIMB[1:]] + ["skull", "chest"]
+        parts = [f"{side}_{limb}" for side in SIDES for limb in LIMB[1:]] + ["skull", "chest"]
         return [
             _Pair(
                 self._id(part),

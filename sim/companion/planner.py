@@ -28,6 +28,10 @@ JUMP: Final = 0.7
 """[rad] between neighbouring postures of a straight way above which the arm would have to flip."""
 JOINT_MARGIN: Final = 0.02
 """[rad] that a way keeps from the joints' stops."""
+MISSES: Final = 2
+"""Searches that ended off a pose after which it counts as out of reach."""
+TRIES: Final = 8
+"""Objections after which no more ways are tried: the answer must come within 20 ms."""
 NEAR: Final = 0.25
 """[m] a hand's way up to which the straight one is tried first: then it is mostly wanted for its own sake."""
 TUCKED: Final = (0.15, 0.25, 0.0, 2.1, 0.0, 0.2)
@@ -111,6 +115,8 @@ class Planner:
         found = False
         for pose in _poses(side, goal):
             for end in self._ends(side, pose, q):
+                if len(objections) >= TRIES:
+                    raise Forbidden(objections[0])
                 found = True
                 whole = np.array(q)
                 whole[ARMS[side]] = end
@@ -155,14 +161,17 @@ class Planner:
         figure, axes = self._figure, ARMS[side]
         lower, upper = figure.lower[axes] + JOINT_MARGIN, figure.upper[axes] - JOINT_MARGIN
         ends: list[Vector] = []
+        misses = 0
         for seed in (q[axes], *map(np.array, SEEDS)):
             found = figure.solve(side, pose, q, seed, iterations=40)
             inside = bool((found.q >= lower).all() and (found.q <= upper).all())
             if found.reached and inside and all(np.abs(found.q - end).max() > 0.05 for end in ends):
                 ends.append(found.q)
                 yield found.q
-            elif not found.reached and found.error > 0.15:
-                return
+            elif not found.reached and not ends:
+                misses += 1
+                if misses >= MISSES:
+                    return
 
     def _to(
         self,
@@ -183,6 +192,8 @@ class Planner:
             if objection is None:
                 return way
             objections.append(objection)
+            if len(objections) >= TRIES:
+                return None
         return None
 
     def _chains(self, side: int, q: Vector, end: Vector, pose: Pose | None) -> Iterator[Sequence[Vector]]:

@@ -32,6 +32,8 @@ HAND_AT_REST: Final = (0.0, 0.20, 0.44)
 """[m, m, share of the height] ahead and to the left of the middle, and how high: the hand beside the hip."""
 FELT: Final = 0.6
 """Share of a cup's weight on the palm that is felt as a cup that stands there."""
+LET_GO: Final = 0.18
+"""[m] from the palm to the robot's hands beyond which a visitor moves the hand with a cup."""
 CLOSE_AFTER: Final = 0.35
 """[s] of feeling it after which the fingers close."""
 REACH_RATE: Final = 0.6
@@ -101,6 +103,7 @@ class Notice(NamedTuple):
         spoken: how many texts it has said so far.
         cups: x, y, z of each cup by its tag [m].
         held: tags of the cups that are in a hand of the robot.
+        hands: x, y, z of the robot's hands [m].
         alone: whether no other visitor is in the flat.
         felt: what rests on the visitor's palm, as a share of a cup's weight, and the tag of that cup.
     """
@@ -110,6 +113,7 @@ class Notice(NamedTuple):
     spoken: int
     cups: dict[int, tuple[float, float, float]]
     held: frozenset[int]
+    hands: Sequence[tuple[float, float, float]]
     alone: bool
     felt: tuple[float, int]
 
@@ -220,8 +224,8 @@ class Visitor:
             return self._felt > 0.0 and tag not in seen.held
         if self._felt > CLOSE_AFTER and tag not in seen.held:
             self.holding = tag
-            return True
-        return False
+        # Fingers that hold a cup stay where they are until the robot's hand has gone.
+        return bool(self.holding) and min(math.dist(self.hand, each) for each in seen.hands) > LET_GO
 
     def _hears(self, seen: Notice) -> bool:
         if self._spoken < 0:

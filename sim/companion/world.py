@@ -135,6 +135,7 @@ class Flat:
             for i, each in enumerate(VISITORS)
             for cup in CUPS
         }
+        self._tools = [model.site(f"{PREFIX}{side}_tcp").id for side in SIDES]
         self._eye = model.camera(PREFIX + "eye_left").id
         self._head = model.body(PREFIX + "head").id
         self._touched_by_fingers: frozenset[int] = frozenset()
@@ -145,13 +146,14 @@ class Flat:
         self._feel()
         place, base = self.body.place, self.body.base.look()
         still = not self.body.base.moving and float(np.abs(base.rate).max()) < 0.05
+        hands = [_point(self._data.site_xpos[tool]) for tool in self._tools]
         cups = {tag: _point(self.cup(tag)) for tag in self._cup_bodies}
         for i, visitor in enumerate(self.visitors):
             felt = self._palms.get(i, (0.0, 0))
             before = visitor.holding
             alone = not any(each.inside for each in self.visitors if each is not visitor)
             spoken, held = len(self.spoken), self._touched_by_fingers
-            seen = Notice((place.x, place.y), still, spoken, cups, held, alone, felt)
+            seen = Notice((place.x, place.y), still, spoken, cups, held, hands, alone, felt)
             visitor.advance(LIVELY, seen)
             if visitor.holding and not before:
                 self._grasp(i, visitor.holding)

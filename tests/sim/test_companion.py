@@ -238,7 +238,7 @@ def test_the_base_slows_down_for_a_person_who_walks_into_its_way_and_goes_on_aft
     bench = CompanionBench(world)
     key = bench.base.ask(Verb.DRIVE, 2.0, -0.1, 0.0, 0.8)
     nearest = math.inf
-    while key not in bench.base._statuses or not GoalState(bench.base.status_of(key).state).final:
+    while not bench.base.knows(key) or not GoalState(bench.base.status_of(key).state).final:
         bench.base.step()
         nearest = min(nearest, world.body.nearest)
     assert GoalState(bench.base.status_of(key).state) == GoalState.SUCCEEDED
@@ -269,7 +269,7 @@ def test_a_hand_presses_no_harder_than_its_limit(free: CompanionBench) -> None:
     here = np.array(data.xpos[hand])
     key = free.left.ask(Verb.REACH, 0.45, 0.3, 1.2, NAN, LEVEL, 0.25)
     strongest, before = 0.0, np.zeros(3)
-    while not (key in free.left._statuses and GoalState(free.left.status_of(key).state).final):
+    while not (free.left.knows(key) and GoalState(free.left.status_of(key).state).final):
         away = here - data.xpos[hand]
         data.xfrc_applied[hand, :3] = 2000.0 * away + 40.0 * (away - before) / 0.01
         before = away

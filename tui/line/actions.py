@@ -208,13 +208,14 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- run
     Action(
-        usage="demo [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
+        usage="demo [STORY] [--headless] [--pictures FOLDER] [--can] [--classic] [--speedup FACTOR]"
         " [--key FILE | --open]",
         help="A whole cell: simulated robots, proxies, lookups, a host, the full screen; --can: over CAN FD."
+        " STORY: companion, a flat with visitors instead of the cell."
         " Its links are signed with the realm's own key, with --open they are not. --speedup: as for sim.",
         group=PROCESS,
         where=Where.SHELL,
-        examples=("demo --can", "demo --headless --can --classic"),
+        examples=("demo --can", "demo companion --headless", "demo --headless --can --classic"),
     ),
     Action(
         usage="supervise",
@@ -250,8 +251,9 @@ ACTIONS: tuple[Action, ...] = (
         examples=("proxy arm arm-1 --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="view NAME --connect URL [--key FILE | --open]",
-        help="Offer pictures of the workspace of a robot's controller.",
+        usage="view NAME --connect URL [--cameras LIST] [--key FILE | --open]",
+        help="Offer pictures of the workspace of a robot's controller."
+        " --cameras: other cameras than cell=100,wrist=101.",
         group=PROCESS,
         where=Where.SHELL,
         examples=("view cell --connect tcp:127.0.0.1:5760",),

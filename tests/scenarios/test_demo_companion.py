@@ -1,0 +1,34 @@
+"""The companion's evening, played by the real processes without a person."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.mark.soak
+@pytest.mark.e2e
+@pytest.mark.timeout(900)
+def test_an_evening_with_three_visitors_ends_well(tmp_path: Path) -> None:
+    runtime = tmp_path / "run"
+    runtime.mkdir(mode=0o700)
+    home = {"XDG_RUNTIME_DIR": str(runtime), "XDG_STATE_HOME": str(tmp_path / "state")}
+    words = (sys.executable, "-m", "robotree.tui", "demo", "companion", "--headless")
+    played = subprocess.run(
+        (*words, "--pictures", str(tmp_path / "pictures")),
+        env={**os.environ, **home},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    verdict = json.loads(played.stdout.splitlines()[-1])
+    assert played.returncode == 0, played.stderr
+    assert verdict["ok"]
+    assert (verdict["greeted"], verdict["cups"], verdict["dropped"], verdict["left_early"]) == (3, 2, 1, 1)
+    assert (verdict["role_changes"], verdict["stops"], verdict["refused"]) == (1, 1, 3)
+    assert verdict["peak_force_n"] < 60

@@ -1,0 +1,256 @@
+"""The demo of the companion: visitors come, are greeted, guided and served; a script leads the robot.
+
+Without a person the demo is what a recogniser, an operator and a clock would be: it tells the script who has
+come and who leaves, by what the robot's ears report; changes the role in the middle; tries what must be
+refused; stops everything, and releases it again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import Counter
+from collections.abc import Collection, Mapping
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.demo import HOST, LOOKUPS, Wire
+from robotree.tui.errors import ValueRefused
+from robotree.tui.processes.crew import Crew
+from robotree.tui.terminal import aside, put
+from robotree.vr.errors import VrError
+
+if TYPE_CHECKING:
+    from robotree.vr.supervision.fleet import Fleet
+
+NAME = "companion"
+PARTS: Mapping[str, tuple[str, int]] = {
+    "base": ("base", 1),
+    "left": ("limb", 25),
+    "right": ("limb", 26),
+    "head": ("head", 27),
+}
+"""Kind and MAVLink component of each proxy, by its name, which is that of its slot, too."""
+ROBOT, SCRIPT, VIEW, EYES = "companion", "evening", "flat", "eyes"
+PEOPLE = {11: "anna", 12: "bela", 13: "cleo"}
+"""Who wears which tag."""
+LONGEST = 900.0
+"""[s] that the evening may take."""
+LISTEN = 0.2
+"""[s] between two questions what was heard."""
+ROLES = ("butler", "child")
+"""Played before and after the change."""
+FORCE = 60.0
+"""[N] that no hand may feel on the way."""
+
+
+def wanted(story: str) -> bool:
+    """Whether this demo is meant by what stands on the command line.
+
+    Raises:
+        ValueRefused: there is no such story.
+    """
+    if story not in {"", "cell", NAME}:
+        raise ValueRefused("STORY", f"there is no demo {story!r}; there is: cell, {NAME}")
+    return story == NAME
+
+
+class Companion:
+    """A flat with visitors, and the companion in it."""
+
+    names: Collection[tuple[str, str]] = (
+        *(("robot", name) for name in (*PARTS, ROBOT, SCRIPT)),
+        ("view", VIEW),
+        ("view", EYES),
+        ("host", HOST),
+        *(("lookup", name) for name in LOOKUPS),
+    )
+
+    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+        """Bring up the flat, its proxies, lookups and a host."""
+        counters = () if counting else ("--space", "none")
+        at, _ = wire.addresses(crew.realm)
+        flat, *_ = await crew.start_all(
+            ("sim", "companion", "--listen", at, "--state", "none", "--speedup", speedup),
+            *(("lookup", name) for name in LOOKUPS),
+            ("host", HOST, *counters),
+        )
+        await crew.start_all(
+            *(
+                ("proxy", kind, name, "--connect", flat.address, "--component", str(component), *counters)
+                for name, (kind, component) in PARTS.items()
+            ),
+            ("view", VIEW, "--connect", flat.address, "--cameras", "cell=100"),
+            ("view", EYES, "--connect", flat.address, "--cameras", "left=101,right=102"),
+        )
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:  # noqa: ARG002  a fixed course
+        """Play the evening and print, as the last line, what came of it as one JSON object."""
+        from robotree.tui.processes.realm import joined
+
+        began = time.monotonic()
+        with as_file(files("robotree.examples")) as examples:
+            async with joined(realm) as fleet:
+                evening = Evening(fleet, examples / "companion", folder)
+                try:
+                    async with asyncio.timeout(LONGEST):
+                        await evening.run()
+                except (VrError, TimeoutError) as error:
+                    evening.trouble = str(error) or f"the evening took longer than {LONGEST:g} s"
+                verdict = await evening.verdict()
+        verdict["wall_s"] = round(time.monotonic() - began, 1)
+        put(json.dumps(verdict))
+        return exit_codes.DONE if verdict["ok"] else exit_codes.REFUSED
+
+
+STORY = Companion()
+
+
+class Evening:
+    """One evening.
+
+    Args:
+        fleet: the robots.
+        pages: folder of the companion's page and script.
+        folder: for pictures.
+    """
+
+    def __init__(self, fleet: Fleet, pages: Path, folder: Path) -> None:
+        self._fleet, self._pages, self._folder = fleet, pages, folder
+        self._said: Counter[str] = Counter()
+        self._number = 0
+        self._pictures: list[str] = []
+        self.trouble = ""
+        self._counts = Counter[str]()
+        self._began = time.monotonic()
+
+    async def run(self) -> None:
+        """From the first visitor to the charging place."""
+        fleet = self._fleet
+        await fleet.create(str(self._pages / "companion.py"), ROBOT)
+        for slot in PARTS:
+            await fleet.enslave(ROBOT, slot, slot)
+        await fleet.create(str(self._pages / "evening.yaml"), SCRIPT)
+        await self._call(ROBOT, "play", role=ROLES[0])
+        await self._call(ROBOT, "go_to", place="door")
+        await fleet.enslave(SCRIPT, "robot", ROBOT)
+        await fleet.tell(SCRIPT, "start", {}, deadline=LONGEST)
+        await self._look("waiting")
+        await self._refused("head.look", "head", "look", pan=0.5, tilt=0.0)
+        while not (self._counts["cups"] >= 2 and self._counts["left"]):
+            await self._listen()
+            await asyncio.sleep(LISTEN)
+        await self._stop()
+        await fleet.cancel(SCRIPT)
+        await fleet.release(SCRIPT, "robot")
+        await self._refused("too fast", ROBOT, "go_to", place="table", speed=0.7)
+        await self._refused("out of reach", ROBOT, "reach", x=2.9, y=2.3, z=1.0)
+        self._note(f"the battery holds {100 * await self._charge():.1f} %")
+        await self._look("charging")
+
+    async def verdict(self) -> dict[str, Any]:
+        """What came of it."""
+        counts = self._counts
+        peak = 0.0
+        for hand in ("left", "right"):
+            peak = max(peak, (await self._fleet.describe(hand)).readings.get("peak_force", 0.0))
+        expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left"] == 1
+        handled = counts["dropped"] == 1 and counts["stops"] == 1 and counts["role_changes"] >= 1
+        return {
+            "ok": not self.trouble and expected and handled and peak < FORCE,
+            "greeted": counts["greeted"],
+            "cups": counts["cups"],
+            "left_early": counts["left"],
+            "dropped": counts["dropped"],
+            "role_changes": counts["role_changes"],
+            "stops": counts["stops"],
+            "refused": counts["refused"],
+            "peak_force_n": round(peak, 1),
+            "trouble": self.trouble,
+            "pictures": self._pictures,
+        }
+
+    # -- what people do
+
+    async def _listen(self) -> None:
+        """Hear what a visitor says, and tell the script who has come and who goes."""
+        heard = (await self._fleet.describe("head")).attributes.get("heard", "")
+        number, _, rest = heard.partition(" ")
+        tag, _, text = rest.partition(" ")
+        if not number or int(number) <= self._number:
+            return
+        self._number = int(number)
+        who = PEOPLE.get(int(tag), "")
+        self._note(f"{who}: {text}")
+        self._said[who] += 1
+        if self._said[who] == 1:
+            self._counts["greeted"] += 1
+            await self._fleet.call(SCRIPT, "person_seen", {"who": who})
+            await self._look(f"{who}-comes")
+        elif "have to go" in text:
+            self._counts["left"] += 1
+            await self._fleet.call(SCRIPT, "person_left", {"who": who})
+        elif "fall" in text:
+            self._counts["dropped"] += 1
+            await self._look("a-cup-falls")
+        elif "Thank you" in text:
+            self._counts["cups"] += 1
+            await self._look(f"{who}-has-a-cup")
+            if self._counts["cups"] == 1:
+                await self._change_role()
+
+    async def _change_role(self) -> None:
+        """Another role, under the running script."""
+        await self._fleet.call(SCRIPT, "play", {"role": ROLES[1], "at": "robot"})
+        self._counts["role_changes"] += 1
+        self._note(f"from now on it plays the role {ROLES[1]!r}")
+
+    async def _stop(self) -> None:
+        """Stop everything while the robot goes about, see that it stands, and release it."""
+        await asyncio.sleep(4.0)
+        await self._fleet.stop(None)
+        await asyncio.sleep(1.0)
+        before = (await self._fleet.describe("base")).readings
+        await asyncio.sleep(1.0)
+        after = (await self._fleet.describe("base")).readings
+        if abs(after["x"] - before["x"]) + abs(after["y"] - before["y"]) > 0.01:
+            self.trouble = "it moved while it was stopped"
+        self._counts["stops"] += 1
+        self._note("everything stands; it is released")
+        await self._fleet.resume(None)
+
+    async def _charge(self) -> float:
+        """Go and charge a little."""
+        now = (await self._fleet.describe("base")).readings.get("battery", 0.0)
+        return float(await self._call(ROBOT, "charge", until=min(now + 0.001, 1.0), deadline=120.0))
+
+    # -- helpers
+
+    async def _call(self, robot: str, command: str, *, deadline: float = 60.0, **arguments: Any) -> Any:
+        return await self._fleet.call(robot, command, arguments, deadline=deadline)
+
+    async def _refused(self, what: str, robot: str, command: str, **arguments: Any) -> None:
+        """Try what must be refused."""
+        try:
+            await self._fleet.call(robot, command, arguments)
+        except VrError as error:
+            self._counts["refused"] += 1
+            self._note(f"refused, as it must be: {error}")
+        else:
+            self.trouble = f"{what} was not refused"
+
+    async def _look(self, name: str) -> None:
+        """Take a picture; a view that does not answer spoils nothing."""
+        try:
+            picture = await self._fleet.look(VIEW, width=480, height=300)
+        except VrError:
+            return
+        path = self._folder / f"{len(self._pictures) + 1:02}-{name}.jpg"
+        await asyncio.to_thread(path.write_bytes, picture.jpeg)
+        self._pictures.append(str(path))
+
+    def _note(self, text: str) -> None:
+        aside(f"{time.monotonic() - self._began:6.1f} s  {text}")
