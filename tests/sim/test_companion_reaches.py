@@ -83,6 +83,7 @@ def test_random_reaches_never_bring_the_body_to_touch_itself() -> None:
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(900)
 def test_five_hundred_random_reaches_never_bring_the_body_to_touch_itself() -> None:
     reached, gap, peak = reach_at_random(500, seed=1)
     assert reached > 100
