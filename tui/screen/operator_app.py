@@ -7,7 +7,6 @@ the operator.
 from __future__ import annotations
 
 import logging
-import math
 import os
 import time
 from collections.abc import Mapping
@@ -155,9 +154,8 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     # -- verbs -------------------------------------------------------------------------------------
 
     def progress(self, fraction: float, text: str) -> None:
-        """Hear how far a verb is (`verbs.Teller`)."""
-        share = "" if math.isnan(fraction) else f"{fraction:.0%} "
-        self.tell(f"… {share}{text}".rstrip())
+        """Take how far a verb is (`verbs.Teller`). The list shows it; the log would overflow."""
+        del fraction, text
 
     def warn(self, text: str) -> None:
         """Hear what a person should know before a verb has ended (`verbs.Teller`)."""

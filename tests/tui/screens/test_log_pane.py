@@ -55,3 +55,13 @@ async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Opera
         await operator.sees("say: 29")
         await operator.resize(50, 15)
         await operator.sees("say: 29")
+
+
+async def test_the_progress_of_a_typed_command_pushes_nothing_out_of_the_log(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        operator.app.tell("what matters")
+        for number in range(1000):
+            operator.app.progress(number / 1000, "3 cm to go")
+        assert [one.text for one in operator.app.store.entries][-1] == "what matters"
