@@ -35,7 +35,7 @@ from robotree.vr.written import Scalar
 
 MOST_FIRINGS = 1500
 """Rules that may fire for one happening."""
-LONGEST = 0.08
+LONGEST = 0.06
 """[s] of processor time for one happening."""
 MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""
@@ -48,7 +48,7 @@ REMEMBERED = 200
 """Firings that are remembered for explanations."""
 _TOLD = 100
 """Firings of one happening whose facts are remembered."""
-_GLANCE = 32
+_GLANCE = 16
 """Firings between two looks at the clock."""
 _FACT = re.compile(r"f-(\d+)")
 
