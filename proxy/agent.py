@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any, Protocol
 
 from robotree.protocol.errors import BadUrl
@@ -23,8 +22,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
-from robotree.vr.space.contract import Space
-from robotree.vr.space.sqlite import SqliteSpace
+from robotree.vr.running.process import Process
 from robotree.vr.transport import Transport
 
 Ready = Callable[[str], None]
@@ -35,13 +33,12 @@ def _ignore(_: str) -> None:
     """Do nothing with the address."""
 
 
-async def run_proxy(  # noqa: PLR0913  the options of a command line
+async def run_proxy(
     kind: str,
     name: str,
     url: str,
     *,
     realm: str | None = None,
-    space_path: Path | None = None,
     security: LinkSecurity = UNSIGNED,
     take_over: bool = False,
     component: int = CONTROLLER.component,
@@ -54,7 +51,6 @@ async def run_proxy(  # noqa: PLR0913  the options of a command line
         name: of the robot, unique in the realm.
         url: where its controller listens, as `tcp:127.0.0.1:5760`.
         realm: None: `$ROBOTREE_REALM`, else `default`.
-        space_path: file in which calls are counted over restarts; None: they are not.
         security: the keys of the link to the controller.
         take_over: have the controller obey this proxy also if another one holds it.
         component: MAVLink component of the controller that moves the robot.
@@ -71,11 +67,7 @@ async def run_proxy(  # noqa: PLR0913  the options of a command line
     transport = await join(realm)
     async with contextlib.AsyncExitStack() as stack:
         stack.push_async_callback(transport.close)
-        space = None
-        if space_path is not None:
-            space = SqliteSpace(space_path)
-            stack.push_async_callback(space.close)
-        agent = await stack.enter_async_context(running_proxy(robot, transport, space=space))
+        agent = await stack.enter_async_context(running_proxy(robot, transport))
         ready(agent.address.key)
         await agent.closed.wait()
 
@@ -116,14 +108,14 @@ async def run_view(
 
 @asynccontextmanager
 async def running_proxy(
-    robot: RobotProxy, transport: Transport, *, space: Space | None = None
+    robot: RobotProxy, transport: Transport, *, process: Process | None = None
 ) -> AsyncGenerator[RobotAgent]:
     """Run a robot's proxy inside the block.
 
     Args:
         robot: the proxy.
         transport: the way to the other agents.
-        space: where calls are counted.
+        process: whose threads carry its commands out; None: one of its own.
 
     Yields:
         Its agent.
@@ -134,7 +126,7 @@ async def running_proxy(
     """
     registrar = Registrar(transport)
     agent = RobotAgent(
-        robot, transport, registrar=registrar, space=space, obeyed=lambda: _obeyed_epoch(robot)
+        robot, transport, registrar=registrar, obeyed=lambda: _obeyed_epoch(robot), process=process
     )
     robot.on_change = agent.notify
     async with _running(agent, registrar, robot.run):

@@ -286,11 +286,10 @@ async def _sim(line: Line, _realm: str, ready: Ready) -> None:
 
 async def _proxy(line: Line, realm: str, ready: Ready) -> None:
     from robotree.proxy.agent import run_proxy
-    from robotree.tui.processes.state_files import space_file
     from robotree.tui.wire.security import securing
 
     kind, name, url = line.text("KIND"), line.text("NAME"), line.text("--connect")
-    space, take_over = space_file(line.text("--space"), realm), line.flag("--take-over")
+    take_over = line.flag("--take-over")
     component = _component(line.text("--component", "1"))
     async with securing(line) as security:
         await run_proxy(
@@ -298,7 +297,6 @@ async def _proxy(line: Line, realm: str, ready: Ready) -> None:
             name,
             url,
             realm=realm,
-            space_path=space,
             security=security,
             take_over=take_over,
             component=component,
@@ -344,11 +342,9 @@ async def _view(line: Line, realm: str, ready: Ready) -> None:
 
 
 async def _host(line: Line, realm: str, ready: Ready) -> None:
-    from robotree.tui.processes.state_files import space_file
     from robotree.vr.agents.run import run_host
 
-    space = space_file(line.text("--space"), realm)
-    await run_host(line.text("NAME"), realm=realm, space_path=space, ready=ready)
+    await run_host(line.text("NAME"), realm=realm, ready=ready)
 
 
 async def _lookup(line: Line, realm: str, ready: Ready) -> None:

@@ -59,7 +59,7 @@ class Story(Protocol):
     names: Collection[tuple[str, str]]
     """Role and name of all who take part."""
 
-    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
         """Bring up everybody."""
         ...
 
@@ -104,7 +104,7 @@ async def demo(
         file = await asyncio.to_thread(key_file, key, realm)
         async with Crew(realm, key=str(file or NOTHING)) as crew:
             note(f"starting the demo in realm {realm!r}: {len(story.names)} programs …")
-            await story.cast(crew, counting=not headless, wire=wire, speedup=speedup)
+            await story.cast(crew, wire=wire, speedup=speedup)
             if headless:
                 return await story.play(realm, folder, readonly=readonly)
             return await _supervise(realm, readonly=readonly)
@@ -133,12 +133,11 @@ async def _alone(realm: str, cast: Collection[tuple[str, str]]) -> None:
         raise DemoRuns(realm, taken)
 
 
-async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP, speedup: str = "1") -> None:
+async def cast(crew: Crew, *, wire: Wire = Wire.TCP, speedup: str = "1") -> None:
     """Bring up the demo's agents, each as soon as what it needs is there.
 
     Args:
         crew: which they join.
-        counting: whether calls are counted over restarts, in the user's state folder.
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.
 
@@ -146,16 +145,15 @@ async def cast(crew: Crew, *, counting: bool = True, wire: Wire = Wire.TCP, spee
         MemberFailed: one did not come up.
     """
     at_arm, at_rover = wire.addresses(crew.realm)
-    counters = () if counting else ("--space", "none")
     arm, rover, *_ = await crew.start_all(
         ("sim", "arm", "--listen", at_arm, "--state", "none", "--speedup", speedup),
         ("sim", "rover", "--listen", at_rover, "--state", "none", "--speedup", speedup),
         *(("lookup", name) for name in LOOKUPS),
-        ("host", HOST, *counters),
+        ("host", HOST),
     )
     await crew.start_all(
-        ("proxy", "arm", ARM, "--connect", arm.address, *counters),
-        ("proxy", "rover", ROVER, "--connect", rover.address, *counters),
+        ("proxy", "arm", ARM, "--connect", arm.address),
+        ("proxy", "rover", ROVER, "--connect", rover.address),
         ("view", VIEW, "--connect", arm.address),
     )
 
@@ -171,9 +169,9 @@ class Cell:
         *(("lookup", name) for name in LOOKUPS),
     )
 
-    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
         """Bring up the cell."""
-        await cast(crew, counting=counting, wire=wire, speedup=speedup)
+        await cast(crew, wire=wire, speedup=speedup)
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
         """Play the lever's story."""

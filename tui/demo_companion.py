@@ -69,18 +69,17 @@ class Companion:
         *(("lookup", name) for name in LOOKUPS),
     )
 
-    async def cast(self, crew: Crew, *, counting: bool, wire: Wire, speedup: str) -> None:
+    async def cast(self, crew: Crew, *, wire: Wire, speedup: str) -> None:
         """Bring up the flat, its proxies, lookups and a host."""
-        counters = () if counting else ("--space", "none")
         at, _ = wire.addresses(crew.realm)
         flat, *_ = await crew.start_all(
             ("sim", "companion", "--listen", at, "--state", "none", "--speedup", speedup),
             *(("lookup", name) for name in LOOKUPS),
-            ("host", HOST, *counters),
+            ("host", HOST),
         )
         await crew.start_all(
             *(
-                ("proxy", kind, name, "--connect", flat.address, "--component", str(component), *counters)
+                ("proxy", kind, name, "--connect", flat.address, "--component", str(component))
                 for name, (kind, component) in PARTS.items()
             ),
             ("view", VIEW, "--connect", flat.address, "--cameras", "cell=100"),

@@ -10,15 +10,20 @@ A result of several parts reads like an object: `self.arm.get_info().z`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
-from robotree.vr.context import CallFuture, running
+from robotree.vr.context import CallFuture, activity_here, running
 from robotree.vr.description import SlotSpec
 from robotree.vr.errors import BadArgument
 
 if TYPE_CHECKING:
-    from robotree.vr.bond import Slots
-    from robotree.vr.virtual_robot import VirtualRobot
+    from robotree.vr.core.bonds import Bond, Slots
+
+
+class HasSlots(Protocol):
+    """What has child slots: a virtual robot."""
+
+    child_slots: Slots
 
 
 class Record(dict[str, Any]):
@@ -52,8 +57,8 @@ class Child:
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Child: ...
     @overload
-    def __get__(self, robot: VirtualRobot, owner: type[Any]) -> ChildRobot: ...
-    def __get__(self, robot: VirtualRobot | None, owner: type[Any]) -> Child | ChildRobot:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildRobot: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Child | ChildRobot:
         return self if robot is None else ChildRobot(robot.child_slots, self.name)
 
     def exposed(self, command: str = "") -> Exposed:
@@ -82,8 +87,8 @@ class Exposed:
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Exposed: ...
     @overload
-    def __get__(self, robot: VirtualRobot, owner: type[Any]) -> ChildCommand: ...
-    def __get__(self, robot: VirtualRobot | None, owner: type[Any]) -> Exposed | ChildCommand:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildCommand: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Exposed | ChildCommand:
         return self if robot is None else ChildCommand(robot.child_slots, self.child.name, self.command)
 
 
@@ -97,11 +102,18 @@ class ChildRobot:
         self._slots, self._slot = slots, slot
 
     def __bool__(self) -> bool:
-        return self._slots[self._slot].bond is not None
+        return self._bond() is not None
 
     def __str__(self) -> str:
-        bond = self._slots[self._slot].bond
+        bond = self._bond()
         return f"nobody in {self._slot}" if bond is None else bond.child.name
+
+    def _bond(self) -> Bond | None:
+        """Return what is in the slot; in a running command that is one of its steps."""
+        activity = activity_here()
+        slot = self._slots[self._slot]
+        bond: Bond | None = slot.bond if activity is None else activity.observe(lambda: slot.bond)
+        return bond
 
     def __getattr__(self, command: str) -> ChildCommand:
         if command.startswith("_"):
@@ -124,10 +136,10 @@ class ChildCommand:
         Raises:
             VrError: what the child raised, or why it could not be asked.
         """
-        return self.start(*values, **arguments).result()
+        return running().call(self._slot, self._command, self._named(values, arguments))
 
     def start(self, *values: Any, **arguments: Any) -> CallFuture:
-        """Have it carried out meanwhile."""
+        """Have it carried out meanwhile; it ends with the running command at the latest."""
         return running().start(self._slot, self._command, self._named(values, arguments))
 
     def tell(self, *values: Any, **arguments: Any) -> None:

@@ -6,6 +6,7 @@ the same time without knowing of each other.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from typing import Any, Protocol
@@ -82,12 +83,36 @@ class Activity(Protocol):
         """Wait [s]."""
         ...
 
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock. Not a step: a command asks by `Robot.now`."""
+        ...
+
+    def random(self) -> float:
+        """Return a number from 0 up to but not including 1. Not a step either."""
+        ...
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float = math.inf) -> bool:
+        """Wait until something is so, `timeout` [s] at most; returns whether it is. See `wake`."""
+        ...
+
+    def wake(self) -> None:
+        """Have `wait_for` look again. From any thread."""
+        ...
+
     def progress(self, fraction: float, text: str) -> None:
         """Tell how far the command is."""
         ...
 
+    def observe(self, look: Callable[[], Any]) -> Any:
+        """Read something that may be another thing the next time: the clock, chance, who is in a slot."""
+        ...
+
+    def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
+        """Call a child's command, wait for its end and return the result."""
+        ...
+
     def start(self, slot: str, command: str, arguments: Mapping[str, Any]) -> CallFuture:
-        """Call a child's command."""
+        """Call a child's command; it ends with the running command at the latest."""
         ...
 
     def tell(self, slot: str, command: str, arguments: Mapping[str, Any]) -> None:
@@ -110,6 +135,11 @@ def running() -> Activity:
     return activity
 
 
+def activity_here() -> Activity | None:
+    """Return the command that runs here, or None."""
+    return _running.get(None)
+
+
 def enter(activity: Activity) -> None:
-    """Say which command the present thread runs, from now on to its end."""
+    """Say which command runs in the present context."""
     _running.set(activity)

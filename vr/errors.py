@@ -14,7 +14,6 @@ that a caller on the far side of the network catches the same class with the sam
                       NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots · BrokenScript
       RoleError       NoSuchRole · NoRoles · TwoRoles · TooWide
-      SpaceError      BrokenSpace
 """
 
 from __future__ import annotations
@@ -194,8 +193,8 @@ class StillRunning(CommandError):
     """Code of a command that was ended runs on; nothing that moves may begin beside it."""
 
     sentence = (
-        "{robot} takes no command that moves: its {command} was ended but heeds no cancel and still runs; "
-        "restart {home}"
+        "{robot} takes no command that moves: its {command} was ended but ignores every cancel and "
+        "still runs; restart {home}"
     )
 
 
@@ -423,16 +422,3 @@ class TooWide(RoleError):
     sentence = (
         "role {role}: {limit} {asked:g} is wider than the robot's own {own:g}; a role can only narrow a limit"
     )
-
-
-# -- space -----------------------------------------------------------------------------------------
-
-
-class SpaceError(VrError):
-    """The durable store cannot be used."""
-
-
-class BrokenSpace(SpaceError):
-    """The file is damaged, of another kind, or cannot be written."""
-
-    sentence = "{path} cannot be used as a space: {reason}; move it away, and a new one is made"

@@ -48,6 +48,11 @@ class Call(_Message, frozen=True, kw_only=True):
     """[s] from the arrival on, within which the command must be done; inherited down the tree."""
     oneway: bool = False
     """The caller waits for `Accepted` only."""
+    source: str = ""
+    """Of a caller that numbers its calls: unique for it and its present life. Empty: it does not."""
+    number: int = 0
+    lowest: int = 0
+    """Below which number none of the caller's calls matters to it any more: a late copy is refused."""
 
 
 class Cancel(_Message, frozen=True, kw_only=True):

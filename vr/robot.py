@@ -21,6 +21,9 @@ class Robot:
     """False while what stands behind this robot cannot be reached: its readings are stale."""
     reading_units: ClassVar[Mapping[str, str]] = {}
     """Symbol of the unit of each reading, by its name; what is not here is a plain number."""
+    isolated: bool = False
+    """Whether its commands may get stuck in code that nobody can interrupt, such as a driver's: then they
+    never run on the thread of the command that calls them."""
     halted: str = ""
     """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
     not. While it lasts no command begins; `resume` releases it. Whoever sets it notifies the agent."""
@@ -92,6 +95,14 @@ class Robot:
     def sleep(self, seconds: float) -> None:
         """Wait [s]; ends early, as `check` would, when the command is asked to end."""
         running().sleep(seconds)
+
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock."""
+        return float(running().observe(running().now))
+
+    def random(self) -> float:
+        """Return a number from 0 up to but not including 1."""
+        return float(running().observe(running().random))
 
     def progress(self, fraction: float, text: str = "") -> None:
         """Tell the caller how far the command is.

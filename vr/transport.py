@@ -5,8 +5,9 @@ alive (`announce`, `watch`). `network/` has one for the processes of a machine a
 several machines, `world/` one within a process, in virtual time. `testing.py` examines any implementation
 (`check_transport`).
 
-All callbacks are called on the event loop of the transport. Bodies are bytes; `requests.py` gives them
-meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*` for one chunk, `**` for many.
+All callbacks are called on the event loop of the transport, except those of `ask` and `direct`. Bodies are
+bytes; `requests.py` gives them meaning. A key is a chunk path like `robot/arm-1/6f2c`; a pattern may have `*`
+for one chunk, `**` for many.
 """
 
 from __future__ import annotations
@@ -21,6 +22,13 @@ Respond = Callable[[bytes], None]
 
 RequestHandler = Callable[[bytes, Respond], Awaitable[None]]
 """Answers one request. Runs as its own task; an exception in it is logged and ends the reply."""
+
+DirectHandler = Callable[[bytes, Respond, Callable[[], None]], bool]
+"""Takes a request in the thread that reads it: its body, how to reply, how to end the replies; both may be
+called from any thread. Must not block. False: it has not taken it."""
+
+Hear = Callable[[bytes | None], None]
+"""Takes one reply, in any thread; None: there are no more. Must not block."""
 
 SampleHandler = Callable[[str, bytes], None]
 """Takes one published sample: its key and its body. Must not block."""
@@ -79,8 +87,16 @@ class Registration(Protocol):
 class Transport(Protocol):
     """The way from agent to agent. Calls within one process may be direct."""
 
-    async def serve(self, key: str, handler: RequestHandler) -> Registration:
-        """Answer the requests sent to exactly this key. One server per key."""
+    async def serve(
+        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
+    ) -> Registration:
+        """Answer the requests sent to exactly this key. One server per key.
+
+        Args:
+            key: of the server.
+            handler: answers a request on the event loop.
+            direct: is offered each request first, without the event loop.
+        """
         ...
 
     def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
@@ -97,6 +113,19 @@ class Transport(Protocol):
             Unreachable: it ended without a single reply: not served, or its process died.
             NoAnswer: the time was over (replies that came before were yielded).
             TransportClosed: this transport is closed.
+        """
+        ...
+
+    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+        """Ask the server of a key without waiting. From any thread, without the event loop if possible.
+
+        Args:
+            key: as served.
+            body: the request.
+            within: [s] for which it may lie unread: later the server does not begin with it. How long to wait
+                for replies is the asker's own matter.
+            urgent: as in `request`.
+            hear: takes the replies; None without one: nobody serves the key, or the process died.
         """
         ...
 

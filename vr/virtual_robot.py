@@ -6,8 +6,8 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from robotree.vr.bond import Slots
 from robotree.vr.child import Child, Exposed
+from robotree.vr.core.bonds import Slots
 from robotree.vr.robot import Robot
 
 
@@ -40,7 +40,7 @@ class VirtualRobot(Robot):
             BadName: that cannot be a name.
         """
         super().__init__(name, attributes)
-        self.child_slots = Slots(name, (child.spec() for child in slots_of(type(self)).values()))
+        self.child_slots = Slots.empty(name, (child.spec() for child in slots_of(type(self)).values()))
 
 
 def slots_of(cls: type[Any]) -> dict[str, Child]:

@@ -8,10 +8,10 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robotree.vr.address import Address
-from robotree.vr.bond import Bond, Slots
+from robotree.vr.core.bonds import Bond, Slots
+from robotree.vr.core.lease import Lessee
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
-from robotree.vr.lease import Lessee
 
 NAMES = ("left", "right")
 CHILDREN = [Address("robot", f"arm-{number}", "1") for number in range(3)]
@@ -21,7 +21,8 @@ slot_names = st.sampled_from(NAMES)
 class BondMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
-        self.slots = Slots("lever", [SlotSpec(name=name, kind="Arm") for name in NAMES])
+        self.epoch = 0
+        self.slots = Slots.empty("lever", [SlotSpec(name=name, kind="Arm") for name in NAMES])
         self.asked: dict[str, Address] = {}
         self.bound: dict[str, Bond] = {}
         self.lost: dict[str, str] = {}
@@ -41,7 +42,8 @@ class BondMachine(RuleBasedStateMachine):
     def bind(self, data: st.DataObject) -> None:
         slot = data.draw(st.sampled_from(sorted(self.asked)))
         child = self.asked.pop(slot)
-        lease = Lessee(epoch=1, term=5.0, sent=0.0, now=0.0)
+        self.epoch += 1
+        lease = Lessee.begin(epoch=self.epoch, term=5.0, sent=0.0, now=0.0)
         bond = Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm",)))
         self.slots.bind(slot, bond)
         self.bound[slot] = bond
@@ -68,7 +70,7 @@ class BondMachine(RuleBasedStateMachine):
     def lose(self, slot: str, reason: str) -> None:
         if slot in self.bound:
             bond = self.bound.pop(slot)
-            assert self.slots.lose(slot, bond, reason)
+            assert self.slots.lose(slot, bond.child, bond.lease.epoch, reason)
             self.lost[slot] = reason
             self.former.append((slot, bond))
 
@@ -76,7 +78,7 @@ class BondMachine(RuleBasedStateMachine):
     @rule(data=st.data())
     def late_news_of_a_former_bond(self, data: st.DataObject) -> None:
         slot, bond = data.draw(st.sampled_from(self.former))
-        assert not self.slots.lose(slot, bond, "late")
+        assert not self.slots.lose(slot, bond.child, bond.lease.epoch, "late")
 
     @rule()
     def ask_for_a_slot_that_is_not(self) -> None:

@@ -10,8 +10,8 @@ from hypothesis import settings
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, multiple, rule
 
 from robotree.vr.address import Address
+from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.errors import LeaseDenied, Retracted, StaleEpoch
-from robotree.vr.lease import Lessee, Lessor
 
 NAMES = ("a", "b")
 
@@ -70,7 +70,7 @@ class LeaseMachine(RuleBasedStateMachine):
     )
     def begin(self, term: float, offsets: tuple[int, ...], unix: int) -> None:
         self.now, self.unix = 0.0, unix
-        self.child = Lessor("child", term=term, unix=unix)
+        self.child = Lessor.free("child", term=term, unix=unix)
         self.parents = {name: Parent(name, offset) for name, offset in zip(NAMES, offsets, strict=True)}
         self.epochs = [self.child.epoch]
         self.retracted: set[str] = set()
@@ -173,7 +173,7 @@ class LeaseMachine(RuleBasedStateMachine):
     def take_grant(self, parent: Parent, message: Message) -> None:
         here = self.now + parent.offset
         if parent.lease is None or message.epoch > parent.lease.epoch:
-            parent.lease = Lessee(epoch=message.epoch, term=message.term, sent=message.sent, now=here)
+            parent.lease = Lessee.begin(epoch=message.epoch, term=message.term, sent=message.sent, now=here)
         elif message.epoch == parent.lease.epoch:
             parent.lease.granted(sent=message.sent, now=here, term=message.term)
 
@@ -191,7 +191,7 @@ class LeaseMachine(RuleBasedStateMachine):
                     self.retracted.add(message.key)
                     return None
                 case "renew":
-                    epoch = self.child.renew(who, message.epoch, (who.name,), now=now, unix=unix).epoch
+                    epoch = self.child.renew(who, message.epoch, (who.name,), now=now).epoch
                 case _:
                     self.child.release(who, message.epoch, unix=unix)
                     return None
@@ -219,7 +219,7 @@ class LeaseMachine(RuleBasedStateMachine):
         for parent in self.parents.values():
             if parent.believes(self.now) and parent.lease is not None:
                 try:
-                    self.child.check(parent.lease.epoch)
+                    self.child.check(parent.lease.epoch, self.now)
                 except StaleEpoch:
                     continue
                 commanding += 1
@@ -236,10 +236,10 @@ class LeaseMachine(RuleBasedStateMachine):
     @invariant()
     def a_free_child_obeys_no_epoch_and_a_bound_one_nobody_without(self) -> None:
         if self.child.tenure is None:
-            self.child.check(None)
+            self.child.check(None, self.now)
             for epoch in self.epochs:
                 try:
-                    self.child.check(epoch)
+                    self.child.check(epoch, self.now)
                 except StaleEpoch:
                     continue
                 raise AssertionError(f"a free robot obeyed epoch {epoch}")

@@ -105,26 +105,6 @@ async def test_a_proxy_is_listed_can_be_called_and_is_gone_when_it_ends(
     await lookup.close()
 
 
-async def test_calls_are_counted_over_restarts(cell: Server, realm: Transport, tmp_path: Path) -> None:
-    counts: list[int] = []
-    for _ in range(2):
-        up = Up()
-        proxy = run_proxy(
-            "arm",
-            "arm-1",
-            cell.address,
-            realm="test",
-            space_path=tmp_path / "space.db",
-            ready=up.set_result,
-        )
-        async with running(proxy, up) as address:
-            client = RobotClient(realm, address)
-            await eventually(client.describe, lambda robot: robot.online)
-            await client.call("get_info", {})
-            counts.append((await client.describe()).calls["get_info"])
-    assert counts == [1, 2]
-
-
 async def test_a_view_shows_the_cell_to_the_realm(cell: Server, realm: Transport) -> None:
     up = Up()
     async with running(run_view("cell", cell.address, realm="test", ready=up.set_result), up) as address:

@@ -27,7 +27,7 @@ from robotree.proxy.connection import TICK
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, REPEAT_PERIOD
 from robotree.proxy.motion import Request
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.confirmation import Budget, unmeasured
+from robotree.vr.core.confirmation import Budget, unmeasured
 from robotree.vr.errors import CommandFailed, NotConfirmed
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.orders import CONFIRM

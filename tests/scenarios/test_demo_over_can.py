@@ -35,7 +35,7 @@ async def playing(wire: Wire, folder: Path) -> AsyncGenerator[Fleet]:
     """The demo's own cast, on a bus of this process alone."""
     realm = name(wire)
     async with Crew(realm, folder) as crew:
-        await cast(crew, counting=False, wire=wire, speedup="3")
+        await cast(crew, wire=wire, speedup="3")
         async with joined(realm) as fleet:
             await until(lambda: len(fleet.robots()) == 2 and len(fleet.views()) == 1, "the cast is listed")
             async with asyncio.timeout(60):

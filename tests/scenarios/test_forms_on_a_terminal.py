@@ -50,8 +50,8 @@ async def fleet(shared_place: Path) -> AsyncIterator[Fleet]:
         arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--open")
         await crew.start_all(
             ("lookup", "lookup-1"),
-            ("host", "host-1", "--space", "none"),
-            ("proxy", "arm", "arm-1", "--connect", arm.address, "--open", "--space", "none"),
+            ("host", "host-1"),
+            ("proxy", "arm", "arm-1", "--connect", arm.address, "--open"),
         )
         async with joined(REALM) as fleet:
             await until(lambda: len(fleet.robots()) == 1, "the arm is listed")

@@ -81,9 +81,9 @@ async def cell(shared_place: Path) -> AsyncIterator[Guarded]:
         where = ("--connect", arm.address)
         await crew.start_all(
             ("lookup", "lookup-1"),
-            ("proxy", "arm", "right", *where, "--key", str(ours), "--space", "none"),
-            ("proxy", "arm", "wrong", *where, "--key", str(others), "--space", "none"),
-            ("proxy", "arm", "without", *where, "--space", "none"),
+            ("proxy", "arm", "right", *where, "--key", str(ours)),
+            ("proxy", "arm", "wrong", *where, "--key", str(others)),
+            ("proxy", "arm", "without", *where),
             ("view", "cell", *where, "--key", str(ours)),
         )
         async with joined(REALM) as fleet:
@@ -120,7 +120,7 @@ async def test_without_a_key_the_arm_is_offline_though_it_can_be_heard(cell: Gua
 @on_the_cells_loop
 async def test_an_arm_without_keys_is_not_believed_by_who_has_one(cell: Guarded) -> None:
     arm = await cell.crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
-    words = ("proxy", "rover", "careful", "--connect", arm.address, "--space", "none")
+    words = ("proxy", "rover", "careful", "--connect", arm.address)
     await cell.crew.start(*words, "--key", str(cell.folder / "ours.key"))
     await cell.refusal("careful", of="none is signed with our key")
     assert not (await cell.fleet.describe("careful")).online

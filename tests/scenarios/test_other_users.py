@@ -183,7 +183,7 @@ async def test_an_open_controller_says_so_obeys_anybody_and_is_marked_everywhere
         rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0")
         assert "every user and program of this machine may command it; --key FILE" in rover.log
         await crew.start("lookup", "lookup-1")
-        await crew.start("proxy", "rover", "rover-1", "--connect", rover.address, "--space", "none")
+        await crew.start("proxy", "rover", "rover-1", "--connect", rover.address)
         async with joined("open") as fleet:
             await until_online(fleet, "rover-1")
             await say(rover.address, HERE, TAKE, DRIVE)

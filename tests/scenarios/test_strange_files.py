@@ -57,7 +57,7 @@ async def test_a_realm_full_of_strange_files_is_used_as_if_they_were_not_there(
     precious = tmp_path / "precious"
     precious.write_text("kept")
     async with Crew("default") as crew:
-        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1", "--space", "none"))
+        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
         before = [await run(tmp_path, verb) for verb in VERBS]
         litter(place / "robotree" / "default", precious)
         after = [await run(tmp_path, verb) for verb in VERBS]

@@ -193,7 +193,7 @@ async def lost_result(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     stage.comes_back_at("far rover", rover.address)
     relay = Relay(rover.address)
     async with relay.listening() as address:
-        await stage.start("far proxy", "proxy", "rover", "rover-2", "--connect", address, "--space", "none")
+        await stage.start("far proxy", "proxy", "rover", "rover-2", "--connect", address)
         async with Observer(rover.address, 79) as observer:
             await holds(lambda: observer.fresh, 5.0)
             relay.losing = True

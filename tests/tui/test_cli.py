@@ -233,38 +233,19 @@ def test_an_agent_ends_politely_on_a_signal() -> None:
     agent.stdout.close()
 
 
-def test_calls_are_counted_in_the_state_folder_unless_told_otherwise(place: Path) -> None:
-    from robotree.tui.processes.state_files import space_file
-
-    assert space_file("", "default") == place.with_name("state") / "robotree/default/space.sqlite"
-    assert space_file("none", "default") is None
-    assert space_file("/a/b.sqlite", "default") == Path("/a/b.sqlite")
-
-
 def test_the_state_folder_is_ours_alone_also_one_that_an_earlier_version_made(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from robotree.tui.processes.state_files import space_file
+    from robotree.tui.processes.state_files import state_file
 
     top = place.with_name("state") / "robotree"
     (top / "old").mkdir(parents=True, mode=0o755)
     top.chmod(0o755)
     for realm in ("old", "new"):
-        space_file("", realm)
+        state_file(realm, "supervisor.log")
     assert [folder.stat().st_mode & 0o777 for folder in (top, top / "old", top / "new")] == [0o700] * 3
     told = capsys.readouterr().err.splitlines()
     assert told == [
         f"{folder} was open to other users of this machine; from now on only you can enter it"
         for folder in (top, top / "old")
     ]
-
-
-def test_a_state_folder_that_cannot_be_made_costs_only_the_counting(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from robotree.tui.processes.state_files import space_file
-
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
-    assert space_file("", "default") is None
-    assert "not counted" in capsys.readouterr().err

@@ -13,7 +13,7 @@ import robotree.tui
 from robotree.tui import exit_codes
 from robotree.tui.diagnosis import machine, meeting
 from robotree.tui.processes.realm import READONLY_VARIABLE
-from robotree.tui.processes.state_files import SPACE_FILE, state_home
+from robotree.tui.processes.state_files import state_home
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import REALM_KEY, VARIABLE
@@ -52,7 +52,6 @@ def gather(realm: str, *, readonly: bool) -> dict[str, Any]:
             "python": sys.executable,
             "realm": str(runtime_directory() / realm),
             "realm key": str(runtime_directory() / realm / REALM_KEY),
-            "space": str(state_home() / realm / SPACE_FILE),
             "log": str(state_home() / realm / "supervisor.log"),
         },
         "terminal": machine.abilities(),

@@ -241,8 +241,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("sim arm --listen tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="proxy KIND NAME --connect URL [--component N] [--space FILE] [--key FILE | --open]"
-        " [--take-over]",
+        usage="proxy KIND NAME --connect URL [--component N] [--key FILE | --open] [--take-over]",
         help="Connect a robot's controller to the realm; KIND: arm, rover, limb, head, base, or"
         " FILE.py with yours. --component: which MAVLink component of the controller it is (1)."
         " --take-over: also if another proxy holds it.",
@@ -259,7 +258,7 @@ ACTIONS: tuple[Action, ...] = (
         examples=("view cell --connect tcp:127.0.0.1:5760",),
     ),
     Action(
-        usage="host NAME [--space FILE]",
+        usage="host NAME",
         help="Run virtual robots that are created.",
         group=PROCESS,
         where=Where.SHELL,

@@ -1,8 +1,4 @@
-"""Where agents keep what must survive a restart: `$XDG_STATE_HOME/robotree/REALM/space.sqlite`.
-
-All agents of a realm share one space (docs/decisions/0009): what is kept of a robot goes by its name, and the
-name may come back in another process.
-"""
+"""Where programs keep what must survive a restart: `$XDG_STATE_HOME/robotree/`."""
 
 from __future__ import annotations
 
@@ -16,29 +12,8 @@ from robotree.tui.terminal import note
 NOWHERE = "none"
 """What is given instead of a file when nothing shall be kept."""
 
-SPACE_FILE = "space.sqlite"
 CONTROLLERS = "controllers"
 """Folder of what simulated controllers keep, beside those of the realms: a controller belongs to none."""
-
-
-def space_file(given: str, realm: str) -> Path | None:
-    """Return the file of a realm's space.
-
-    Args:
-        given: on the command line: a file, `none`, or nothing.
-        realm: of the agent.
-
-    Returns:
-        The file; None: nothing can or shall be kept.
-    """
-    if given == NOWHERE:
-        return None
-    if given:
-        return Path(given)
-    path = state_file(realm, SPACE_FILE)
-    if path is None:
-        note("calls are not counted over restarts: the folder for them cannot be made; give --space FILE")
-    return path
 
 
 def fence_file(given: str, url: str) -> Path | None:

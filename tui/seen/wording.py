@@ -164,11 +164,11 @@ def portrait(robot: RobotDescription) -> str:
 
 
 def _abandoned(robot: RobotDescription) -> str:
-    """Say which code ignores a cancel, and what ends it."""
+    """Say which code ignores every cancel, and what ends it."""
     if not robot.abandoned:
         return ""
     home = f"host {robot.host}" if robot.host else "its process"
-    return f"{', '.join(robot.abandoned)} ignores cancel and still runs; restart {home}"
+    return f"{', '.join(robot.abandoned)} ignores every cancel and still runs; restart {home}"
 
 
 def _link(robot: RobotDescription) -> str:

@@ -1,7 +1,8 @@
-"""The agent of one robot: answers for it, keeps its bonds, tells the others how it is.
+"""The agent of one robot: answers for it, keeps its bonds, shows the others how it is.
 
-Everything here runs on the event loop and never waits for an author's code. A request that only concerns
-leases, stops or descriptions is answered when it comes, whatever the robot is doing.
+Calls of its commands do not come this way: they are taken in the thread that reads the network
+(`outside.py`). Everything here runs on the event loop and never waits for an author's code; a request that
+only concerns leases, stops or descriptions is answered when it comes, whatever the robot is doing.
 """
 
 from __future__ import annotations
@@ -10,24 +11,50 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from typing import Any
 
-from robotree.vr.agents.agent_requests import AgentRequests
-from robotree.vr.agents.bonds import BondKeeper
-from robotree.vr.agents.call_counter import CallCounter
-from robotree.vr.agents.commands import CommandDesk
-from robotree.vr.agents.lease import LeaseKeeper
-from robotree.vr.agents.listed import Listed, Listings
-from robotree.vr.agents.portrait import Portrait
-from robotree.vr.agents.state_news import StateNews
-from robotree.vr.description import RobotDescription
-from robotree.vr.errors import VrError
-from robotree.vr.exchange.answering import conversing
+from robotree.vr.address import Address
+from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.children import Children
+from robotree.vr.agents.hooks import Hooks
+from robotree.vr.agents.news import Listings, News
+from robotree.vr.agents.outside import OutsideCalls
+from robotree.vr.agents.stops import Stops
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import Slots
+from robotree.vr.core.calls import Calls
+from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
+from robotree.vr.core.lease import DEFAULT_TERM, Lessor
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.state import State
+from robotree.vr.core.stop import Stop
+from robotree.vr.description import CommandSpec, RobotDescription
+from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachable, VrError, WrongKind
+from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
-from robotree.vr.lease import DEFAULT_TERM, Lessor, Tenure
+from robotree.vr.requests import (
+    Accepted,
+    Delete,
+    Describe,
+    Described,
+    Done,
+    Enslave,
+    Free,
+    Granted,
+    Petition,
+    Release,
+    Renew,
+    Reply,
+    Request,
+    Resume,
+    Retract,
+    SafeStop,
+)
 from robotree.vr.robot import Robot
-from robotree.vr.running.execution import LONGEST_END
-from robotree.vr.space.contract import Space
+from robotree.vr.running.live import LiveRobot, NotDescribed
+from robotree.vr.running.process import LONGEST_END, Process
+from robotree.vr.running.runner import runner_of
 from robotree.vr.transport import Registration, Transport
 from robotree.vr.virtual_robot import VirtualRobot
 
@@ -47,10 +74,10 @@ class RobotAgent:
         *,
         registrar: Listings | None = None,
         host: str = "",
-        space: Space | None = None,
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] = time.time,
         obeyed: Callable[[], int | None] = lambda: None,
+        process: Process | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -59,11 +86,11 @@ class RobotAgent:
             transport: the way to the others.
             registrar: where it is listed while nobody has enslaved it.
             host: name of the process, for people.
-            space: where calls are counted over incarnations.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970; epochs come from it.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard: its
                 own go above the first.
+            process: whose threads carry its commands out; None: one of its own.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -75,31 +102,44 @@ class RobotAgent:
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
-        lessor = Lessor(robot.name, term=term, unix=unix())
-        self._lease = LeaseKeeper(lessor, transport, unix=unix, obeyed=obeyed, on_end=self._freed)
-        self._calls = CallCounter(space, robot.name)
-        self._home = f"host {host}" if host else f"the process of {robot.name}"
-        self._desk = CommandDesk(
-            robot, self._lease, transport, on_change=self.changed, on_call=self._calls.count, home=self._home
+        self._process = Process(runner_of(self._loop)) if process is None else process
+        self._owns_process = process is None
+        self._unix = unix
+        self.live = LiveRobot(
+            robot,
+            RobotCore(_new_state(robot, self.address, host, Lessor.free(robot.name, term=term, unix=unix()))),
+            self._process,
+            way=_Way(self, transport, obeyed),
+            on_effect=self._take_effect,
+            on_change=self.changed,
         )
-        self._bonds: BondKeeper | None = None
-        if isinstance(robot, VirtualRobot):
-            slots = robot.child_slots
-            self._bonds = self._desk.bonds = BondKeeper(
-                self.address, slots, transport, lineage=self.lineage, on_change=self.changed, term=term
-            )
-        self._portrait = Portrait(robot, self.address, host, self._lease, self._desk, self._calls)
-        self._listed = Listed(registrar, self.address)
-        self._news = StateNews(transport, self.address.key, self._portrait.state)
+        self._hooks = Hooks(robot, self._process.runner)
+        self._news = News(self.live, self._hooks, transport, registrar, host)
+        self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
+        self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
+        self._callers = Callers(self.live, transport)
+        self._outside = OutsideCalls(
+            self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
+        )
+        self._told: tuple[CommandSpec, ...] = ()
+        """The commands of which the parent knows."""
+        self._begin_life()
+
+    def _new_children(self, term: float) -> Children:
+        return Children(self.live, self.transport, lineage=self.lineage, on_change=self.changed, term=term)
+
+    def _begin_life(self) -> None:
+        """Nothing is declared and nothing watched yet."""
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
         self._publishing: asyncio.Task[None] | None = None
+        self._watching_parent: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
-        self._last_words: list[Callable[[str], None]] = []
-        self._requests = AgentRequests(robot, self, self._lease, self._desk, self._portrait)
+        self._farewells: list[Callable[[str], None]] = []
+        self._asides: set[asyncio.Future[Any]] = set()
 
-    # -- life -------------------------------------------------------------------------------------
+    # -- coming and going -------------------------------------------------------------------------
 
     async def start(self) -> None:
         """Serve requests, then be present, then enter the lookup.
@@ -108,23 +148,26 @@ class RobotAgent:
             DuplicateName: a living robot has this name.
             TransportError: the transport does not work.
         """
-        await self._calls.recall()
         self.open = True
         try:
-            handler = conversing(self._requests.answer, self.robot.name)
-            self._declared.append(await self.transport.serve(self.address.key, handler))
+            handler = conversing(self._answer, self.robot.name)
+            self._declared.append(
+                await self.transport.serve(self.address.key, handler, direct=self._outside.take)
+            )
             self._declared.append(await self.transport.watch_itself(self._cut_off))
             self._presence = await claim(self.transport, self.address)
         except BaseException:
             self.open = False
             await self._withdraw()
+            self._close_process()
             raise
+        self._process.robots[self.address.key] = self.live
         self._publishing = self._loop.create_task(self._news.run())
-        self.changed()
+        self._news.update_listing()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
-        await self._listed.settled()
+        await self._news.listed()
 
     async def close(self) -> None:
         """End politely: release the children, leave the lookup, be gone. Twice is once."""
@@ -138,7 +181,8 @@ class RobotAgent:
     @property
     def abandoned(self) -> tuple[str, ...]:
         """Return the commands that were ended and whose code still runs, also after the robot's own end."""
-        return self._desk.jobs.abandoned
+        abandoned: tuple[str, ...] = self.live.look(lambda core: tuple(core.state.calls.abandoned.values()))
+        return abandoned
 
     def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
         """End once, whoever asks how often, and whether or not they wait for it."""
@@ -148,32 +192,39 @@ class RobotAgent:
 
     async def _end(self, grace: float) -> None:
         try:
-            await self._let_go(grace)
+            await self._leave(grace)
         finally:
             left = self._left_behind()
-            for say in self._last_words:  # while the way to whoever asked is still open
+            for say in self._farewells:  # while the way to the asker is still open
                 say(left)
             self._gone.set_result(None)
-            self._lease.close()
-            self._desk.callers.close()
+            self._unwatch_parent()
+            self._callers.close()
             if self._publishing is not None:
                 self._publishing.cancel()
                 await asyncio.wait([self._publishing])
             await self._withdraw()
+            self._process.robots.pop(self.address.key, None)
+            self._close_process()
             self.closed.set()
 
-    async def _let_go(self, grace: float) -> None:
+    async def _leave(self, grace: float) -> None:
         """Tell the children, the lookup services and everybody else; take nothing more."""
         self.open = False
-        self._desk.jobs.cancel_all(f"{self.robot.name} is being ended")
-        await self._desk.jobs.settled(grace)
-        if self._bonds is not None:
-            await self._bonds.close()
-        self._listed.want(None)
-        await self._listed.settled()
+        self._end_calls(f"{self.robot.name} is being ended")
+        await self._no_calls(grace)
+        if self._children is not None:
+            await self._children.close()
+        await self._news.leave()
         if self._presence is not None:
             with contextlib.suppress(VrError):
                 await self._presence.close()
+
+    async def _no_calls(self, within: float) -> None:
+        """Wait until all commands have ended, `within` [s] at most."""
+        until = self._loop.time() + within
+        while self.live.core.state.calls.live and self._loop.time() < until:  # noqa: ASYNC110 # any thread ends them
+            await asyncio.sleep(0.005)
 
     async def _withdraw(self) -> None:
         for registration in (self._presence, *reversed(self._declared)):
@@ -181,54 +232,291 @@ class RobotAgent:
                 with contextlib.suppress(VrError):
                     await registration.close()
 
+    def _close_process(self) -> None:
+        if self._owns_process:
+            self._process.close()
+
+    async def _delete(self, farewell: Callable[[str], None]) -> None:
+        """End; returns when it is gone.
+
+        Args:
+            farewell: called while the way to the asker is open, with a sentence on what is left.
+        """
+        self._virtual("be deleted; end the process of its proxy instead")
+        tenure = self.live.core.state.lease.tenure
+        if tenure is not None:
+            raise StillBonded(robot=self.robot.name, holder=tenure.parent.name, slot=tenure.slot)
+        self._farewells.append(farewell)
+        self._begin_to_end(LONGEST_END + PARTING)
+        await asyncio.shield(self._gone)
+
+    def _left_behind(self) -> str:
+        running = ", ".join(self.abandoned)
+        return (
+            running
+            and f"its {running} ignores every cancel and still runs; restart {self.live.core.state.home}"
+        )
+
+    # -- changes ----------------------------------------------------------------------------------
+
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
-        halted = self.robot.halted  # as it is now: a stop that ends soon has been one, too
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._robot_changed, halted)
+        self.live.look_at_robot()
+        self._news.changed()
+
+    def changed(self) -> None:
+        """Take note that others may see the robot differently. From any thread."""
+        if self.open:
+            self._news.changed()
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
-        return self._portrait.description()
-
-    def _robot_changed(self, halted: str) -> None:
-        self._desk.take_halt(halted)
-        self.changed()
-
-    def changed(self) -> None:
-        """See `Life.changed`."""
-        if self.open and self._publishing is not None:
-            self._news.changed()
-            self._listed.want(self._portrait.listing())
+        return self._news.description()
 
     def lineage(self) -> tuple[str, ...]:
-        """See `Life.lineage`."""
-        tenure = self._lease.tenure
+        """Return the names from the topmost ancestor down to the robot."""
+        tenure = self.live.core.state.lease.tenure
         return (*(() if tenure is None else tenure.lineage), self.robot.name)
 
-    def lineage_changed(self) -> None:
-        """See `Life.lineage_changed`."""
-        if self._bonds is not None:
-            self._bonds.hurry()
-        self.changed()
+    def _on_loop(self, action: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+            self._loop.call_soon_threadsafe(action)
+
+    def _take_effect(self, effect: Effect) -> None:
+        if isinstance(effect, LeaseEnded):
+            _log.info("%s is free again: %s", self.robot.name, effect.reason)
+            self._on_loop(self._lease_changed)
+        elif isinstance(effect, LeaseChanged):
+            self._on_loop(self._lease_changed)
+
+    def _lease_changed(self) -> None:
+        """Somebody else commands the robot, or nobody, or its parent has other ancestors."""
+        tenure = self.live.core.state.lease.tenure
+        if tenure is None:
+            self._unwatch_parent()
+        if self._children is not None:
+            self._children.renew_now()
+        if self.open:
+            self._news.update_listing()
+            self._news.changed()
 
     def _cut_off(self, reason: str) -> None:
         """End all motion when nobody could end it any more: no stop would reach the robot."""
         if reason:
             _log.warning("%s ends its commands: %s", self.robot.name, reason)
-            self._desk.jobs.cancel_all(reason)
+            self._end_calls(reason)
 
-    def _freed(self, tenure: Tenure, reason: str) -> None:
-        _log.info("%s is free again: %s", self.robot.name, reason)
-        self._desk.jobs.cancel_all(f"the bond with {tenure.parent.name}.{tenure.slot} is over: {reason}")
-        self.lineage_changed()
+    def _end_calls(self, reason: str) -> None:
+        self.live.post(on.CancelAll(reason=reason, entitled=True))
 
-    async def delete(self, last_words: Callable[[str], None]) -> None:
-        """See `Life.delete`."""
-        self._last_words.append(last_words)
-        self._begin_to_end(LONGEST_END + PARTING)
-        await asyncio.shield(self._gone)
+    # -- requests ---------------------------------------------------------------------------------
 
-    def _left_behind(self) -> str:
-        running = ", ".join(self._desk.jobs.abandoned)
-        return running and f"its {running} heeds no cancel and still runs; restart {self._home}"
+    async def _answer(self, request: Request, say: Say) -> None:
+        """Answer one request.
+
+        Raises:
+            VrError: it is refused.
+        """
+        if not self.open and not isinstance(request, Describe | Release | SafeStop | Delete):
+            raise Unreachable(key=self.address.key)
+        self.live.look_at_robot()
+        match request:
+            case SafeStop():
+                say(Accepted(key=request.order))  # the asker must know at once whom it has reached
+                say(await self._stops.safe_stop(request))
+            case Resume():
+                say(await self._stops.resume(request))
+            case Enslave():
+                await self._virtual("enslave others").enslave(request.slot, request.child)
+                say(Described(robot=self.description()))
+            case Free():
+                await self._virtual("release children").free(request.slot)
+                say(Described(robot=self.description()))
+            case Delete():
+                await self._delete(lambda left: say(Done(note=left)))
+            case _:
+                say(self._reply(request))
+
+    def _reply(self, request: Request) -> Reply:
+        """Answer a request that takes no time.
+
+        Raises:
+            VrError: it is refused.
+        """
+        match request:
+            case Describe():
+                return Described(robot=self.description())
+            case Petition():
+                return self._petition(request)
+            case Retract():
+                return self._retract(request)
+            case Renew():
+                return self._renew(request)
+            case Release():
+                self._end_lease(request, f"{request.parent.name} released it")
+                return Done()
+            case _:
+                raise not_for("robot", request)
+
+    # -- who commands it --------------------------------------------------------------------------
+
+    def _petition(self, request: Petition) -> Reply:
+        name, kinds = self.robot.name, self.robot.kinds()
+        if request.kind not in kinds:
+            raise WrongKind(
+                robot=request.parent.name, slot=request.slot, wanted=request.kind, child=name, kind=kinds[0]
+            )
+        self.live.post(
+            on.Ask(
+                parent=request.parent,
+                slot=request.slot,
+                lineage=request.lineage,
+                term=request.term,
+                unix=self._unix(),
+                key=request.key,
+            )
+        )
+        self._unwatch_parent()
+        self._watching_parent = self._loop.create_task(self._watch(request.parent.key))
+        description = self.description()
+        self._told = description.commands
+        return self._granted(description)
+
+    def _renew(self, request: Renew) -> Reply:
+        renewal = on.Prolong(
+            parent=request.parent, epoch=request.epoch, lineage=request.lineage, unix=self._unix()
+        )
+        try:
+            self.live.post(renewal)
+        except CycleOfBonds as error:
+            self._end_lease(request, str(error))
+            raise
+        description = self.description()
+        news = None if description.commands == self._told else description
+        self._told = description.commands
+        return self._granted(news)
+
+    def _granted(self, news: RobotDescription | None) -> Granted:
+        lease, children = self.live.core.state.lease, self._children
+        return Granted(
+            epoch=lease.epoch,
+            term=lease.term_granted,
+            robot=news,
+            depth=0 if children is None else children.depth,
+            ways=0.0 if children is None else children.ways,
+        )
+
+    def _retract(self, request: Retract) -> Reply:
+        parent = request.parent
+        reason = f"{parent.name} did not hear that it was granted"
+        self.live.post(
+            on.EndLease(
+                parent=parent, unix=self._unix(), reason=reason, petition=request.key, taken_back=True
+            )
+        )
+        return Done()
+
+    def _end_lease(self, request: Release | Renew, reason: str) -> None:
+        self.live.post(
+            on.EndLease(parent=request.parent, unix=self._unix(), reason=reason, epoch=request.epoch)
+        )
+
+    async def _watch(self, parent: str) -> None:
+        """End the lease when its parent's presence goes."""
+        gone = asyncio.Event()
+        try:
+            registration = await self.transport.watch(parent, lambda _, there: None if there else gone.set())
+        except VrError:  # then the term alone decides
+            return
+        try:
+            await gone.wait()
+        finally:
+            await registration.close()
+        self._watching_parent = None
+        tenure = self.live.core.state.lease.tenure
+        if tenure is not None and tenure.parent.key == parent:
+            reason = f"{tenure.parent.name} has ended"
+            self.live.post(on.EndLease(parent=tenure.parent, unix=self._unix(), reason=reason))
+
+    def _unwatch_parent(self) -> None:
+        if self._watching_parent is not None:
+            self._watching_parent.cancel()
+            self._watching_parent = None
+
+    # -- whom it commands -------------------------------------------------------------------------
+
+    def _virtual(self, what: str) -> Children:
+        if self._children is None:
+            raise NotVirtual(robot=self.robot.name, what=what)
+        return self._children
+
+    # -- for calls, in other threads --------------------------------------------------------------
+
+    def describe_child(self, unknown: NotDescribed) -> Awaitable[RobotDescription]:
+        """Ask the child in a slot anew who it is. On the loop."""
+        return self._virtual("have children").describe(unknown.slot, unknown.command)
+
+    def _describe_soon(self, unknown: NotDescribed, done: Callable[[VrError | None], None]) -> None:
+        """Do the same from any thread, without waiting."""
+
+        async def ask() -> None:
+            error: VrError | None = None
+            try:
+                await self.describe_child(unknown)
+            except VrError as refusal:
+                error = refusal
+            done(error)
+
+        self._on_loop(lambda: self._keep(ask()))
+
+    def _keep(self, work: Awaitable[Any]) -> None:
+        task = asyncio.ensure_future(work)
+        self._asides.add(task)
+        task.add_done_callback(self._asides.discard)
+
+    def wait_for(self, work: Awaitable[Any]) -> Any:
+        """Wait in a worker's thread for something that the loop does.
+
+        Raises:
+            VrError: which it raises.
+        """
+        waiter = self._process.runner.waiter()
+        outcome: list[tuple[Any, BaseException | None]] = []
+
+        async def do() -> None:
+            try:
+                outcome.append((await work, None))
+            except BaseException as error:  # noqa: BLE001 # raised again where it is waited for
+                outcome.append((None, error))
+            finally:
+                waiter.wake()
+
+        self._on_loop(lambda: self._keep(do()))
+        while not outcome:
+            waiter.wait(None)
+        value, error = outcome[0]
+        if error is not None:
+            raise error
+        return value
+
+
+def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> State:
+    home = f"host {host}" if host else f"the process of {robot.name}"
+    slots = robot.child_slots if isinstance(robot, VirtualRobot) else Slots(robot.name)
+    return State(address=address, home=home, lease=lease, slots=slots, calls=Calls(), stop=Stop())
+
+
+class _Way:
+    """See `running.live.Way`."""
+
+    def __init__(self, agent: RobotAgent, transport: Transport, obeyed: Callable[[], int | None]) -> None:
+        self._agent, self._transport = agent, transport
+        self.ask, self.obeyed = transport.ask, obeyed
+
+    def hangs(self, key: str) -> bool:
+        """See `Way.hangs`."""
+        return bool(self._agent.wait_for(self._transport.silent(key)))
+
+    def describe(self, unknown: NotDescribed) -> None:
+        """See `Way.describe`."""
+        self._agent.wait_for(self._agent.describe_child(unknown))

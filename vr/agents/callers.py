@@ -2,17 +2,18 @@
 
 A caller without a bond, an operator's program, names the key under which it is present in its call. When that
 key goes, because its process was killed, stopped or cut off, its commands end. A parent needs no such key:
-with its presence the bond ends, and with the bond its commands (`lease.py`).
+with its presence the bond ends, and with the bond its commands.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
-from collections.abc import Callable
 
 from robotree.vr.errors import VrError
-from robotree.vr.running.jobs import Job
+from robotree.vr.requests import Failed, Returned
+from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Registration, Transport
 
 ARRIVAL = 0.5
@@ -26,36 +27,28 @@ _log = logging.getLogger(__name__)
 class Callers:
     """The callers of one robot's commands. Lives on the event loop."""
 
-    def __init__(self, robot: str, transport: Transport, cancel: Callable[[str, str], None]) -> None:
+    def __init__(self, live: LiveRobot, transport: Transport) -> None:
         """Begin without any.
 
         Args:
-            robot: its name.
+            live: the robot.
             transport: where callers are seen.
-            cancel: ends the command of a key, for a reason.
         """
-        self._robot, self._transport, self._cancel = robot, transport, cancel
+        self._live, self._transport = live, transport
+        self._loop = asyncio.get_running_loop()
         self._present: dict[str, set[str]] = {}
         """The callers of each command under way, by its key."""
         self._watching: dict[str, asyncio.Task[None]] = {}
 
-    def attend(self, presence: str, job: Job) -> None:
-        """End a command when the last of those who have called it has gone.
+    def attend(self, presence: str, key: str) -> None:
+        """End a command when the last of those who have called it has gone. From any thread.
 
         Args:
             presence: key of the caller's presence.
-            job: the command.
+            key: of the call.
         """
-        if job.outcome.done():
-            return
-        key = job.context.key
-        if key not in self._present:
-            self._present[key] = set()
-            job.outcome.add_done_callback(lambda _: self._forget(key))
-        self._present[key].add(presence)
-        if presence not in self._watching:
-            task = asyncio.get_running_loop().create_task(self._watch(presence))
-            self._watching[presence] = task
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
+            self._loop.call_soon_threadsafe(self._attend, presence, key)
 
     def close(self) -> None:
         """Look after nobody any more."""
@@ -63,6 +56,20 @@ class Callers:
             task.cancel()
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _attend(self, presence: str, key: str) -> None:
+        if key not in self._present:
+            if not self._live.listen(key, _End(self, key)):
+                return  # it has ended already
+            self._present[key] = set()
+        self._present[key].add(presence)
+        if presence not in self._watching:
+            self._watching[presence] = self._loop.create_task(self._watch(presence))
+
+    def ended(self, key: str) -> None:
+        """A command has ended. From any thread."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._forget, key)
 
     def _forget(self, key: str) -> None:
         for presence in self._present.pop(key, ()):
@@ -96,5 +103,20 @@ class Callers:
         for key, callers in list(self._present.items()):
             callers.discard(presence)
             if not callers:
-                _log.warning("%s: a command was ended, because its caller has gone", self._robot)
-                self._cancel(key, GONE)
+                _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
+                self._live.cancel(key, GONE)
+
+
+class _End:
+    """Hears the end of one command: a `Listener`."""
+
+    def __init__(self, callers: Callers, key: str) -> None:
+        self._callers, self._key = callers, key
+
+    def note(self, fraction: float, text: str) -> None:
+        """See `Listener.note`."""
+
+    def settle(self, reply: Returned | Failed) -> None:
+        """See `Listener.settle`."""
+        del reply
+        self._callers.ended(self._key)

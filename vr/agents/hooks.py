@@ -16,9 +16,10 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from functools import partial
 
-from robotree.vr.agents.in_turn import InTurn
 from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
+from robotree.vr.running.runner import Runner
+from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.virtual_robot import VirtualRobot
 
 _log = logging.getLogger(__name__)
@@ -54,7 +55,7 @@ class Confirming:
         self._failed = False
         try:
             self._confirmation = hook()
-        except Exception:  # noqa: BLE001 # the last fence around an author's code
+        except Exception:  # noqa: BLE001 # the boundary to an author's code
             _log.exception("%s failed", what)
             self._failed = True
 
@@ -89,13 +90,13 @@ class Confirming:
 class Hooks:
     """The hooks of one robot."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Take the robot whose hooks are meant."""
-        self._robot = robot
+    def __init__(self, robot: Robot, runner: Runner) -> None:
+        """Take the robot whose hooks are meant, and what runs them."""
+        self._robot, self._runner = robot, runner
         self._latest: dict[str, float] = {}
         self._sampling = threading.Lock()
         self._complained = False
-        self._turns = InTurn(f"{robot.name} hook")
+        self._turns = SerialWorker(runner, f"{robot.name} hook")
         self._latest_turn: Future[bool] | None = None
         """The newest of the author's hooks for stops and releases."""
         self._stopping: Future[bool] | None = None
@@ -153,7 +154,7 @@ class Hooks:
             raise
 
     def _in_turn(self, name: str, hook: Hook) -> Future[bool]:
-        self._latest_turn = self._turns.give(partial(_went_well, f"{self._robot.name}.{name}", hook))
+        self._latest_turn = self._turns.submit(partial(_went_well, f"{self._robot.name}.{name}", hook))
         return self._latest_turn
 
     def _foreign(self, name: str) -> bool:
@@ -162,8 +163,8 @@ class Hooks:
             Robot, name
         )
 
-    def _aside(self, work: Callable[[], object]) -> None:
-        threading.Thread(target=work, name=f"{self._robot.name} hook", daemon=True).start()
+    def _aside(self, work: Callable[[], None]) -> None:
+        self._runner.spawn(work, f"{self._robot.name} hook")
 
     def _sample_and_release(self) -> None:
         try:
@@ -175,7 +176,7 @@ class Hooks:
         try:
             readings = self._robot.readings()
             self._latest = {str(name): float(value) for name, value in readings.items() if _is_number(value)}
-        except Exception:  # noqa: BLE001 # the last fence around an author's code
+        except Exception:  # noqa: BLE001 # the boundary to an author's code
             if not self._complained:
                 _log.exception("%s.readings failed; this is said once", self._robot.name)
             self._complained, self._latest = True, {}
@@ -189,7 +190,7 @@ def _went_well(what: str, hook: Hook) -> bool:
     """Run an author's hook in its thread; return whether it has ended as it should."""
     try:
         left = hook()
-    except Exception:  # noqa: BLE001 # the last fence around an author's code
+    except Exception:  # noqa: BLE001 # the boundary to an author's code
         _log.exception("%s failed", what)
         return False
     if inspect.iscoroutine(left):

@@ -13,17 +13,18 @@ from functools import partial
 
 from robotree.vr.address import check_name
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.commands import LONGEST_DEADLINE
-from robotree.vr.agents.listed import Listings
+from robotree.vr.agents.news import Listings
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
+from robotree.vr.core.lease import DEFAULT_TERM
+from robotree.vr.core.machine import LONGEST_DEADLINE
 from robotree.vr.errors import DuplicateName, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
-from robotree.vr.space.contract import Space
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import runner_of
 from robotree.vr.transport import Registration, Transport
 
 AT_ONCE = 4
@@ -41,9 +42,9 @@ class Host:
         name: str,
         *,
         registrar: Listings | None = None,
-        space: Space | None = None,
         term: float = DEFAULT_TERM,
         limit: float = LIMIT,
+        process: Process | None = None,
     ) -> None:
         """Prepare a host.
 
@@ -51,9 +52,9 @@ class Host:
             transport: the way to the others, shared by all its robots.
             name: of the host.
             registrar: where its robots are listed.
-            space: where their calls are counted.
             term: [s] of the leases that its robots grant and ask for.
             limit: [s] for a source to run, and again for the robot's constructor.
+            process: whose threads carry its robots' commands out; None: one of its own.
 
         Raises:
             BadName: the name cannot be one.
@@ -61,7 +62,8 @@ class Host:
         self.address = new_address("host", name)
         self.agents: dict[str, RobotAgent] = {}
         """The robots that live here, by name."""
-        self._transport, self._registrar, self._space, self._term = transport, registrar, space, term
+        self._transport, self._registrar, self._term = transport, registrar, term
+        self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
         self._limit = limit
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
@@ -96,6 +98,7 @@ class Host:
         for watcher in self._watchers:
             watcher.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)
+        self._process.close()
 
     async def create(self, bundle: Bundle, name: str) -> RobotAgent:
         """Make a virtual robot of this source.
@@ -126,8 +129,8 @@ class Host:
                 self._transport,
                 registrar=self._registrar,
                 host=self.address.name,
-                space=self._space,
                 term=self._term,
+                process=self._process,
             )
             await self._settle(agent)
             await self._begin(agent)

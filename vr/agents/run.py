@@ -6,15 +6,13 @@ import asyncio
 import contextlib
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 from robotree.vr.address import check_name
 from robotree.vr.agents.host import Host
-from robotree.vr.lease import DEFAULT_TERM
+from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
-from robotree.vr.space.sqlite import SqliteSpace
 
 Ready = Callable[[str], None]
 """Told the key of an agent that is up."""
@@ -36,7 +34,6 @@ async def run_host(
     name: str,
     *,
     realm: str | None = None,
-    space_path: Path | None = None,
     term: float = DEFAULT_TERM,
     ready: Ready = _nobody,
 ) -> None:
@@ -45,7 +42,6 @@ async def run_host(
     Args:
         name: of the host, unique in the realm.
         realm: None: `$ROBOTREE_REALM`, else `default`.
-        space_path: file in which calls are counted over restarts; None: they are not.
         term: [s] of the leases that its robots grant and ask for.
         ready: told the key once robots can be made.
 
@@ -53,20 +49,15 @@ async def run_host(
         BadName: that cannot be a name.
         DuplicateName: a living host has the name.
         TransportError: the realm cannot be joined.
-        SpaceError: the file cannot be used.
     """
     check_name(name)
     sys.setswitchinterval(TURN)
     async with contextlib.AsyncExitStack() as stack:
         transport = await join(realm)
         stack.push_async_callback(transport.close)
-        space = None
-        if space_path is not None:
-            space = SqliteSpace(space_path)
-            stack.push_async_callback(space.close)
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
-        host = Host(transport, name, registrar=registrar, space=space, term=term)
+        host = Host(transport, name, registrar=registrar, term=term)
         stack.push_async_callback(host.close)
         await host.start()
         ready(host.address.key)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from robotree.vr.agents.jpeg import jpeg_size
-from robotree.vr.agents.listed import Listings
+from robotree.vr.agents.news import Listings
 from robotree.vr.description import Listing
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address

@@ -142,8 +142,12 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         thread.interrupt()
         ended.wait(_FAREWELL)
     if not outcome:
-        _log.error("%s is abandoned: while being loaded it heeds no interruption; restart this host", path)
-        reason = f"it did not end within {limit:g} s, heeds no interruption and still runs; restart the host"
+        _log.error(
+            "%s is abandoned: while being loaded it ignores every interruption; restart this host", path
+        )
+        reason = (
+            f"it did not end within {limit:g} s, ignores every interruption and still runs; restart the host"
+        )
         raise BrokenSource(path=path, reason=reason)
     value, error = outcome[0]
     if error is None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import Garbled, VrError
-from robotree.vr.exchange.timely import opened
+from robotree.vr.exchange.timely import boot_here, opened
 from robotree.vr.requests import Failed, Reply, Request, decode_request, encode
 from robotree.vr.transport import RequestHandler, Respond
 
@@ -30,7 +31,8 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             respond(encode(reply))
 
         try:
-            await converse(opened(decode_request(body), who), say)
+            now = asyncio.get_running_loop().time()
+            await converse(opened(decode_request(body), who, now, boot_here()), say)
         except VrError as error:
             say(Failed.of(error))
         except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from robotree.vr.address import Address
-from robotree.vr.confirmation import unmeasured
+from robotree.vr.core.confirmation import unmeasured
+from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.description import Arguments, RobotDescription
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.timely import Question
-from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.requests import (
     PATIENCE,
     Accepted,

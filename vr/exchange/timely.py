@@ -40,7 +40,7 @@ class Question:
         self._void_at: float | None = None
         """[s] when nobody carries it out any more; None: it begins nothing, or nobody can tell its age."""
         self.body = encode(request)
-        if isinstance(request, Begins) and (boot := _boot()):
+        if isinstance(request, Begins) and (boot := boot_here()):
             asked, holds = _now(), min(within, FRESH)
             self._void_at = asked + holds
             self.body = encode(Timely(request=request, asked=asked, holds=holds, boot=boot))
@@ -60,20 +60,20 @@ class Question:
             raise
 
 
-def opened(request: Request | Timely, who: str) -> Request:
-    """Return what is asked of `who`.
+def opened(request: Request | Timely, who: str, now: float, boot: str) -> Request:
+    """Return what is asked of `who`, at `now` [s] since the boot that `boot_here` names.
 
     Raises:
         NoAnswer: too late: its asker has given up, or is about to.
     """
     if not isinstance(request, Timely):
         return request
-    if request.boot == _boot() and _now() - request.asked >= request.holds:
+    if request.boot == boot and now - request.asked >= request.holds:
         raise NoAnswer(key=who, seconds=request.holds)
     return request.request
 
 
-def _boot() -> str:
+def boot_here() -> str:
     """Which boot of which machine this is: the clocks of others are not to be compared with its own."""
     return _simulated or _boot_of_this_machine()
 

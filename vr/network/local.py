@@ -13,12 +13,14 @@ from pathlib import Path
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.mesh import GREETING, Mesh
+from robotree.vr.network.mesh import GREETING, Answer, Mesh
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.transport import (
     CutOffHandler,
+    DirectHandler,
+    Hear,
     Held,
     PresenceHandler,
     Registration,
@@ -69,7 +71,8 @@ class LocalTransport:
         self.mesh = mesh
         self._loop = asyncio.get_running_loop()
         self._turns = Turns()
-        self._served: dict[str, RequestHandler] = {}
+        self._served: dict[str, Answer] = {}
+        self._handlers: dict[str, RequestHandler] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._asking: set[Replies] = set()
         self._closing: asyncio.Future[None] | None = None
@@ -85,19 +88,24 @@ class LocalTransport:
         """The realm's name."""
         return self.mesh.place.realm
 
-    async def serve(self, key: str, handler: RequestHandler) -> Registration:
+    async def serve(
+        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
+    ) -> Registration:
         """See `Transport.serve`."""
         self._check(key)
 
         def answer(body: bytes, urgent: bool, respond: Respond, end: Callable[[], None]) -> None:  # noqa: FBT001 # an Answer
+            if direct is not None and direct(body, respond, end):
+                return
             if not self._turns.put(partial(self._answer, key, body, respond, end), urgent=urgent):
                 end()  # the loop is closed
 
         self.mesh.serve(key, answer)
-        self._served[key] = handler
+        self._served[key], self._handlers[key] = answer, handler
 
         def undo() -> None:
             self._served.pop(key, None)
+            self._handlers.pop(key, None)
             self.mesh.end_serving(key)
 
         return _Registration(self, undo)
@@ -109,17 +117,18 @@ class LocalTransport:
         latest = math.inf if urgent else time.monotonic() + timeout
         replies = Replies(key, timeout)
         self._asking.add(replies)
-        if key in self._served:
-            done = partial(self._done, replies)
-            self._spawn(self._handle(self._served[key], bytes(body), replies.feed, done, key))
-            return replies
 
         def hear(reply: bytes | None) -> None:
             action = partial(self._done, replies) if reply is None else partial(replies.feed, reply)
             self._turns.put(action, urgent=urgent)
 
-        self.mesh.ask(key, bytes(body), latest=latest, urgent=urgent, hear=hear)
+        self._ask(key, bytes(body), latest, urgent=urgent, hear=hear)
         return replies
+
+    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+        """See `Transport.ask`."""
+        latest = math.inf if urgent else time.monotonic() + within
+        self._ask(key, bytes(body), latest, urgent=urgent, hear=hear)
 
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""
@@ -206,6 +215,15 @@ class LocalTransport:
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.wrap_future(self.mesh.close())
 
+    def _ask(self, key: str, body: bytes, latest: float, *, urgent: bool, hear: Hear) -> None:
+        answer = self._served.get(key)
+        if self._closing is not None:
+            hear(None)
+        elif answer is None:
+            self.mesh.ask(key, body, latest=latest, urgent=urgent, hear=hear)
+        else:  # of this process
+            answer(body, urgent, hear, lambda: hear(None))
+
     def _check(self, key: str) -> None:
         if self._closing is not None:
             raise TransportClosed(key=key)
@@ -220,7 +238,7 @@ class LocalTransport:
         task.add_done_callback(self._tasks.discard)
 
     def _answer(self, key: str, body: bytes, respond: Respond, end: Callable[[], None]) -> None:
-        handler = self._served.get(key)
+        handler = self._handlers.get(key)
         if handler is None or self._closing is not None:
             end()
         else:

@@ -682,7 +682,11 @@ class Mesh:
         if answer is None or time.monotonic() > ask.latest:
             end()
         else:
-            answer(ask.body, link.channel is Channel.URGENT, respond, end)
+            try:
+                answer(ask.body, link.channel is Channel.URGENT, respond, end)
+            except Exception:  # noqa: BLE001 # the asker must not wait for an answer that never comes
+                _log.exception("the handler of %s raised", ask.key)
+                end()
 
     def _say_to_all(self, frame: Frame) -> None:
         packed = pack(frame)

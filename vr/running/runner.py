@@ -69,6 +69,10 @@ class Runner(Protocol):
         """Return which thread this is."""
         ...
 
+    def name_thread(self, name: str) -> None:
+        """Name this thread, for people who look at threads."""
+        ...
+
     def interrupt(self, thread: int, error: type[BaseException]) -> None:
         """Raise an error in a thread, between two of its bytecodes; nothing happens in a simulation."""
         ...
@@ -112,6 +116,16 @@ class Threads:
         """See `Runner.spawn`. The thread is a daemon: whatever it does, its process can end."""
         threading.Thread(target=work, name=name, daemon=True).start()
 
+    def name_thread(self, name: str) -> None:
+        """See `Runner.name_thread`."""
+        threading.current_thread().name = name
+
     def interrupt(self, thread: int, error: type[BaseException]) -> None:
         """See `Runner.interrupt` (CPython: `PyThreadState_SetAsyncExc`)."""
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
+
+
+def runner_of(loop: object) -> Runner:
+    """Return the runner of an event loop: a loop in virtual time names its own, others live in threads."""
+    runner: Runner | None = getattr(loop, "runner", None)
+    return Threads() if runner is None else runner

@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 
 from robotree.vr.address import Address, everyone
-from robotree.vr.confirmation import Confirmations
+from robotree.vr.core.confirmation import Confirmations
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient

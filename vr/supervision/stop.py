@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 from robotree.vr.address import Address, check_name, everyone
-from robotree.vr.confirmation import LEAST, Confirmations
+from robotree.vr.core.confirmation import LEAST, Confirmations
 from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory

@@ -32,6 +32,8 @@ from robotree.vr.network.pattern import matches
 from robotree.vr.network.replies import Replies
 from robotree.vr.transport import (
     CutOffHandler,
+    DirectHandler,
+    Hear,
     Held,
     PresenceHandler,
     Registration,
@@ -48,12 +50,6 @@ RECONNECT = 0.5
 
 URGENT, BULK = 0, 1
 """The two channels between two members."""
-
-Hear = Callable[[bytes | None], None]
-"""Takes one reply to a request; None: there are no more. In any thread; must not block."""
-
-Direct = Callable[[bytes, Respond, Callable[[], None]], bool]
-"""Takes a request in the thread that reads it: its body, how to reply, how to end. False: not taken."""
 
 OnMessage = Callable[[str, str, str, bytes], None]
 """Told of each message that arrives: source, target, what it is, its body."""
@@ -446,7 +442,7 @@ class MemoryTransport:
         self.loop = loop or asyncio.get_running_loop()
         self.closed = self.paused = False
         self.served: dict[str, RequestHandler] = {}
-        self._direct: dict[str, Direct] = {}
+        self._direct: dict[str, DirectHandler] = {}
         self.tokens: Counter[str] = Counter()
         """How often it announces each key."""
         self.exchanges: dict[MemoryTransport, dict[_Exchange, None]] = {}
@@ -468,7 +464,9 @@ class MemoryTransport:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    async def serve(self, key: str, handler: RequestHandler, *, direct: Direct | None = None) -> Registration:
+    async def serve(
+        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
+    ) -> Registration:
         """See `Transport.serve`."""
         self._check(key)
         if key in self.served:

@@ -93,6 +93,9 @@ class VirtualRunner:
         """See `Runner.spawn`."""
         self.start(work, name)
 
+    def name_thread(self, name: str) -> None:
+        """See `Runner.name_thread`: greenlets have no names."""
+
     def interrupt(self, thread: int, error: type[BaseException]) -> None:
         """See `Runner.interrupt`: nobody computes without end here."""
 
@@ -236,7 +239,7 @@ class VirtualProcess:
         self.runner, self.name = runner, name
         self.skew, self.rate, self.offset = skew, rate, offset
         self.lock, self.random, self.here = runner.lock, runner.random, runner.here
-        self.point, self.interrupt = runner.point, runner.interrupt
+        self.point, self.interrupt, self.name_thread = runner.point, runner.interrupt, runner.name_thread
         self.others_wait = runner.others_wait
         if rate == 1.0 and offset == 0.0:
             self.now = runner.now  # type: ignore[method-assign] # asked for very often

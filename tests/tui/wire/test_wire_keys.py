@@ -16,7 +16,7 @@ from robotree.tui import exit_codes
 
 pytestmark = pytest.mark.usefixtures("place")
 LISTENING = ("sim", "arm", "--listen", "tcp:127.0.0.1:0")
-DIALLING = ("proxy", "arm", "arm-1", "--connect", "tcp:127.0.0.1:1", "--space", "none")
+DIALLING = ("proxy", "arm", "arm-1", "--connect", "tcp:127.0.0.1:1")
 WATCHING = ("wire", "monitor", "--connect", "udp:127.0.0.1:9", "tcp:127.0.0.1:1")
 
 

@@ -103,7 +103,7 @@ def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -
             "tcp:0.0.0.0:0",
         ): "0.0.0.0 can be reached from outside",
         ("sim", "arm", "--listen", "udp:192.0.2.1:0"): "192.0.2.1 can be reached from outside; listen on",
-        ("proxy", "arm", "arm-1", "--connect", "loop:x", "--space", "none"): "'loop:x' is no address",
+        ("proxy", "arm", "arm-1", "--connect", "loop:x"): "'loop:x' is no address",
         ("wire", "dissector", "--port", "port"): "is no port",
     }
     for words, sentence in misunderstood.items():

@@ -1,16 +1,11 @@
-"""Time that jumps, a network within the process, and a few robots to play with.
+"""Virtual time, a network within the process, and a few robots to play with.
 
-Commands run in real threads. The loop's clock therefore jumps to the next timer only when every thread of
-ours waits for something, or has computed for so long that it counts as hung.
+Commands run as greenlets: the clock jumps when everybody waits, and the order of events follows from a seed.
 """
 
 from __future__ import annotations
 
 import asyncio
-import selectors
-import sys
-import threading
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
@@ -24,72 +19,35 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.running import process as processes
+from robotree.vr.running.process import Process
+from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.units import read_quantity
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.virtual_loop import VirtualLoop
+from robotree.vr.world.virtual_runner import VirtualRunner
 
-HUNG = 0.3
-"""[s] of real time that one thread may compute before the clock goes on without it."""
-STILL = 2
-"""Looks, half a millisecond apart, at which nobody may do anything before the clock jumps."""
-
-
-class JumpingLoop(asyncio.SelectorEventLoop):
-    def __init__(self) -> None:
-        self.now = 0.0
-        super().__init__(JumpingSelector(self))
-
-    def time(self) -> float:
-        return self.now
+REAL_GRACE = 0.05
+"""[s] Patience with code that ignores a cancel, where time is real."""
 
 
-class JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc,valid-type,unused-ignore] # one of several
-    def __init__(self, loop: JumpingLoop) -> None:
-        super().__init__()
-        self._loop = loop
-        self._computed: dict[threading.Thread, float] = {}
-
-    def select(self, timeout: float | None = None) -> Any:
-        events = super().select(0)
-        if events or timeout == 0:
-            return events
-        if timeout is None:
-            return super().select(1.0)
-        still = 0
-        while others() and still < STILL:
-            began = time.monotonic()
-            if events := super().select(0.0005):
-                return events
-            still = 0 if self._somebody_computes(time.monotonic() - began) else still + 1
-        self._loop.now += timeout
-        return []
-
-    def _somebody_computes(self, seconds: float) -> bool:
-        for thread in filter(computes, others()):
-            self._computed[thread] = self._computed.get(thread, 0.0) + seconds
-            if self._computed[thread] < HUNG:
-                return True
-        return False
+def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
+    """Run every test of this folder in virtual time, except those of code that never ends."""
+    if item.get_closest_marker("real_threads"):
+        return {"real": asyncio.SelectorEventLoop}
+    return {"virtual": lambda: VirtualLoop(VirtualRunner())}
 
 
-def others() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+def runner_here() -> Runner:
+    loop = asyncio.get_running_loop()
+    return loop.runner if isinstance(loop, VirtualLoop) else Threads()
 
 
-def computes(thread: threading.Thread) -> bool:
-    """Whether a thread does something, rather than wait."""
-    frame = sys._current_frames().get(thread.ident or 0)
-    if frame is None:
-        return True
-    name = frame.f_code.co_name
-    if frame.f_code.co_filename.endswith("threading.py"):
-        waiter = frame.f_locals.get("waiter")
-        return waiter is not None and not waiter.locked()  # it has been told, and not begun yet
-    return name not in {"_worker", "_write"}
-
-
-def pytest_asyncio_loop_factories() -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
-    """Run every test of this folder in virtual time."""
-    return {"virtual": JumpingLoop}
+@pytest.fixture(autouse=True)
+def short_patience(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have real threads interrupted soon."""
+    if request.node.get_closest_marker("real_threads"):
+        monkeypatch.setattr(processes, "GRACE", REAL_GRACE)
 
 
 class Realm:
@@ -101,6 +59,7 @@ class Realm:
         self.directory = Directory(self.operator)
         self.lookup = LookupService(network.join("lookup"), "lookup")
         self.agents: list[RobotAgent] = []
+        self.processes: list[Process] = []
         self.unix = 1_000_000.0
 
     async def open(self) -> None:
@@ -109,8 +68,9 @@ class Realm:
 
     async def start(self, robot: Robot, member: MemoryTransport | None = None, **options: Any) -> RobotAgent:
         transport = member or self.network.join(robot.name)
-        options = {"registrar": Registrar(transport), "unix": lambda: self.unix} | options
-        agent = RobotAgent(robot, transport, **options)
+        self.processes.append(process := Process(runner_here()))
+        defaults = {"registrar": Registrar(transport), "unix": lambda: self.unix, "process": process}
+        agent = RobotAgent(robot, transport, **defaults | options)
         await agent.start()
         self.agents.append(agent)
         return agent
@@ -145,6 +105,8 @@ class Realm:
         await self.lookup.close()
         for transport in list(self.network.members):
             await transport.close()
+        for process in self.processes:
+            process.close()
 
 
 def member(agent: RobotAgent) -> MemoryTransport:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import pytest
 
-from robotree.vr.agents import commands
 from robotree.vr.arguments import check_arguments
+from robotree.vr.running import live
+from tests.vr.core.gate import Gate
 
 
-def held_back(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Hold back every call that comes from now on, until the event that is returned is set."""
-    go_on = threading.Event()
+def held_back(monkeypatch: pytest.MonkeyPatch) -> Gate:
+    """Hold back every call with a text among its arguments that comes from now on, until the gate is set."""
+    gate = Gate()
 
     def slow(*args: Any, **options: Any) -> dict[str, Any]:
-        go_on.wait()
+        gate.wait()
         return check_arguments(*args, **options)
 
-    monkeypatch.setattr(commands, "check_arguments", slow)
-    return go_on
+    monkeypatch.setattr(live, "check_arguments", slow)
+    return gate

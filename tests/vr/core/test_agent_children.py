@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr import CallFuture, CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.errors import BadArgument, CommandFailed, NoSuchCommand
-from robotree.vr.running.execution import ChildCall
+from robotree.vr.running.pending import PendingCall
 from tests.vr.core.crew import Driver, Rover, Top, crew
 
 # -- three ways to call ----------------------------------------------------------------------------
@@ -117,6 +117,7 @@ async def test_a_cancel_goes_down_to_the_leaves(realm: Any) -> None:
     assert driver.description().busy == ""
 
 
+@pytest.mark.real_threads
 async def test_code_that_swallows_its_cancel_cannot_command_any_more(realm: Any) -> None:
     driver, rover = await crew(realm)
     with pytest.raises(DeadlineExceeded):
@@ -196,4 +197,4 @@ async def test_what_a_grandchild_offers_is_seen_at_the_top_soon_after_it_came(re
 
 def test_a_future_is_what_the_contract_says() -> None:
     contract = {name for name in vars(CallFuture) if not name.startswith("_")}
-    assert contract <= set(dir(ChildCall))
+    assert contract <= set(dir(PendingCall))

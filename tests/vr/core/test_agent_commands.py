@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
+from robotree.vr.core.calls import LONGEST_QUEUE
 from robotree.vr.errors import (
     BadArgument,
     Busy,
@@ -23,7 +24,6 @@ from robotree.vr.errors import (
     NotVirtual,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.mailbox import LONGEST_QUEUE
 from robotree.vr.requests import DescribeHost, Failed, decode_reply, encode
 
 

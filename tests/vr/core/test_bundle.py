@@ -118,7 +118,7 @@ def test_a_source_that_came_by_the_network_has_a_limit_too() -> None:
 def test_a_source_that_heeds_no_interruption_is_told_of(caplog: pytest.LogCaptureFixture) -> None:
     release = threading.Event()
     threading.release_the_page = release  # type: ignore[attr-defined] # how a page gets at the test's event
-    with pytest.raises(BrokenSource, match="heeds no interruption and still runs; restart the host"):
+    with pytest.raises(BrokenSource, match="ignores every interruption and still runs; restart the host"):
         bundle("import threading\nthreading.release_the_page.wait()", path="deaf.py").load(limit=0.05)
     assert "deaf.py is abandoned" in caplog.text
     release.set()

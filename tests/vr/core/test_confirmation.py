@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.confirmation import LEAST, LONGEST, NO_ANSWER, TURN, Budget, Confirmations, unmeasured
+from robotree.vr.core.confirmation import LEAST, LONGEST, NO_ANSWER, TURN, Budget, Confirmations, unmeasured
 from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
 from robotree.vr.requests import Failed, decode_reply, encode
 

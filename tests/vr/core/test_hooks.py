@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Awaitable
 from typing import Any
 
@@ -12,6 +11,7 @@ import pytest
 from robotree.vr import VirtualRobot
 from robotree.vr.errors import NotConfirmed
 from robotree.vr.supervision.fleet import Fleet
+from tests.vr.core.gate import Gate
 
 
 class Valve(VirtualRobot):
@@ -20,7 +20,7 @@ class Valve(VirtualRobot):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.trace: list[str] = []
-        self.may_open = threading.Event()
+        self.may_open = Gate()
         self.may_open.set()
         self.fails = ""
 

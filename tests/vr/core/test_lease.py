@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from robotree.vr.address import Address
+from robotree.vr.core.lease import MOST_RETRACTED, Lessee, Lessor
 from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
-from robotree.vr.lease import MOST_RETRACTED, Lessee, Lessor
 
 LEVER = Address("robot", "lever", "1")
 OTHER = Address("robot", "other", "1")
@@ -14,7 +14,7 @@ BORN = 1_000.0
 
 
 def lessor() -> Lessor:
-    return Lessor("mover", term=5.0, unix=BORN)
+    return Lessor.free("mover", term=5.0, unix=BORN)
 
 
 def grant(
@@ -37,7 +37,7 @@ def test_a_parent_that_renews_keeps_the_robot() -> None:
     child = lessor()
     epoch = grant(child)
     for now in range(1, 100):
-        assert child.renew(LEVER, epoch, ("lever",), now=float(now), unix=BORN).epoch == epoch
+        assert child.renew(LEVER, epoch, ("lever",), now=float(now)).epoch == epoch
     assert child.tick(103.9, BORN) is None
 
 
@@ -67,7 +67,7 @@ def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
     grant(child)
     for number in range(MOST_RETRACTED + 1):
         child.retract(LEVER, f"old {number}", unix=BORN)
-    assert len(child._retracted) == MOST_RETRACTED
+    assert len(child.retracted) == MOST_RETRACTED
 
 
 def test_a_second_parent_is_told_of_the_first() -> None:
@@ -87,15 +87,16 @@ def test_a_petition_sent_twice_is_granted_anew() -> None:
     second = grant(child, now=1.0)
     assert second > first
     with pytest.raises(StaleEpoch):
-        child.check(first)
-    child.check(second)
+        child.check(first, 0.0)
+    child.check(second, 0.0)
 
 
 def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed() -> None:
     child = lessor()
     epoch = grant(child)
     with pytest.raises(StaleEpoch):
-        child.renew(LEVER, epoch, ("lever",), now=5.0, unix=BORN)
+        child.renew(LEVER, epoch, ("lever",), now=5.0)
+    assert child.tick(5.0, BORN) is not None
     assert child.tenure is None
 
 
@@ -115,7 +116,7 @@ def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None
     for now in range(1, 100):
         grant(child, now=float(now))
         child.end(BORN + now)
-    assert Lessor("mover", unix=BORN + 200).epoch > child.epoch
+    assert Lessor.free("mover", unix=BORN + 200).epoch > child.epoch
 
 
 def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
@@ -134,7 +135,7 @@ def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> No
         child = lessor()
         epoch = grant(child)
         child.hear(epoch + 3600)
-        child.check(epoch)
+        child.check(epoch, 0.0)
         assert child.epoch == epoch, "its commands are refused down there"
         helps(child)
         assert child.epoch > epoch + 3600, "to ask again helps, and so does the end of it"
@@ -167,19 +168,19 @@ def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
 
 def test_who_may_command() -> None:
     child = lessor()
-    child.check(None)
+    child.check(None, 0.0)
     with pytest.raises(StaleEpoch):
-        child.check(child.epoch)  # an epoch is a parent's, and there is none
+        child.check(child.epoch, 0.0)  # an epoch is a parent's, and there is none
     epoch = grant(child)
-    child.check(epoch)
+    child.check(epoch, 0.0)
     with pytest.raises(NotInControl, match=r"mover is commanded by lever; .*`robotree release lever.mover`"):
-        child.check(None)
+        child.check(None, 0.0)
     with pytest.raises(StaleEpoch):
-        child.check(epoch - 1)
+        child.check(epoch - 1, 0.0)
     child.release(LEVER, epoch, unix=BORN)
-    child.check(None)
+    child.check(None, 0.0)
     with pytest.raises(StaleEpoch):
-        child.check(epoch)
+        child.check(epoch, 0.0)
 
 
 def test_only_the_holder_can_release() -> None:
@@ -205,30 +206,30 @@ def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal() -> None:
     child = lessor()
     epoch = grant(child)
     with pytest.raises(CycleOfBonds):
-        child.renew(LEVER, epoch, ("mover", "lever"), now=1.0, unix=BORN)
-    assert child.tenure is None
+        child.renew(LEVER, epoch, ("mover", "lever"), now=1.0)
+    assert child.tenure is not None, "a refusal changes nothing: the agent ends the lease"
 
 
 # -- the parent's side -----------------------------------------------------------------------------
 
 
 def test_the_parent_counts_from_when_it_asked() -> None:
-    lease = Lessee(epoch=1, term=5.0, sent=10.0, now=12.0)
+    lease = Lessee.begin(epoch=1, term=5.0, sent=10.0, now=12.0)
     assert lease.expires == 15.0
 
 
 def test_on_a_quick_way_a_third_of_the_term_passes_between_renewals() -> None:
-    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.001)
+    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.001)
     assert lease.due == pytest.approx(2.0)
 
 
 def test_on_a_slow_way_renewals_leave_sooner() -> None:
-    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.6)
+    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.6)
     assert lease.due < 1.0
 
 
 def test_a_late_answer_is_asked_for_again_before_the_lease_ends() -> None:
-    lease = Lessee(epoch=1, term=6.0, sent=0.0, now=0.1)
+    lease = Lessee.begin(epoch=1, term=6.0, sent=0.0, now=0.1)
     asked = []
     while lease.due < lease.expires:
         asked.append(lease.due)
@@ -238,7 +239,7 @@ def test_a_late_answer_is_asked_for_again_before_the_lease_ends() -> None:
 
 
 def test_grants_that_overtake_each_other_never_shorten_the_lease() -> None:
-    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=0.1)
+    lease = Lessee.begin(epoch=1, term=5.0, sent=0.0, now=0.1)
     lease.asked(1.0)
     lease.asked(2.0)
     lease.granted(sent=2.0, now=2.5, term=5.0)
@@ -248,7 +249,7 @@ def test_grants_that_overtake_each_other_never_shorten_the_lease() -> None:
 
 def test_a_way_of_one_second_each_way_is_quick_enough_for_the_default_term() -> None:
     """Simulated: answers come 2 s later, the parent's own belief must never run out."""
-    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=2.0)
+    lease = Lessee.begin(epoch=1, term=5.0, sent=0.0, now=2.0)
     out: list[float] = []
     now = 2.0
     while now < 120.0:

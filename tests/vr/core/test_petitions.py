@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot
-from robotree.vr.agents.petition import REUNION
+from robotree.vr.agents.children import REUNION
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.requests import Petition, decode_request
 from robotree.vr.world.network import MemoryTransport
@@ -43,7 +43,7 @@ async def test_a_child_that_its_parent_does_not_know_it_has_is_free_again(realm:
     transport = Forgetful(realm.network, "pair")
     realm.network.enter(transport)
     pair = await realm.start(Pair("pair"), transport, term=600.0)
-    enslaving = asyncio.create_task(pair._bonds.enslave("left", rover.address))
+    enslaving = asyncio.create_task(pair._children.enslave("left", rover.address))
     await realm.until(lambda: rover.description().bond is not None)
     if how == "its asker goes away":
         enslaving.cancel()

@@ -3,21 +3,21 @@ from __future__ import annotations
 import pytest
 
 from robotree.vr.address import Address
-from robotree.vr.bond import Bond, Slots
+from robotree.vr.core.bonds import Bond, Slots
+from robotree.vr.core.lease import Lessee
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
-from robotree.vr.lease import Lessee
 
 ARM = Address("robot", "arm-1", "1")
 OTHER = Address("robot", "arm-2", "1")
 
 
 def slots() -> Slots:
-    return Slots("lever", [SlotSpec(name="left", kind="Arm"), SlotSpec(name="right", kind="Arm")])
+    return Slots.empty("lever", [SlotSpec(name="left", kind="Arm"), SlotSpec(name="right", kind="Arm")])
 
 
-def bond(child: Address = ARM) -> Bond:
-    lease = Lessee(epoch=1, term=5.0, sent=0.0, now=0.0)
+def bond(child: Address = ARM, epoch: int = 1) -> Bond:
+    lease = Lessee.begin(epoch=epoch, term=5.0, sent=0.0, now=0.0)
     return Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm", "Robot")))
 
 
@@ -48,7 +48,7 @@ def test_a_lost_child_leaves_its_reason_until_the_next_one_comes() -> None:
     children, first = slots(), bond()
     children.begin("left", ARM)
     children.bind("left", first)
-    assert children.lose("left", first, "arm-1 has ended")
+    assert children.lose("left", first.child, first.lease.epoch, "arm-1 has ended")
     assert [spec.lost for spec in children.specs()] == ["arm-1 has ended", ""]
     with pytest.raises(
         SlotEmpty, match=r"lever.left is empty \(arm-1 has ended\); enslave a robot of kind Arm: "
@@ -66,8 +66,8 @@ def test_an_old_loss_does_not_touch_a_new_bond() -> None:
     children.bind("left", first)
     children.free("left")
     children.begin("left", ARM)
-    children.bind("left", bond())
-    assert not children.lose("left", first, "late news")
+    children.bind("left", bond(epoch=2))
+    assert not children.lose("left", first.child, first.lease.epoch, "late news")
     assert children["left"].state == "bound"
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import threading
 from typing import Any
 
 import pytest
 
 from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
+from robotree.vr.core.calls import LONGEST_QUEUE
 from robotree.vr.errors import NotConfirmed, NotInControl, Stopped
-from robotree.vr.mailbox import LONGEST_QUEUE
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.crew import Driver, Rover, crew
+from tests.vr.core.gate import Gate
 
 
 async def test_a_stop_goes_ahead_of_everything_and_down_to_the_hardware(realm: Any) -> None:
@@ -130,7 +130,7 @@ async def test_the_last_of_thirty_levels_is_named_when_it_does_not_answer(realm:
 
 
 async def test_nothing_is_released_while_a_robot_still_stops(realm: Any) -> None:
-    ended = threading.Event()
+    ended = Gate()
 
     class Slow(Driver):
         def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # slow
@@ -153,7 +153,7 @@ async def test_nothing_is_released_while_a_robot_still_stops(realm: Any) -> None
 
 
 async def test_an_author_who_blocks_a_hook_does_not_block_the_stop(realm: Any) -> None:
-    release = threading.Event()
+    release = Gate()
 
     class Deaf(Driver):
         def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # deaf

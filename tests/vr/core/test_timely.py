@@ -105,12 +105,17 @@ async def test_on_another_machine_a_request_is_as_new_as_its_arrival(
     now = asyncio.get_running_loop().time()
 
     def asked(seconds_ago: float, boot: str) -> Request:
-        return opened(Timely(request=call, asked=now - seconds_ago, holds=FRESH, boot=boot), "rover")
+        return opened(
+            Timely(request=call, asked=now - seconds_ago, holds=FRESH, boot=boot),
+            "rover",
+            now,
+            timely.boot_here(),
+        )
 
-    assert asked(FRESH - 0.1, timely._boot()) == call
+    assert asked(FRESH - 0.1, timely.boot_here()) == call
     with pytest.raises(NoAnswer):
-        asked(FRESH, timely._boot())
+        asked(FRESH, timely.boot_here())
     assert asked(1000.0, "another") == call
-    assert opened(call, "rover") == call
-    monkeypatch.setattr(timely, "_boot", lambda: "")  # a system that does not tell it
+    assert opened(call, "rover", now, "") == call
+    monkeypatch.setattr(timely, "boot_here", lambda: "")  # a system that does not tell it
     assert decode_request(timely.Question(call, within=5.0).body) == call

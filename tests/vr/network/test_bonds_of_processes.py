@@ -17,10 +17,10 @@ import pytest
 from robotree.vr import Child, VirtualRobot
 from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.lease import DEFAULT_TERM
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.requests import Call, Describe, Described, encode
 from robotree.vr.supervision.fleet import Fleet

@@ -85,7 +85,9 @@ async def test_the_tree_leaves_out_who_hangs_or_vanishes(world: World) -> None:
     await world.fleet.enslave("carrier", "rover", "r1")
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
     assert [robot.name for robot in await world.fleet.tree()] == ["carrier", "r2"]
-    world.network.kill(world.agents.pop("r1").transport)  # type: ignore[arg-type]
+    killed = world.agents.pop("r1")
+    world.network.kill(killed.transport)  # type: ignore[arg-type]
+    killed.live.process.close()
     assert [robot.name for robot in await world.fleet.tree()] == ["carrier", "r2"]
 
 

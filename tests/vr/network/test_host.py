@@ -203,7 +203,7 @@ async def test_what_a_deleted_robot_leaves_running_is_told_by_its_host(realm: Re
         realm.operator, (await realm.client().create(Bundle(DEFIER, "d.py"), "defier")).address
     )
     await defier.tell("defy", {})
-    assert await defier.delete() == "its defy heeds no cancel and still runs; restart host host-1"
+    assert await defier.delete() == "its defy ignores every cancel and still runs; restart host host-1"
     described = await realm.client().describe()
     assert (described.robots, described.abandoned) == ((), ("defier.defy",))
     assert (await realm.client(1).describe()).abandoned == ()

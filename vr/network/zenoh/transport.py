@@ -20,6 +20,7 @@ import zenoh
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.on_loop import FOREVER, directly, relay
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.network.zenoh.making import made
@@ -27,6 +28,8 @@ from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
     CutOffHandler,
+    DirectHandler,
+    Hear,
     Held,
     PresenceHandler,
     Registration,
@@ -101,12 +104,14 @@ class ZenohTransport:
         """Whether it is closed or about to be."""
         return self._closing is not None
 
-    async def serve(self, key: str, handler: RequestHandler) -> Registration:
-        """See `Transport.serve`."""
+    async def serve(
+        self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
+    ) -> Registration:
+        """See `Transport.serve`: here every request goes by the event loop."""
         session = self._open(key)
         if key in self._served:
             raise ValueError(f"{key} is served already")
-        self._served[key] = handler
+        self._served[key] = handler if direct is None else directly(direct, handler)
 
         def take(query: zenoh.Query) -> None:
             payload = query.payload
@@ -158,6 +163,18 @@ class ZenohTransport:
         else:
             self._spawn(self._send(send, replies))
         return replies
+
+    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+        """See `Transport.ask`: here every request goes by the event loop."""
+        del within
+
+        def begin() -> None:
+            if self.closed:
+                hear(None)
+            else:
+                self._spawn(relay(self.request(key, body, timeout=FOREVER, urgent=urgent), hear))
+
+        self._turns.put(begin, urgent=urgent)
 
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""

@@ -1,27 +1,34 @@
-"""Work that is done in a thread, one piece after the other, in the order in which it was given."""
+"""Work that is done in a thread, one piece after the other, in the order in which it was submitted."""
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 
+from robotree.vr.running.runner import Runner
 
-class InTurn:
-    """A queue with a thread behind it, which lives only while there is something to do.
 
-    The thread is a daemon: work that never ends holds up what comes after it, and no end of the process.
+class SerialWorker:
+    """Does one thing after the other, in the order in which they were submitted.
+
+    Its thread lives only while there is something to do. Work that never ends holds up what comes after it,
+    and no end of the process.
     """
 
-    def __init__(self, name: str) -> None:
-        """Begin with nothing to do; `name` is that of the thread."""
-        self._name = name
-        self._lock = threading.Lock()
+    def __init__(self, runner: Runner, name: str) -> None:
+        """Begin with nothing to do.
+
+        Args:
+            runner: that spawns the thread.
+            name: of the thread.
+        """
+        self._runner, self._name = runner, name
+        self._lock = runner.lock()
         self._ahead: deque[tuple[Future[bool], Callable[[], bool]]] = deque()
         self._working = False
 
-    def give(self, work: Callable[[], bool]) -> Future[bool]:
+    def submit(self, work: Callable[[], bool]) -> Future[bool]:
         """Have it done when all that was given before has ended. From any thread.
 
         Args:
@@ -35,7 +42,7 @@ class InTurn:
             self._ahead.append((turn, work))
             idle, self._working = not self._working, True
         if idle:
-            threading.Thread(target=self._work, name=self._name, daemon=True).start()
+            self._runner.spawn(self._work, self._name)
         return turn
 
     def _work(self) -> None:

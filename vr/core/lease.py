@@ -45,27 +45,35 @@ class Tenure(msgspec.Struct, frozen=True, kw_only=True):
     """Key of the petition by which it was granted."""
 
 
-class Lessor:
+class Lessor(msgspec.Struct, kw_only=True):
     """The child's side: grants its own command to one parent at a time."""
 
-    def __init__(self, robot: str, *, term: float = DEFAULT_TERM, unix: float) -> None:
-        """Begin free.
+    robot: str
+    """Name, for messages and for the search for cycles."""
+    term: float
+    """[s] Longest lease that it grants."""
+    epoch: int
+    term_granted: float
+    """[s] of the present or the last lease."""
+    tenure: Tenure | None = None
+    found: int | None = None
+    """Epoch that what stands behind the robot obeyed when it was first heard."""
+    rival: int = -1
+    """The highest epoch that it has obeyed since and that is not ours."""
+    retracted: dict[str, None] = {}
+    """Keys of petitions that were taken back, the oldest first."""
+
+    @classmethod
+    def free(cls, robot: str, *, term: float = DEFAULT_TERM, unix: float) -> Lessor:
+        """Begin without a lease.
 
         Args:
-            robot: name, for messages and for the search for cycles.
+            robot: name.
             term: [s] longest lease that it grants.
             unix: [s] since 1970: the first epoch.
         """
-        self.robot, self.term = robot, max(term, SHORTEST_TERM)
-        self.epoch = int(unix)
-        self._found: int | None = None
-        """What stands behind the robot obeyed it when it was first heard."""
-        self._rival = -1
-        """The highest epoch that it has obeyed since and that is not ours."""
-        self.tenure: Tenure | None = None
-        self.term_granted = self.term
-        """[s] of the present or the last lease."""
-        self._retracted: dict[str, None] = {}
+        term = max(term, SHORTEST_TERM)
+        return cls(robot=robot, term=term, epoch=int(unix), term_granted=term)
 
     def petition(
         self,
@@ -94,14 +102,14 @@ class Lessor:
             LeaseDenied: another slot holds the robot.
             Retracted: the parent took the petition back before it came.
         """
-        self.tick(now, unix)
-        if key in self._retracted:
+        if key in self.retracted:
             raise Retracted(robot=self.robot, parent=parent.name)
         self._refuse_cycle(parent, lineage)
-        if self.tenure is not None and (self.tenure.parent, self.tenure.slot) != (parent, slot):
-            raise LeaseDenied(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
+        held = self._in_force(now)
+        if held is not None and (held.parent, held.slot) != (parent, slot):
+            raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
-        self.epoch = max(self._next_epoch(unix), self._rival + 1)
+        self.epoch = max(self._next_epoch(unix), self.rival + 1)
         self.tenure = Tenure(
             parent=parent,
             slot=slot,
@@ -125,31 +133,25 @@ class Lessor:
         """
         if not key:  # of somebody who gave it none: it cannot be known again
             return None
-        self._retracted[key] = None
-        while len(self._retracted) > MOST_RETRACTED:
-            del self._retracted[next(iter(self._retracted))]
+        self.retracted[key] = None
+        while len(self.retracted) > MOST_RETRACTED:
+            del self.retracted[next(iter(self.retracted))]
         if self.tenure is None or (self.tenure.parent, self.tenure.petition) != (parent, key):
             return None
         return self.end(unix)
 
-    def renew(
-        self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float, unix: float
-    ) -> Tenure:
+    def renew(self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float) -> Tenure:
         """Prolong the lease by the term first granted.
 
         Raises:
             StaleEpoch: this is not the lease in force.
-            CycleOfBonds: the robot has become an ancestor of its parent; the lease is over.
+            CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
-        self.tick(now, unix)
-        if self.tenure is None or (self.tenure.parent, self.tenure.epoch) != (parent, epoch):
+        held = self._in_force(now)
+        if held is None or (held.parent, held.epoch) != (parent, epoch):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
-        try:
-            self._refuse_cycle(parent, lineage)
-        except CycleOfBonds:
-            self.end(unix)
-            raise
-        self.tenure = msgspec.structs.replace(self.tenure, expires=now + self.term_granted, lineage=lineage)
+        self._refuse_cycle(parent, lineage)
+        self.tenure = msgspec.structs.replace(held, expires=now + self.term_granted, lineage=lineage)
         return self.tenure
 
     def release(self, parent: Address, epoch: int, *, unix: float) -> Tenure | None:
@@ -173,7 +175,7 @@ class Lessor:
     @property
     def outranked(self) -> bool:
         """Whether somebody else commands what stands behind the robot, under a later epoch."""
-        return self._rival >= self.epoch
+        return self.rival >= self.epoch
 
     def hear(self, obeyed: int) -> None:
         """Take note of the epoch that what stands behind the robot obeys, whenever it is looked at.
@@ -183,41 +185,59 @@ class Lessor:
         ours later was granted to somebody else, who commands it beside us: it stays above until a parent
         asks for this robot. The epoch of a lease in force stays in either case.
         """
-        if self._found is None:
-            self._found = obeyed
+        if self.found is None:
+            self.found = obeyed
             if self.tenure is None and self.epoch < obeyed:  # the same epoch is our own, come back
                 self.epoch = obeyed + 1
-        elif obeyed > max(self.epoch, self._found):
-            self._rival = obeyed
+        elif obeyed > max(self.epoch, self.found):
+            self.rival = obeyed
 
-    def check(self, epoch: int | None) -> None:
+    def check(self, epoch: int | None, now: float) -> None:
         """Refuse a caller who may not command the robot.
 
         Args:
             epoch: of the caller's lease; None: the caller has none.
+            now: [s] monotonic.
 
         Raises:
             NotInControl: a parent commands the robot, and the caller has no lease.
             StaleEpoch: the caller's lease is not the one in force.
         """
+        held = self._in_force(now)
         if epoch is None:
-            if self.tenure is not None:
-                raise NotInControl(robot=self.robot, holder=self.tenure.parent.name, slot=self.tenure.slot)
-        elif self.tenure is None or epoch != self.tenure.epoch:
+            if held is not None:
+                raise NotInControl(robot=self.robot, holder=held.parent.name, slot=held.slot)
+        elif held is None or epoch != held.epoch:
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
 
+    def _in_force(self, now: float) -> Tenure | None:
+        return self.tenure if self.tenure is not None and now < self.tenure.expires else None
+
     def _next_epoch(self, unix: float) -> int:
-        return later_epoch(max(self.epoch, self._found or 0), unix)
+        return later_epoch(max(self.epoch, self.found or 0), unix)
 
     def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
         if self.robot in {*lineage, parent.name}:
             raise CycleOfBonds(parent=parent.name, child=self.robot, lineage=" > ".join(lineage))
 
 
-class Lessee:
+class Lessee(msgspec.Struct, kw_only=True):
     """The parent's side: when to ask again, and when to believe the lease lost."""
 
-    def __init__(self, *, epoch: int, term: float, sent: float, now: float) -> None:
+    epoch: int
+    term: float
+    """[s] as granted."""
+    confirmed: float
+    """[s] When the last request left that was granted."""
+    last_asked: float
+    """[s] When the last request left."""
+    round_trip: float
+    """[s] that a request and its answer take, on average."""
+    deviation: float
+    """[s] Mean deviation from that."""
+
+    @classmethod
+    def begin(cls, *, epoch: int, term: float, sent: float, now: float) -> Lessee:
         """Begin with a grant.
 
         Args:
@@ -226,25 +246,18 @@ class Lessee:
             sent: [s] when the request left.
             now: [s] when the grant arrived.
         """
-        self.epoch, self.term = epoch, term
-        self._confirmed = self._asked = sent
-        self._round_trip = max(now - sent, 0.0)
-        self._deviation = self._round_trip / 2
+        way = max(now - sent, 0.0)
+        return cls(epoch=epoch, term=term, confirmed=sent, last_asked=sent, round_trip=way, deviation=way / 2)
 
     @property
     def expires(self) -> float:
         """[s] when the lease is over unless a later request is granted; never after the child's moment."""
-        return self._confirmed + self.term
-
-    @property
-    def round_trip(self) -> float:
-        """[s] that a request and its answer take, on average."""
-        return self._round_trip
+        return self.confirmed + self.term
 
     @property
     def patience(self) -> float:
         """[s] after which an answer that has not come is late."""
-        return self._round_trip + 4 * self._deviation
+        return self.round_trip + 4 * self.deviation
 
     @property
     def due(self) -> float:
@@ -254,18 +267,18 @@ class Lessee:
         out, whenever it is late: requests may overlap.
         """
         least = self.term / 10
-        if self._asked > self._confirmed:
-            return self._asked + max(least, min(self.patience, self.term / 3))
-        return self._confirmed + max(least, min(self.term / 3, self.term - 3 * self.patience))
+        if self.last_asked > self.confirmed:
+            return self.last_asked + max(least, min(self.patience, self.term / 3))
+        return self.confirmed + max(least, min(self.term / 3, self.term - 3 * self.patience))
 
     def asked(self, now: float) -> None:
         """Note that a request leaves."""
-        self._asked = max(self._asked, now)
+        self.last_asked = max(self.last_asked, now)
 
     def granted(self, *, sent: float, now: float, term: float) -> None:
         """Note the grant of the request that left at `sent`. Grants may arrive in any order."""
         sample = max(now - sent, 0.0)
-        self._deviation += (abs(sample - self._round_trip) - self._deviation) / 4
-        self._round_trip += (sample - self._round_trip) / 8
-        if sent > self._confirmed:
-            self._confirmed, self.term = sent, term
+        self.deviation += (abs(sample - self.round_trip) - self.deviation) / 4
+        self.round_trip += (sample - self.round_trip) / 8
+        if sent > self.confirmed:
+            self.confirmed, self.term = sent, term

@@ -16,9 +16,9 @@ from typing import Literal
 import msgspec
 
 from robotree.vr.address import Address
+from robotree.vr.core.lease import Lessee
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
-from robotree.vr.lease import Lessee
 
 
 class Bond(msgspec.Struct, kw_only=True):
@@ -34,15 +34,15 @@ class Bond(msgspec.Struct, kw_only=True):
     """[s] that the ways down through these levels and back take together, as it said last."""
 
 
-class Slot:
+class Slot(msgspec.Struct):
     """One slot. Its state follows from what is in it."""
 
-    def __init__(self, spec: SlotSpec) -> None:
-        """Begin empty."""
-        self.spec = spec
-        self.asked: Address | None = None
-        self.bond: Bond | None = None
-        self.lost = ""
+    spec: SlotSpec
+    asked: Address | None = None
+    """The child that is being asked."""
+    bond: Bond | None = None
+    lost: str = ""
+    """Why the last child was lost; empty: it was not."""
 
     @property
     def state(self) -> Literal["empty", "asking", "bound"]:
@@ -57,18 +57,22 @@ class Slot:
         return self.asked if self.bond is None else self.bond.child
 
 
-class Slots:
+class Slots(msgspec.Struct):
     """All slots of one virtual robot, by name."""
 
-    def __init__(self, robot: str, specs: Iterable[SlotSpec]) -> None:
-        """Begin with all of them empty.
+    robot: str
+    """Name of the virtual robot, for messages."""
+    by_name: dict[str, Slot] = {}
+
+    @classmethod
+    def empty(cls, robot: str, specs: Iterable[SlotSpec]) -> Slots:
+        """Begin with nobody in them.
 
         Args:
-            robot: name of the virtual robot, for messages.
+            robot: name of the virtual robot.
             specs: the slots that its class declares.
         """
-        self.robot = robot
-        self._slots = {spec.name: Slot(spec) for spec in specs}
+        return cls(robot, {spec.name: Slot(spec) for spec in specs})
 
     def __getitem__(self, name: str) -> Slot:
         """Return a slot.
@@ -77,9 +81,9 @@ class Slots:
             NoSuchSlot: there is none of this name.
         """
         try:
-            return self._slots[name]
+            return self.by_name[name]
         except KeyError:
-            known = ", ".join(self._slots) or "none"
+            known = ", ".join(self.by_name) or "none"
             raise NoSuchSlot(robot=self.robot, slot=name, known=known) from None
 
     def specs(self) -> tuple[SlotSpec, ...]:
@@ -88,16 +92,16 @@ class Slots:
             msgspec.structs.replace(
                 slot.spec, child=None if slot.bond is None else slot.bond.child, lost=slot.lost
             )
-            for slot in self._slots.values()
+            for slot in self.by_name.values()
         )
 
     def bonds(self) -> dict[str, Bond]:
         """Return the bonds in force, by slot."""
-        return {name: slot.bond for name, slot in self._slots.items() if slot.bond is not None}
+        return {name: slot.bond for name, slot in self.by_name.items() if slot.bond is not None}
 
     def children(self) -> list[Address]:
         """Return who is bound or is being asked."""
-        return [slot.child for slot in self._slots.values() if slot.child is not None]
+        return [slot.child for slot in self.by_name.values() if slot.child is not None]
 
     def require(self, name: str) -> Bond:
         """Return the bond in a slot.
@@ -142,21 +146,26 @@ class Slots:
         """Take the question back: the child refused or did not answer."""
         self[name].asked = None
 
-    def lose(self, name: str, bond: Bond, reason: str) -> bool:
+    def held(self, name: str, child: Address, epoch: int) -> Bond | None:
+        """Return the bond in a slot if it is the one with this child and epoch."""
+        bond = self[name].bond
+        return bond if bond is not None and (bond.child, bond.lease.epoch) == (child, epoch) else None
+
+    def lose(self, name: str, child: Address, epoch: int, reason: str) -> bool:
         """Empty the slot because the child is lost.
 
         Args:
             name: the slot.
-            bond: the bond that is lost; if the slot holds another one by now, nothing happens.
+            child: that is lost.
+            epoch: of the bond that is lost; if the slot holds another one by now, nothing happens.
             reason: why, for everybody who uses the slot from now on.
 
         Returns:
             Whether the slot has been emptied.
         """
-        slot = self[name]
-        if slot.bond is not bond:
+        if self.held(name, child, epoch) is None:
             return False
-        slot.bond, slot.lost = None, reason
+        self[name].bond, self[name].lost = None, reason
         return True
 
     def free(self, name: str) -> Bond:

@@ -1,0 +1,306 @@
+"""The core of a robot against a model of plain lists, and against a copy that was encoded and decoded."""
+
+from __future__ import annotations
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import settings
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from robotree.vr.address import Address
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import Slots
+from robotree.vr.core.calls import LONGEST_QUEUE, Calls
+from robotree.vr.core.events import Begin, Event, Interrupt, Settled
+from robotree.vr.core.lease import Lessor
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.state import State, decode_state, encode_state
+from robotree.vr.core.stop import Stop
+from robotree.vr.description import SlotSpec
+from robotree.vr.errors import (
+    Busy,
+    CommandCancelled,
+    DeadlineExceeded,
+    KeyReused,
+    NotInControl,
+    StaleEpoch,
+    StillRunning,
+    Stopped,
+    VrError,
+)
+from robotree.vr.requests import Failed, Returned
+
+UNIX = 1_000_000.0
+PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
+TERM = 5.0
+
+
+def new_core() -> RobotCore:
+    state = State(
+        address=Address("robot", "arm-1", "1"),
+        home="host host-1",
+        lease=Lessor.free("arm-1", term=TERM, unix=UNIX),
+        slots=Slots.empty("arm-1", [SlotSpec(name="tool", kind="Tool")]),
+        calls=Calls(),
+        stop=Stop(),
+    )
+    return RobotCore(state)
+
+
+class CoreMachine(RuleBasedStateMachine):
+    """Every event goes to two cores, of which one is encoded and decoded now and then."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.core, self.copy = new_core(), new_core()
+        self.now = 0.0
+        self.numbers = iter(range(10**9))
+        self.running: list[str] = []
+        """What the model says runs: at most one that moves, any number that read."""
+        self.waiting: list[str] = []
+        self.readers: list[str] = []
+        self.replies: dict[str, Returned | Failed] = {}
+        self.began: set[str] = set()
+        self.sent: dict[str, on.Invoke] = {}
+
+    # -- how events are handled ------------------------------------------------------------------
+
+    def handle(self, event: Event) -> list[on.Effect]:
+        """Let an event happen; raises the refusal, which changed nothing."""
+        if self.core.due <= self.now and not isinstance(event, on.Tick):
+            self.handle(on.Tick(unix=UNIX + self.now))
+        before = encode_state(self.core.state)
+        try:
+            effects = self.core.handle(event, self.now)
+        except VrError as refusal:
+            assert encode_state(self.core.state) == before, "a refusal changes nothing"
+            with pytest.raises(type(refusal)):
+                self.copy.handle(event, self.now)
+            raise
+        assert self.copy.handle(event, self.now) == effects, "the decoded copy goes on identically"
+        self.take(effects)
+        return effects
+
+    def take(self, effects: list[on.Effect]) -> None:
+        for effect in effects:
+            match effect:
+                case Begin(key=key):
+                    assert key not in self.began, "no call begins twice"
+                    self.began.add(key)
+                    if key in self.waiting:
+                        assert self.waiting[0] == key, "those that wait begin in their order"
+                        self.waiting.pop(0)
+                        self.running.append(key)
+                case Settled(key=key, reply=reply):
+                    if key in self.replies:
+                        assert self.replies[key] == reply, "the same call has one end"
+                    self.replies[key] = reply
+                    for some in (self.running, self.waiting, self.readers):
+                        if key in some:
+                            some.remove(key)
+                case Interrupt(key=key):
+                    assert key in self.running + self.readers, "only what runs is interrupted"
+                case _:
+                    pass
+
+    @rule()
+    def go_on_from_the_encoded_state(self) -> None:
+        self.copy = RobotCore(decode_state(encode_state(self.copy.state)))
+
+    @rule(seconds=st.sampled_from([0.1, 1.0, TERM]))
+    def time_passes(self, seconds: float) -> None:
+        self.now += seconds
+        self.handle(on.Tick(unix=UNIX + self.now))
+
+    # -- calls -----------------------------------------------------------------------------------
+
+    def invoke(self, *, reads: bool = False, epoch: int | None = None, within: float = 100.0) -> on.Invoke:
+        key = f"k{next(self.numbers)}"
+        self.sent[key] = on.Invoke(
+            key=key,
+            command="look" if reads else "move",
+            sent={},
+            arguments={},
+            deadline_at=self.now + within,
+            epoch=epoch,
+            reads=reads,
+        )
+        return self.sent[key]
+
+    def right(self) -> int | None:
+        tenure = self.core.state.lease.tenure
+        return None if tenure is None or tenure.expires <= self.now else tenure.epoch
+
+    @rule(reads=st.booleans(), within=st.sampled_from([0.5, 3.0, 1000.0]))
+    def a_call_comes(self, *, reads: bool, within: float) -> None:
+        call = self.invoke(reads=reads, epoch=self.right(), within=within)
+        idle = not self.running
+        try:
+            self.handle(call)
+        except Stopped:
+            assert not reads
+            assert self.core.state.stop.in_force
+        except StillRunning:
+            assert not reads
+            assert self.core.state.calls.abandoned
+        except Busy:
+            assert reads or len(self.waiting) == LONGEST_QUEUE
+        else:
+            if reads:
+                self.readers.append(call.key)
+            elif idle and call.key in self.began:
+                self.running.append(call.key)
+            else:
+                self.waiting.append(call.key)
+
+    @rule()
+    def a_call_comes_from_one_who_has_no_right(self) -> None:
+        right = self.right()
+        wrong = self.invoke(epoch=7 if right is None else None)
+        with pytest.raises(StaleEpoch if right is None else NotInControl):
+            self.handle(wrong)
+
+    @precondition(lambda self: self.replies)
+    @rule(data=st.data())
+    def an_ended_call_comes_again(self, data: st.DataObject) -> None:
+        key = data.draw(st.sampled_from(sorted(self.replies)))
+        call = self.sent[key]
+        again = on.Invoke(
+            key=key, command=call.command, sent={}, arguments={}, deadline_at=self.now + 9, epoch=self.right()
+        )
+        if key in self.core.state.calls.ended:
+            assert self.handle(again) == [Settled(key=key, reply=self.replies[key])]
+        other = on.Invoke(
+            key=key, command="other", sent={}, arguments={}, deadline_at=self.now + 9, epoch=self.right()
+        )
+        if key in self.core.state.calls.ended:
+            with pytest.raises(KeyReused):
+                self.handle(other)
+
+    @rule()
+    def a_call_comes_too_late(self) -> None:
+        call = self.invoke(epoch=self.right(), within=0.0, reads=True)
+        with pytest.raises(DeadlineExceeded):
+            self.handle(call)
+
+    @precondition(lambda self: self.running or self.readers)
+    @rule(data=st.data(), well=st.booleans())
+    def the_code_of_one_ends(self, data: st.DataObject, *, well: bool) -> None:
+        key = data.draw(st.sampled_from(self.running + self.readers))
+        failed = Failed.of(CommandCancelled(robot="arm-1", command="move", reason="its author"))
+        self.handle(on.Finish(key=key, reply=Returned(key=key, value=1) if well else failed))
+        assert key in self.replies
+
+    @precondition(lambda self: self.running or self.readers or self.waiting)
+    @rule(data=st.data())
+    def one_is_cancelled(self, data: st.DataObject) -> None:
+        key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
+        waits = key in self.waiting
+        self.handle(on.Cancel(key=key, reason="enough", entitled=True))
+        assert (key in self.replies) == waits, "what waits ends at once, what runs ends with its code"
+
+    @rule()
+    def a_cancel_overtakes_its_call(self) -> None:
+        call = self.invoke(epoch=self.right())
+        self.handle(on.Cancel(key=call.key, reason="too late", epoch=self.right()))
+        with pytest.raises(CommandCancelled, match="too late"):
+            self.handle(call)
+
+    @precondition(lambda self: self.running)
+    @rule()
+    def code_is_abandoned_and_ends_after_all(self) -> None:
+        key = self.running[0]
+        self.handle(on.Abandon(key=key))
+        assert not self.waiting, "nothing waits behind abandoned code"
+        with pytest.raises((StillRunning, Stopped)):
+            self.handle(self.invoke(epoch=self.right()))
+        self.handle(on.Gone(key=key))
+
+    # -- who commands it -------------------------------------------------------------------------
+
+    @rule(parent=st.sampled_from(PARENTS))
+    def a_parent_asks(self, parent: Address) -> None:
+        before = self.core.state.lease.epoch
+        ask = on.Ask(parent=parent, slot="arm", lineage=(parent.name,), term=TERM, unix=UNIX + self.now)
+        tenure = self.core.state.lease.tenure
+        try:
+            self.handle(ask)
+        except VrError:
+            assert tenure is not None
+            assert tenure.parent != parent
+        else:
+            assert self.core.state.lease.epoch > before, "each grant has a higher epoch"
+            assert not self.waiting
+
+    @precondition(lambda self: self.right() is not None)
+    @rule()
+    def the_lease_ends(self) -> None:
+        tenure = self.core.state.lease.tenure
+        assert tenure is not None
+        self.handle(on.EndLease(parent=tenure.parent, unix=UNIX + self.now, reason="it let go"))
+        assert self.core.state.lease.epoch > tenure.epoch
+
+    # -- stops -----------------------------------------------------------------------------------
+
+    @rule(order=st.sampled_from(["", "a", "b"]))
+    def a_stop_is_ordered(self, order: str) -> None:
+        stop = self.core.state.stop
+        known, before = stop.known(order), stop.generation
+        self.handle(on.SafeStop(reason="a hand", order=order))
+        assert stop.generation == before + (0 if known else 1), "copies of one order are one stop"
+        assert not self.waiting
+
+    @rule(late=st.booleans())
+    def it_is_released(self, *, late: bool) -> None:
+        stop = self.core.state.stop
+        if late and stop.generation:
+            with pytest.raises(VrError):
+                self.handle(on.Release(generation=stop.generation - 1))
+        else:
+            self.handle(on.Release(generation=stop.generation))
+            assert not stop.reason
+
+    @rule(halted=st.sampled_from(["", "its controller is in safe stop"]))
+    def the_robot_says_that_it_is_stopped(self, halted: str) -> None:
+        self.handle(on.Halted(reason=halted))
+
+    # -- always ----------------------------------------------------------------------------------
+
+    @invariant()
+    def what_runs_and_waits_is_what_the_model_says(self) -> None:
+        calls = self.core.state.calls
+        assert ([calls.running] if calls.running else []) == self.running
+        assert calls.waiting == self.waiting
+        assert calls.readers == len(self.readers)
+        assert set(calls.live) == {*self.running, *self.waiting, *self.readers}
+
+    @invariant()
+    def both_cores_are_the_same(self) -> None:
+        assert encode_state(self.core.state) == encode_state(self.copy.state)
+
+
+TestCoreMachine = CoreMachine.TestCase
+TestCoreMachine.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
+
+
+def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> None:
+    core = new_core()
+
+    def call(number: int, lowest: int) -> on.Invoke:
+        return on.Invoke(
+            key=f"k{number}",
+            command="move",
+            sent={},
+            arguments={},
+            deadline_at=10.0,
+            source="lever/arm/7",
+            number=number,
+            lowest=lowest,
+        )
+
+    core.handle(call(1, 1), 0.0)
+    core.handle(on.Finish(key="k1", reply=Returned(key="k1")), 0.0)
+    core.handle(call(2, 2), 0.0)
+    assert "k1" not in core.state.calls.ended, "its reply is forgotten"
+    with pytest.raises(CommandCancelled, match="its caller has given it up"):
+        core.handle(call(1, 1), 0.0)

@@ -1,0 +1,246 @@
+"""What a robot shows of itself: description, state and listing.
+
+A change may come from any thread and very often; it only sets a flag. The state is published at once after a
+change, but not more than ten times a second, and slowly while nothing changes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+import logging
+import math
+from typing import Any, Protocol
+
+from robotree.vr.address import Address
+from robotree.vr.agents.hooks import Hooks
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.description import BondSpec, Listing, RobotDescription
+from robotree.vr.errors import TransportError, VrError
+from robotree.vr.requests import State, encode
+from robotree.vr.running.live import LiveRobot
+from robotree.vr.transport import Transport
+
+QUICK = 0.1
+"""[s] Least time between two states, and the period while a command runs."""
+SLOW = 1.0
+"""[s] Period while nothing happens."""
+LISTING_PATIENCE = 5.0
+"""[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
+one."""
+
+_log = logging.getLogger(__name__)
+
+
+class Listings(Protocol):
+    """Where agents are listed: what an agent needs of `lookup.registrar.Registrar`."""
+
+    async def enter(self, listing: Listing) -> None:
+        """List an agent, or change its listing; renewed until it leaves."""
+        ...
+
+    async def leave(self, address: Address) -> None:
+        """Take an agent out."""
+        ...
+
+
+class News:
+    """What one robot shows. Lives on the event loop; `changed` may be called from any thread."""
+
+    def __init__(
+        self, live: LiveRobot, hooks: Hooks, transport: Transport, listings: Listings | None, host: str
+    ) -> None:
+        """Prepare; `run` publishes.
+
+        Args:
+            live: the robot.
+            hooks: of the robot, for its readings.
+            transport: where its state is published.
+            listings: where it is listed while nobody has enslaved it; None: nowhere.
+            host: name of its host, for people.
+        """
+        self._live, self._hooks, self._transport = live, hooks, transport
+        self._listings, self._host = listings, host
+        self._address: Address = live.core.state.address
+        self._loop = asyncio.get_running_loop()
+        self._bell = asyncio.Event()
+        self._asleep = False
+        self._dirty = True
+        self._wanted: Listing | None = None
+        self._present: Listing | None = None
+        self._listing: asyncio.Task[None] | None = None
+        self._closed = False
+
+    def changed(self) -> None:
+        """Note that there is something new to show."""
+        self._dirty = True
+        if self._asleep:
+            self._asleep = False
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+                self._loop.call_soon_threadsafe(self._bell.set)
+
+    async def run(self) -> None:
+        """Publish until cancelled or until the transport is closed."""
+        with contextlib.suppress(TransportError):
+            while True:
+                self._bell.clear()
+                self._dirty = False
+                busy = self._publish()
+                self.update_listing()
+                await asyncio.sleep(QUICK)
+                if busy or self._dirty:
+                    continue
+                self._asleep = True
+                if not self._dirty:
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(SLOW - QUICK):
+                            await self._bell.wait()
+                self._asleep = False
+
+    def _publish(self) -> bool:
+        """Publish how it is now; return whether it is busy."""
+        try:
+            state = self.state()
+            self._transport.publish(f"{self._address.key}/state", encode(state))
+        except TransportError:
+            raise
+        except Exception:  # noqa: BLE001 # an author's code may be behind it
+            _log.exception("%s has no state to publish", self._address.name)
+            return False
+        return bool(state.busy)
+
+    # -- listing ----------------------------------------------------------------------------------
+
+    def update_listing(self) -> None:
+        """Have the lookup services hold what they should: nothing while the robot is enslaved, or ends."""
+        if self._listings is None:
+            return
+        self._wanted = None if self._closed else self.listing()
+        if self._listing is None and self._wanted != self._present:
+            self._listing = self._loop.create_task(self._change(self._listings))
+
+    async def listed(self) -> None:
+        """Wait until the lookup services know what they should, or as many of them as answer."""
+        while self._listing is not None:
+            await asyncio.wait([self._listing])
+
+    async def leave(self) -> None:
+        """Take it out of the lookup services for good."""
+        self._closed = True
+        self.update_listing()
+        await self.listed()
+
+    async def _change(self, listings: Listings) -> None:
+        try:
+            while self._wanted != self._present:
+                wanted = self._wanted
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(LISTING_PATIENCE):
+                        await self._apply(listings, wanted)
+                self._present = wanted
+        finally:
+            self._listing = None
+
+    async def _apply(self, listings: Listings, wanted: Listing | None) -> None:
+        try:
+            if wanted is None:
+                await listings.leave(self._address)
+            else:
+                await listings.enter(wanted)
+        except VrError as error:
+            _log.warning("%s: %s", self._address.name, error)
+
+    # -- what it shows ----------------------------------------------------------------------------
+
+    def description(self) -> RobotDescription:
+        """Describe the robot as it is now."""
+        live, readings = self._live, self._readings()
+        live.look_at_robot()
+        now = live.process.runner.now()
+
+        def describe(core: RobotCore) -> RobotDescription:
+            state = core.state
+            tenure, calls = state.lease.tenure, state.calls
+            bond = None
+            if tenure is not None:
+                left = max(tenure.expires - now, 0.0)
+                bond = BondSpec(parent=tenure.parent, slot=tenure.slot, epoch=tenure.epoch, remaining=left)
+            running = calls.live.get(calls.running)
+            return RobotDescription(
+                commands=live.specs(),
+                slots=state.slots.specs(),
+                bond=bond,
+                epoch=state.lease.epoch,
+                busy="" if running is None else running.command,
+                waiting=len(calls.waiting),
+                online=live.robot.online,
+                stopped=bool(state.stop.in_force),
+                stop_reason=state.stop.in_force,
+                stops=state.stop.generation,
+                abandoned=tuple(calls.abandoned.values()),
+                readings=readings,
+                units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
+                calls=dict(calls.counts),
+                doc=self._doc(),
+                **self._identity(),
+            )
+
+        described: RobotDescription = live.look(describe)
+        return described
+
+    def state(self) -> State:
+        """Return how the robot is now, with its readings."""
+        live, readings = self._live, self._readings()
+        live.look_at_robot()
+
+        def tell(core: RobotCore) -> State:
+            state = core.state
+            tenure, calls = state.lease.tenure, state.calls
+            running = calls.live.get(calls.running)
+            return State(
+                busy="" if running is None else running.command,
+                caller="" if running is None else running.caller,
+                note="" if running is None else live.said.get(running.key, (0.0, ""))[1],
+                waiting=len(calls.waiting),
+                epoch=state.lease.epoch,
+                bond=None if tenure is None else tenure.parent,
+                online=live.robot.online,
+                stopped=bool(state.stop.in_force),
+                stop_reason=state.stop.in_force,
+                abandoned=tuple(calls.abandoned.values()),
+                readings=readings,
+            )
+
+        told: State = live.look(tell)
+        return told
+
+    def listing(self) -> Listing | None:
+        """Return what a lookup service should hold of it: nothing while it is enslaved."""
+        if self._live.core.state.lease.tenure is not None:
+            return None
+        specs = self._live.look(lambda _: self._live.specs())
+        return Listing(
+            commands=tuple(spec.name for spec in specs if spec.available),
+            doc=self._doc().partition("\n")[0],
+            **self._identity(),
+        )
+
+    def _readings(self) -> dict[str, float]:
+        readings = dict(self._hooks.readings())
+        fraction = self._live.said.get(self._live.core.state.calls.running, (math.nan, ""))[0]
+        if not math.isnan(fraction):
+            readings["progress"] = fraction
+        return readings
+
+    def _doc(self) -> str:
+        return inspect.cleandoc(type(self._live.robot).__doc__ or "")
+
+    def _identity(self) -> dict[str, Any]:
+        robot = self._live.robot
+        return {
+            "address": self._address,
+            "kinds": robot.kinds(),
+            "host": self._host,
+            "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
+        }

@@ -1,0 +1,180 @@
+"""Calls from other processes: from the bytes of a request to the robot, and from its core back to bytes.
+
+It runs in the thread that reads the network, so that no event loop is on a call's way. What may take time,
+such as the units behind a text, is handed to a worker.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import partial
+
+from robotree.vr.core import events as on
+from robotree.vr.errors import Unreachable, VrError
+from robotree.vr.exchange.timely import boot_here, opened
+from robotree.vr.requests import (
+    Accepted,
+    Call,
+    Cancel,
+    Done,
+    Failed,
+    Progress,
+    Reply,
+    Returned,
+    decode_request,
+    encode,
+)
+from robotree.vr.running.live import LiveRobot, NotDescribed
+from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.transport import Respond
+
+PROGRESS_PERIOD = 0.05
+"""[s] Least time between two reports of a command's progress to one caller."""
+
+_log = logging.getLogger(__name__)
+
+
+class Caller:
+    """Who waits in another process for the end of a call: a `Listener`."""
+
+    def __init__(self, live: LiveRobot, key: str, respond: Respond, end: Callable[[], None]) -> None:
+        """Take how to reply and how to end the replies."""
+        self._live, self._key, self._respond, self._end = live, key, respond, end
+        self._quiet_until = 0.0
+        self._latest: Progress | None = None
+        self._over = False
+
+    def note(self, fraction: float, text: str) -> None:
+        """See `Listener.note`: the latest is always told, in between not all."""
+        now, waiting = self._live.process.runner.now(), self._latest is not None
+        self._latest = Progress(key=self._key, fraction=fraction, text=text)
+        if now >= self._quiet_until:
+            self._tell()
+        elif not waiting:
+            self._live.process.at(self._quiet_until, self._tell)
+
+    def settle(self, reply: Returned | Failed) -> None:
+        """See `Listener.settle`."""
+        self._tell()
+        self._over = True
+        self._respond(encode(reply))
+        self._end()
+
+    def _tell(self) -> None:
+        latest, self._latest = self._latest, None
+        if latest is not None and not self._over:
+            self._quiet_until = self._live.process.runner.now() + PROGRESS_PERIOD
+            self._respond(encode(latest))
+
+
+class OutsideCalls:
+    """Takes the calls and cancels that come for one robot."""
+
+    def __init__(
+        self,
+        live: LiveRobot,
+        *,
+        is_open: Callable[[], bool],
+        describe: Callable[[NotDescribed, Callable[[VrError | None], None]], None],
+        attend: Callable[[str, str], None],
+    ) -> None:
+        """Begin, on the event loop.
+
+        Args:
+            live: the robot.
+            is_open: returns whether it takes anything new.
+            describe: asks a child for a command, without waiting; calls back with None, or why it is in vain.
+            attend: ends a call when a caller's presence goes; takes presence and key.
+        """
+        self._live, self._is_open, self._describe, self._attend = live, is_open, describe, attend
+        self._boot = boot_here()
+        self._units = SerialWorker(live.process.runner, f"{live.robot.name} units")
+
+    def take(self, body: bytes, respond: Respond, end: Callable[[], None]) -> bool:
+        """Take a request if it is a call or a cancel; see `Transport.serve`."""
+        try:
+            now = self._live.process.runner.now()
+            request = opened(decode_request(body), self._live.robot.name, now, self._boot)
+        except VrError as error:
+            self._refuse(error, respond, end)
+            return True
+        if isinstance(request, Call):
+            self._call(request, respond, end)
+        elif isinstance(request, Cancel):
+            self._answer(partial(self._cancel, request), respond, end)
+        else:
+            return False
+        return True
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _call(self, call: Call, respond: Respond, end: Callable[[], None]) -> None:
+        stops = self._live.stops
+        admit = partial(self._admit, call, respond, end, self._live.deadline_at(call.deadline), stops)
+        if self._live.takes_units(call):
+            self._units.submit(lambda: admit() is None)  # to load them takes a while
+        else:
+            admit()
+
+    def _admit(
+        self, call: Call, respond: Respond, end: Callable[[], None], deadline_at: float, stops: int
+    ) -> None:
+        live = self._live
+        caller = None if call.oneway else Caller(live, call.key, respond, end)
+
+        def accepted() -> None:
+            respond(encode(Accepted(key=call.key)))
+            if call.oneway:
+                end()
+
+        try:
+            self._expect_open()
+            live.admit(call, deadline_at, listener=caller, accepted=accepted, stops=stops)
+        except NotDescribed as unknown:
+
+            def described(error: VrError | None) -> None:
+                if error is None:
+                    self._admit(call, respond, end, deadline_at, stops)
+                else:
+                    self._refuse(error, respond, end)
+
+            self._describe(unknown, described)
+        except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
+            self._refuse(error, respond, end)
+        else:
+            if call.presence:
+                self._attend(call.presence, call.key)
+
+    def _expect_open(self) -> None:
+        """Refuse what is new when the robot ends.
+
+        Raises:
+            Unreachable: it does.
+        """
+        if not self._is_open():
+            raise Unreachable(key=self._live.key)
+
+    def _cancel(self, request: Cancel) -> Reply:
+        reason = request.reason or "on request"
+        if request.key:
+            self._live.post(on.Cancel(key=request.key, reason=reason, epoch=request.epoch))
+        else:
+            self._live.post(on.CancelAll(reason=reason, epoch=request.epoch))
+        return Done()
+
+    def _answer(self, answer: Callable[[], Reply], respond: Respond, end: Callable[[], None]) -> None:
+        try:
+            self._expect_open()
+            respond(encode(answer()))
+        except Exception as error:  # noqa: BLE001 # as above
+            self._refuse(error, respond, end)
+        else:
+            end()
+
+    def _refuse(self, error: Exception, respond: Respond, end: Callable[[], None]) -> None:
+        if not isinstance(error, VrError):
+            _log.error("%s: an answer failed", self._live.robot.name, exc_info=error)
+            error = VrError(detail=f"{self._live.robot.name}: internal error: {error!r}")
+        respond(encode(Failed.of(error)))
+        end()

@@ -1,0 +1,158 @@
+"""Stops and resumes as one robot carries them out; what is stopped, the core knows.
+
+What stands behind the robot is asked beside its children, as one more of those that must confirm.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from robotree.vr.agents.children import Children
+from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
+from robotree.vr.core import events as on
+from robotree.vr.core.confirmation import Budget, Confirmations
+from robotree.vr.core.stop import Stop
+from robotree.vr.errors import NoAnswer
+from robotree.vr.requests import Done, Reply, Resume, SafeStop
+from robotree.vr.running.live import LiveRobot
+
+
+class Stops:
+    """Stops one robot and releases it. Lives on the event loop."""
+
+    def __init__(
+        self, live: LiveRobot, hooks: Hooks, children: Children | None, *, on_change: Callable[[], None]
+    ) -> None:
+        """Begin.
+
+        Args:
+            live: the robot.
+            hooks: of the robot.
+            children: of the robot; None: it can have none.
+            on_change: called when it is stopped or released.
+        """
+        self._live, self._hooks, self._children, self._on_change = live, hooks, children, on_change
+        self._key = live.core.state.address.key
+        self._answers: dict[int, asyncio.Task[tuple[str, ...]]] = {}
+        """The answers to the stops in force, by generation."""
+        self._releases = 0
+        """How many resumes wait for what stands behind the robot."""
+
+    @property
+    def _stop(self) -> Stop:
+        return self._live.core.state.stop
+
+    async def safe_stop(self, request: SafeStop) -> Reply:
+        """Stop now; answer when everything below has confirmed it, or when the time is over.
+
+        Who orders a stop tells all robots of a tree at once, and each passes it on. Such a copy of an order
+        that is obeyed already waits for the same answer: to stop again would be as much work as there are
+        ways to the robot, and would count as a new stop.
+
+        Raises:
+            NotConfirmed: not everything below has confirmed it.
+        """
+        budget = self._budget(request.within)
+        answer = self._answers.get(self._stop.known(request.order))
+        if answer is None:
+            return Done(told=await asyncio.shield(self._begin(request, budget)))
+        done, _ = await asyncio.wait([answer], timeout=budget.within)
+        if not done:  # the copy before this one has more time
+            raise NoAnswer(key=self._key, seconds=budget.within)
+        return Done(told=answer.result())
+
+    async def resume(self, request: Resume) -> Reply:
+        """Release those below first: nobody may use a child that is still stopped.
+
+        Raises:
+            NotConfirmed: not everything is released.
+            LeaseError: the asker may not command the robot.
+        """
+        live, name, began = self._live, self._live.robot.name, _now()
+        budget = self._budget(request.within)
+        live.core.state.lease.check(request.epoch, live.process.runner.now())
+        confirmations, seen = Confirmations("the resume"), self._stops_seen(request)
+        if seen == live.stops and not await self._hooks.has_stopped(budget.wait / 2):
+            confirmations.deny(name, STILL_STOPPING)
+        if self._children is not None and seen == live.stops and confirmations.complete:
+            await self._children.resume(request.seen, confirmations, budget, waited=_now() - began)
+            live.core.state.lease.check(request.epoch, live.process.runner.now())  # that may have taken time
+        allowed = seen == live.stops and confirmations.complete
+        doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
+        if seen != live.stops:
+            confirmations.deny(name, "it was stopped again after that had been asked for")
+        elif not confirmations.complete:
+            if not confirmations.names(name):
+                confirmations.deny(name, "it waits for those below it")
+        else:
+            self._take_own(confirmations, doubt)
+            if not doubt:
+                live.post(on.Release(generation=seen))
+                self._answers.clear()
+                self._on_change()
+        return Done(told=tuple(confirmations.settle()))
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _budget(self, within: float) -> Budget:
+        children = self._children
+        return (
+            Budget(within) if children is None else Budget(within, depth=children.depth, ways=children.ways)
+        )
+
+    def _begin(self, request: SafeStop, budget: Budget) -> asyncio.Task[tuple[str, ...]]:
+        reason = request.reason or "protective stop"
+        if not self._stop.reason:
+            self._answers.clear()
+        self._live.post(on.SafeStop(reason=reason, order=request.order))
+        generation = self._stop.generation
+        confirming = self._hooks.safe_stop(reason)
+        self._on_change()
+        answer = asyncio.ensure_future(self._confirmed(confirming, reason, request.order, generation, budget))
+        if request.order:
+            self._answers[generation] = answer
+            for old in self._answers.keys() - self._stop.orders.values():
+                del self._answers[old]
+        return answer
+
+    async def _confirmed(
+        self, confirming: Confirming, reason: str, order: str, generation: int, budget: Budget
+    ) -> tuple[str, ...]:
+        confirmations, children = Confirmations("the protective stop"), self._children
+        if children is None:
+            doubt = await confirming.doubt(budget.wait)
+        else:
+            below = children.safe_stop(reason, order, confirmations, budget)
+            doubt, _ = await asyncio.gather(confirming.doubt(budget.wait), below)
+        self._take_own(confirmations, doubt)
+        told = tuple(confirmations.settle())
+        self._live.post(on.StopConfirmed(generation=generation))
+        return told
+
+    async def _release_own(self, within: float) -> str:
+        """Release what stands behind the robot, within [s]; return why that is not confirmed, or nothing."""
+        if not (self._stop.in_force or self._releases):
+            return ""  # nobody has stopped it: what is offline need not confirm that
+        self._releases += 1
+        try:
+            return await self._hooks.resume().doubt(within)
+        finally:
+            self._releases -= 1
+
+    def _stops_seen(self, request: Resume) -> int:
+        """How many stops the asker knows of; all, where it does not say so or none is in force."""
+        if request.seen is None or not self._stop.in_force:
+            return self._live.stops
+        return request.seen.get(self._key, 0)
+
+    def _take_own(self, confirmations: Confirmations, doubt: str) -> None:
+        if doubt:
+            offline = "" if self._live.robot.online else "it is offline, and "
+            confirmations.deny(self._live.robot.name, f"{offline}{doubt}")
+        else:
+            confirmations.take(self._live.robot.name, ())
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,1 @@
+"""The robot as plain data, and the one pure machine that changes it."""

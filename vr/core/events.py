@@ -1,0 +1,279 @@
+"""What can happen to a robot, and what has to be done about it: plain values that name things by key."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from robotree.vr.address import Address
+from robotree.vr.core.bonds import Bond
+from robotree.vr.description import RobotDescription
+from robotree.vr.requests import Failed, Returned
+
+
+class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
+    """One event or one effect."""
+
+
+# -- events: calls ---------------------------------------------------------------------------------
+
+
+class Invoke(_Value, frozen=True, kw_only=True):
+    """Somebody calls a command, whose arguments have been checked."""
+
+    key: str
+    command: str
+    sent: dict[str, Any]
+    """Arguments as they came."""
+    arguments: dict[str, Any]
+    """Arguments as checked."""
+    deadline_at: float
+    """[s] on the robot's clock."""
+    epoch: int | None = None
+    """Of the caller's lease; None: it has none."""
+    caller: str = ""
+    reads: bool = False
+    stops_seen: int = -1
+    """Stops that the robot had been told of when the call came; -1: no matter."""
+    source: str = ""
+    """Who numbers its calls; empty: nobody."""
+    number: int = 0
+    lowest: int = 0
+    """Below which number the caller's calls no longer matter to it."""
+
+
+class Finish(_Value, frozen=True, kw_only=True):
+    """The code of a call has ended."""
+
+    key: str
+    reply: Returned | Failed
+
+
+class Cancel(_Value, frozen=True, kw_only=True):
+    """End one call, also one that has not come yet."""
+
+    key: str
+    reason: str
+    epoch: int | None = None
+    """Of the asker's lease."""
+    entitled: bool = False
+    """Whether the right of the asker is known: it is the caller itself."""
+
+
+class CancelAll(_Value, frozen=True, kw_only=True):
+    """End all calls."""
+
+    reason: str
+    but_readers: bool = False
+    epoch: int | None = None
+    entitled: bool = False
+
+
+class Abandon(_Value, frozen=True, kw_only=True):
+    """The code of a call ignores its end: give it up."""
+
+    key: str
+
+
+class Gone(_Value, frozen=True, kw_only=True):
+    """Abandoned code has ended after all."""
+
+    key: str
+
+
+class Tick(_Value, frozen=True, kw_only=True):
+    """Time has passed: what is due ends."""
+
+    unix: float
+    """[s] since 1970."""
+
+
+# -- events: who commands it -----------------------------------------------------------------------
+
+
+class Ask(_Value, frozen=True, kw_only=True):
+    """A parent petitions for the lease."""
+
+    parent: Address
+    slot: str
+    lineage: tuple[str, ...]
+    term: float
+    unix: float
+    key: str = ""
+
+
+class Prolong(_Value, frozen=True, kw_only=True):
+    """The parent renews the lease."""
+
+    parent: Address
+    epoch: int
+    lineage: tuple[str, ...]
+    unix: float
+
+
+class EndLease(_Value, frozen=True, kw_only=True):
+    """The lease of a parent ends: released, retracted, or because the parent is gone."""
+
+    parent: Address
+    unix: float
+    reason: str
+    epoch: int | None = None
+    """Of the lease; None: whichever the parent has."""
+    taken_back: bool = False
+    """Whether a petition is taken back, also before it comes."""
+    petition: str = ""
+    """Its key."""
+
+
+class Obeyed(_Value, frozen=True, kw_only=True):
+    """What stands behind the robot obeys an epoch."""
+
+    epoch: int
+
+
+# -- events: whom it commands ----------------------------------------------------------------------
+
+
+class Reserve(_Value, frozen=True, kw_only=True):
+    """A child is being asked to come into a slot."""
+
+    slot: str
+    child: Address
+
+
+class Unreserve(_Value, frozen=True, kw_only=True):
+    """It does not come."""
+
+    slot: str
+
+
+class Bind(_Value, frozen=True, kw_only=True):
+    """It comes."""
+
+    slot: str
+    bond: Bond
+
+
+class Free(_Value, frozen=True, kw_only=True):
+    """The child in a slot is released."""
+
+    slot: str
+
+
+class Lose(_Value, frozen=True, kw_only=True):
+    """The child in a slot is lost."""
+
+    slot: str
+    child: Address
+    epoch: int
+    reason: str
+
+
+class Renewing(_Value, frozen=True, kw_only=True):
+    """The child in a slot is asked to prolong its lease."""
+
+    slot: str
+    child: Address
+    epoch: int
+
+
+class Renewed(_Value, frozen=True, kw_only=True):
+    """The child in a slot has prolonged its lease."""
+
+    slot: str
+    child: Address
+    epoch: int
+    sent: float
+    """[s] When the request left."""
+    term: float
+    depth: int = 0
+    ways: float = 0.0
+    description: RobotDescription | None = None
+    """If it has changed."""
+
+
+# -- events: stops ---------------------------------------------------------------------------------
+
+
+class SafeStop(_Value, frozen=True, kw_only=True):
+    """A protective stop is ordered."""
+
+    reason: str
+    order: str = ""
+
+
+class Halted(_Value, frozen=True, kw_only=True):
+    """The robot says itself that it is stopped, or that it is not any more."""
+
+    reason: str
+
+
+class StopConfirmed(_Value, frozen=True, kw_only=True):
+    """Everything below has confirmed a stop."""
+
+    generation: int
+
+
+class Release(_Value, frozen=True, kw_only=True):
+    """All below are released: the stop ends, if no later one has begun."""
+
+    generation: int
+
+
+Event = (
+    Invoke | Finish | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed | Reserve
+    | Unreserve | Bind | Free | Lose | Renewing | Renewed | SafeStop | Halted | StopConfirmed | Release
+)  # fmt: skip
+
+
+# -- effects ---------------------------------------------------------------------------------------
+
+
+class Begin(_Value, frozen=True, kw_only=True):
+    """Carry out the call of a key."""
+
+    key: str
+
+
+class Interrupt(_Value, frozen=True, kw_only=True):
+    """End the code of a call."""
+
+    key: str
+    cause: Failed
+
+
+class Settled(_Value, frozen=True, kw_only=True):
+    """A call has ended: tell those who wait for it."""
+
+    key: str
+    reply: Returned | Failed
+
+
+class LeaseChanged(_Value, frozen=True, kw_only=True):
+    """Somebody else commands the robot, or the lease has other ancestors."""
+
+
+class LeaseEnded(_Value, frozen=True, kw_only=True):
+    """Nobody commands the robot any more."""
+
+    parent: Address
+    slot: str
+    reason: str
+
+
+class ChildGone(_Value, frozen=True, kw_only=True):
+    """A slot is empty again: end the calls of the child that was in it."""
+
+    slot: str
+    reason: str
+    """Why it was lost; empty: it was released."""
+
+
+class StopBegun(_Value, frozen=True, kw_only=True):
+    """Stop what stands behind the robot and all below it, for this generation."""
+
+    generation: int
+
+
+Effect = Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | ChildGone | StopBegun

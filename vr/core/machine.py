@@ -1,0 +1,337 @@
+"""The pure machine of a robot: `handle(event, now) -> effects`.
+
+It refuses by raising a `VrError`, and a refusal changes nothing. Effects name calls and slots, never parts of
+the state; who carries them out does so after the state has changed (and, with a journal, after it has been
+written).
+
+The order in which a call is examined: the caller's right (epoch), whether the call is known (the same key is
+carried out once), stops, a rival controller, abandoned code, its deadline, room in the queue.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from robotree.vr.core import events as on
+from robotree.vr.core.calls import Call, Ended
+from robotree.vr.core.events import (
+    Begin,
+    ChildGone,
+    Effect,
+    Event,
+    Interrupt,
+    LeaseChanged,
+    LeaseEnded,
+    Settled,
+    StopBegun,
+)
+from robotree.vr.core.lease import Tenure
+from robotree.vr.core.state import State
+from robotree.vr.errors import (
+    CommandCancelled,
+    CommandFailed,
+    CycleOfBonds,
+    DeadlineExceeded,
+    NotConfirmed,
+    Stopped,
+)
+from robotree.vr.requests import Failed, Returned
+
+LONGEST_DEADLINE = 7 * 24 * 3600.0
+"""[s]"""
+
+Effects = list[Effect]
+
+
+class RobotCore:
+    """One robot: its state, and what each event does to it."""
+
+    __slots__ = ("_handlers", "state")
+
+    def __init__(self, state: State) -> None:
+        """Take a state, new or decoded."""
+        self.state = state
+        self._handlers: dict[type, Callable[[Any, float], Effects]] = {
+            on.Invoke: self._invoke,
+            on.Finish: self._finish,
+            on.Cancel: self._cancel,
+            on.CancelAll: self._cancel_all,
+            on.Abandon: self._abandon,
+            on.Gone: self._gone,
+            on.Tick: self._tick,
+            on.Ask: self._ask,
+            on.Prolong: self._prolong,
+            on.EndLease: self._end_lease,
+            on.Obeyed: self._obeyed,
+            on.Reserve: self._reserve,
+            on.Unreserve: self._unreserve,
+            on.Bind: self._bind,
+            on.Free: self._free,
+            on.Lose: self._lose,
+            on.Renewing: self._renewing,
+            on.Renewed: self._renewed,
+            on.SafeStop: self._safe_stop,
+            on.Halted: self._halted,
+            on.StopConfirmed: self._stop_confirmed,
+            on.Release: self._release,
+        }
+
+    def handle(self, event: Event, now: float) -> Effects:
+        """Change the state; return what is to be done, in this order.
+
+        Args:
+            event: what happened.
+            now: [s] on the robot's monotonic clock.
+
+        Raises:
+            VrError: it is refused; nothing has changed.
+        """
+        return self._handlers[type(event)](event, now)
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.state.address.name
+
+    @property
+    def due(self) -> float:
+        """[s] when `Tick` will change something if nothing else does before."""
+        tenure = self.state.lease.tenure
+        return min(self.state.calls.due, math.inf if tenure is None else tenure.expires)
+
+    @property
+    def outranked(self) -> bool:
+        """Whether the robot is free here, and somebody else commands what stands behind it."""
+        return self.state.lease.tenure is None and self.state.lease.outranked
+
+    # -- calls ------------------------------------------------------------------------------------
+
+    def _invoke(self, event: on.Invoke, now: float) -> Effects:
+        calls, name, command = self.state.calls, self.name, event.command
+        self.state.lease.check(event.epoch, now)
+        if calls.late(event.source, event.number):
+            raise CommandCancelled(robot=name, command=command, reason="its caller has given it up")
+        known = calls.known(name, event.key, command, event.sent)
+        if isinstance(known, Ended):
+            return [Settled(key=event.key, reply=known.reply)]
+        if known is not None:
+            return []
+        if not event.reads:
+            self._expect_free_to_move(event)
+        if not now < event.deadline_at < math.inf:
+            raise DeadlineExceeded(robot=name, command=command)
+        calls.expect_room(name, reads=event.reads)
+        calls.settle_below(event.source, event.lowest)
+        call = Call(
+            key=event.key,
+            command=command,
+            sent=event.sent,
+            arguments=event.arguments,
+            caller=event.caller,
+            epoch=self.state.lease.epoch,
+            deadline_at=event.deadline_at,
+            reads=event.reads,
+            source=event.source,
+            number=event.number,
+        )
+        return [Begin(key=event.key)] if calls.enter(call) else []
+
+    def _expect_free_to_move(self, event: on.Invoke) -> None:
+        """Refuse what moves while something forbids it.
+
+        Raises:
+            CommandError: which says what.
+        """
+        name, stop, tenure = self.name, self.state.stop, self.state.lease.tenure
+        if stop.in_force:
+            commander = name if tenure is None else tenure.parent.name
+            raise Stopped(robot=name, reason=stop.in_force, commander=commander)
+        if event.stops_seen not in {-1, stop.generation}:  # what came before a stop has ended with it
+            raise CommandCancelled(robot=name, command=event.command, reason=stop.latest)
+        if self.outranked:
+            raise CommandFailed(
+                robot=name,
+                command=event.command,
+                detail="another proxy commands its controller, under a later lease; enslave "
+                f"{name} to take it over, or end that proxy and start this one again",
+            )
+        if refusal := self.state.calls.beside_abandoned(name, self.state.home):
+            raise refusal
+
+    def _finish(self, event: on.Finish, _: float) -> Effects:
+        call = self.state.calls.live.get(event.key)
+        if call is None:
+            return []
+        return self._settle(call, event.reply)
+
+    def _settle(self, call: Call, reply: Returned | Failed) -> Effects:
+        if call.cause is not None and isinstance(reply, Failed):
+            reply = call.cause
+        following = self.state.calls.leave(call.key, reply)
+        effects: Effects = [Settled(key=call.key, reply=reply)]
+        if following:
+            effects.append(Begin(key=following))
+        return effects
+
+    def _cancel(self, event: on.Cancel, now: float) -> Effects:
+        if not event.entitled:
+            self.state.lease.check(event.epoch, now)
+        call = self.state.calls.live.get(event.key)
+        if call is None:
+            self.state.calls.refuse(event.key, event.reason)
+            return []
+        return self._end(call, CommandCancelled(robot=self.name, command=call.command, reason=event.reason))
+
+    def _end(self, call: Call, cause: CommandCancelled | DeadlineExceeded) -> Effects:
+        if call.cause is not None:
+            return []
+        failed = Failed.of(cause)
+        if not call.running:
+            return self._settle(call, failed)
+        call.cause = failed
+        return [Interrupt(key=call.key, cause=failed)]
+
+    def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
+        if not event.entitled:
+            self.state.lease.check(event.epoch, now)
+        return self._end_all(event.reason, but_readers=event.but_readers)
+
+    def _end_all(self, reason: str, *, but_readers: bool = False) -> Effects:
+        """End all calls, those that wait before the one that runs."""
+        effects: Effects = []
+        for call in reversed(list(self.state.calls.live.values())):
+            if not (but_readers and call.reads):
+                effects += self._end(
+                    call, CommandCancelled(robot=self.name, command=call.command, reason=reason)
+                )
+        return effects
+
+    def _abandon(self, event: on.Abandon, _: float) -> Effects:
+        calls = self.state.calls
+        call = calls.live.get(event.key)
+        if call is None:
+            return []
+        calls.abandoned[call.key] = call.command
+        refusal = calls.beside_abandoned(self.name, self.state.home)
+        assert refusal is not None  # noqa: S101 # just entered
+        failed = Failed.of(refusal)
+        effects: Effects = []
+        for key in reversed(calls.waiting):
+            effects += self._settle(calls.live[key], failed)
+        return effects + self._settle(call, call.cause or failed)
+
+    def _gone(self, event: on.Gone, _: float) -> Effects:
+        self.state.calls.abandoned.pop(event.key, None)
+        return []
+
+    def _tick(self, event: on.Tick, now: float) -> Effects:
+        effects: Effects = []
+        if tenure := self.state.lease.tick(now, event.unix):
+            effects += self._freed(tenure, f"{tenure.parent.name} fell silent")
+        for call in list(self.state.calls.live.values()):
+            if call.deadline_at <= now and call.key in self.state.calls.live:
+                effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command))
+        return effects
+
+    # -- who commands it --------------------------------------------------------------------------
+
+    def _ask(self, event: on.Ask, now: float) -> Effects:
+        parent = event.parent
+        if any(child.name == parent.name for child in self.state.slots.children()):
+            raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
+        self.state.lease.petition(
+            parent, event.slot, event.lineage, event.term, now=now, unix=event.unix, key=event.key
+        )
+        return [
+            LeaseChanged(),
+            *self._end_all(f"{parent.name} has enslaved {self.name}", but_readers=True),
+        ]
+
+    def _prolong(self, event: on.Prolong, now: float) -> Effects:
+        before = self.state.lease.tenure
+        tenure = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
+        changed = before is None or before.lineage != tenure.lineage
+        return [LeaseChanged()] if changed else []
+
+    def _end_lease(self, event: on.EndLease, _: float) -> Effects:
+        lease = self.state.lease
+        if event.taken_back:
+            ended = lease.retract(event.parent, event.petition, unix=event.unix)
+            return [] if ended is None else self._freed(ended, event.reason)
+        tenure = lease.tenure
+        if tenure is None or tenure.parent != event.parent or event.epoch not in {None, tenure.epoch}:
+            return []
+        lease.end(event.unix)
+        return self._freed(tenure, event.reason)
+
+    def _freed(self, tenure: Tenure, reason: str) -> Effects:
+        parent, slot = tenure.parent, tenure.slot
+        ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}")
+        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason)]
+
+    def _obeyed(self, event: on.Obeyed, _: float) -> Effects:
+        self.state.lease.hear(event.epoch)
+        return []
+
+    # -- whom it commands -------------------------------------------------------------------------
+
+    def _reserve(self, event: on.Reserve, _: float) -> Effects:
+        self.state.slots.begin(event.slot, event.child)
+        return []
+
+    def _unreserve(self, event: on.Unreserve, _: float) -> Effects:
+        self.state.slots.abort(event.slot)
+        return []
+
+    def _bind(self, event: on.Bind, _: float) -> Effects:
+        self.state.slots.bind(event.slot, event.bond)
+        return []
+
+    def _free(self, event: on.Free, _: float) -> Effects:
+        self.state.slots.free(event.slot)
+        return [ChildGone(slot=event.slot, reason="")]
+
+    def _lose(self, event: on.Lose, _: float) -> Effects:
+        if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
+            return []
+        return [ChildGone(slot=event.slot, reason=event.reason)]
+
+    def _renewing(self, event: on.Renewing, now: float) -> Effects:
+        if bond := self.state.slots.held(event.slot, event.child, event.epoch):
+            bond.lease.asked(now)
+        return []
+
+    def _renewed(self, event: on.Renewed, now: float) -> Effects:
+        if bond := self.state.slots.held(event.slot, event.child, event.epoch):
+            bond.lease.granted(sent=event.sent, now=now, term=event.term)
+            bond.depth, bond.ways = event.depth, event.ways
+            if event.description is not None:
+                bond.description = event.description
+        return []
+
+    # -- stops ------------------------------------------------------------------------------------
+
+    def _safe_stop(self, event: on.SafeStop, _: float) -> Effects:
+        stop = self.state.stop
+        if stop.known(event.order):
+            return []
+        generation = stop.begin(event.reason, event.order)
+        return [*self._end_all(event.reason), StopBegun(generation=generation)]
+
+    def _halted(self, event: on.Halted, _: float) -> Effects:
+        self.state.stop.hear(event.reason)
+        return self._end_all(event.reason, but_readers=True) if event.reason else []
+
+    def _stop_confirmed(self, event: on.StopConfirmed, _: float) -> Effects:
+        self.state.stop.confirm(event.generation)
+        return []
+
+    def _release(self, event: on.Release, _: float) -> Effects:
+        stop = self.state.stop
+        if event.generation != stop.generation:
+            reason = "it was stopped again after that had been asked for"
+            raise NotConfirmed(order="the resume", told=[], untold=[[self.name, reason]], advice=[])
+        stop.release()
+        return []

@@ -1,0 +1,583 @@
+"""A robot at work in a process: its core behind one lock, its code on workers, and the one way to call it.
+
+Whoever calls it, an operator, its parent or a command that it lets through to a child, comes by `admit`: the
+command is found, its arguments are checked, the call is accepted by the core and written to the journal, and
+only then anything begins. `post` is the one door to the core. Effects are carried out outside the lock.
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Protocol
+
+import msgspec
+
+from robotree.vr.arguments import check_arguments
+from robotree.vr.child import Exposed
+from robotree.vr.command import Command, commands_of
+from robotree.vr.context import CommandContext
+from robotree.vr.core import events as on
+from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
+from robotree.vr.core.machine import LONGEST_DEADLINE, RobotCore
+from robotree.vr.description import Arguments, CommandSpec
+from robotree.vr.errors import NoSuchCommand, VrError
+from robotree.vr.requests import PATIENCE, Call, Cancel, Failed, Returned, encode
+from robotree.vr.robot import Robot
+from robotree.vr.running.outcome import check_result, failed
+from robotree.vr.running.pending import Listener, PendingCall
+from robotree.vr.running.process import Process
+from robotree.vr.running.worker import DEEPEST, Frame, Worker
+from robotree.vr.transport import Hear
+from robotree.vr.virtual_robot import VirtualRobot, exposures_of
+
+FRESH = 3.0
+"""[s] for which a call may lie unread at a child in another process: after that the child must not begin
+it."""
+
+LONGEST_NOTE = 80
+"""Characters of what a command says of its progress that its robot's state repeats to everybody."""
+
+_log = logging.getLogger(__name__)
+
+
+class NotDescribed(Exception):
+    """What is known of the child in a slot does not show a command: it has to be asked."""
+
+    def __init__(self, slot: str, command: str) -> None:
+        """Name both."""
+        super().__init__(f"{slot}.{command}")
+        self.slot, self.command = slot, command
+
+
+class Way(Protocol):
+    """What a robot at work needs of its agent: the way to other processes, and to what is behind it."""
+
+    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+        """Ask the server of a key without waiting: see `Transport.ask`."""
+        ...
+
+    def hangs(self, key: str) -> bool:
+        """Whether the process that serves a key lives and does not answer. In a worker's thread only."""
+        ...
+
+    def describe(self, unknown: NotDescribed) -> None:
+        """Ask the child in a slot anew who it is. In a worker's thread only.
+
+        Raises:
+            VrError: it does not answer, or lacks the command.
+        """
+        ...
+
+    def obeyed(self) -> int | None:
+        """Return the epoch that what stands behind the robot obeys; None: nothing was heard of it."""
+        ...
+
+
+class LiveRobot:
+    """See the module."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        core: RobotCore,
+        process: Process,
+        *,
+        way: Way,
+        on_effect: Callable[[Effect], None] = lambda _: None,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Prepare; nothing runs before the first call.
+
+        Args:
+            robot: with the author's code.
+            core: its state.
+            process: whose threads carry it out.
+            way: to children in other processes, and to what only the agent knows.
+            on_effect: carries out what is not about calls. In any thread.
+            on_change: told after each change that others may see. In any thread, very often: must be quick.
+
+        Raises:
+            TypeError: the robot's class declares a command in a way that cannot be called from afar.
+        """
+        self.robot, self.core, self.process = robot, core, process
+        self.key = core.state.address.key
+        self.isolated = robot.isolated
+        """Whether its commands always run on workers of their own."""
+        self.frames: dict[str, Frame] = {}
+        """Its running commands, by key."""
+        self.said: dict[str, tuple[float, str]] = {}
+        """How far its running commands are, by key."""
+        self.way = way
+        self._on_effect, self._on_change = on_effect, on_change
+        self._last_obeyed = -1
+        self._journal = process.journal
+        self._runner = process.runner
+        self._lock = process.runner.lock()
+        self._commands = commands_of(type(robot))
+        self._exposures = exposures_of(type(robot))
+        self._listeners: dict[str, list[Listener]] = {}
+        self._turns: dict[str, PendingCall] = {}
+        """Calls whose caller waits on its worker and would carry the command out itself."""
+        self._calling: dict[str, set[PendingCall]] = {}
+        """Calls under way of the child in each slot."""
+        self._reminder = math.inf
+        """[s] when the watchdog looks next."""
+        self._unremind: Callable[[], None] = _nothing
+        self._neighbours: dict[str, LiveRobot] = process.robots
+        """The robots that live in this process, by key."""
+        self._ledgers: dict[str, _Ledger] = {}
+        """The numbered calls of each child in another process, by `parent/slot/epoch`."""
+
+    # -- the one door -----------------------------------------------------------------------------
+
+    def post(
+        self,
+        event: Event,
+        *,
+        listener: Listener | None = None,
+        turn: PendingCall | None = None,
+        accepted: Callable[[], None] | None = None,
+    ) -> None:
+        """Let an event change the state, write it down, then carry out what follows.
+
+        Args:
+            event: what happened.
+            listener: told how the call of an `Invoke` fares.
+            turn: the same, if its worker may carry the command out when it is its turn.
+            accepted: called when the event is written down and before anything begins.
+
+        Raises:
+            VrError: the event is refused; nothing has changed.
+        """
+        now, refusal, number = self._runner.now(), None, 0
+        with self._lock:
+            core = self.core
+            effects: list[Effect] = []
+            if core.due <= now:
+                effects = self._handle(on.Tick(unix=self._runner.unix()), now)
+            try:
+                effects += core.handle(event, now)
+            except VrError as error:
+                refusal = error
+            else:
+                number = self._journal.append(self.key, now, event)
+                if listener is not None and isinstance(event, on.Invoke):
+                    self._listeners.setdefault(event.key, []).append(listener)
+                    if turn is not None:
+                        self._turns[event.key] = turn
+            due = core.due
+        if number:
+            self._journal.commit(number)
+        if refusal is None and accepted is not None:
+            accepted()
+        self._carry_out(effects)
+        if turn is None:  # a turn's deadline is watched over with its caller's
+            self._remind_at(due)
+        if refusal is not None:
+            raise refusal
+
+    def pass_time(self) -> None:
+        """Have what is due end."""
+        self.post(on.Tick(unix=self._runner.unix()))
+
+    def look(self, query: Callable[[RobotCore], Any]) -> Any:
+        """Ask the state something, while nothing changes it; what is returned must be a value."""
+        with self._lock:
+            return query(self.core)
+
+    def _handle(self, event: Event, now: float) -> list[Effect]:
+        effects = self.core.handle(event, now)
+        self._journal.append(self.key, now, event)
+        return effects
+
+    def _remind_at(self, due: float) -> None:
+        """Have the watchdog look when something is due; a later time than the one it knows waits for that."""
+        if due == math.inf:
+            self._reminder = math.inf
+            self._unremind()
+        elif due < self._reminder:
+            self._unremind()
+            self._reminder = due
+            self._unremind = self.process.at(due, self._remind)
+
+    def _remind(self) -> None:
+        self._reminder = math.inf
+        self.pass_time()
+        self._remind_at(self.core.due)
+
+    def _carry_out(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            self._carry_out_effect(effect)
+        if effects:
+            self._on_change()
+
+    def _carry_out_effect(self, effect: Effect) -> None:
+        if isinstance(effect, Begin):
+            turn = self._turns.pop(effect.key, None)
+            run = partial(self._run, effect.key)
+            if turn is None or not turn.give_turn(run):
+                self.process.work(run)
+        elif isinstance(effect, Settled):
+            self._turns.pop(effect.key, None)
+            self.said.pop(effect.key, None)
+            for listener in self._listeners.pop(effect.key, ()):
+                listener.settle(effect.reply)
+        elif isinstance(effect, Interrupt):
+            if frame := self.frames.get(effect.key):
+                frame.cancel(effect.cause.revive())
+        else:
+            if isinstance(effect, on.ChildGone):
+                self._end_calls_of(effect.slot)
+            self._on_effect(effect)
+
+    # -- calls that come in -----------------------------------------------------------------------
+
+    @property
+    def stops(self) -> int:
+        """How many stops have begun, the one included that the robot says of itself and has not notified."""
+        self.look_at_robot()
+        return self.core.state.stop.generation
+
+    def look_at_robot(self) -> None:
+        """Take what the robot and the controller behind it say, if it has changed."""
+        halted, obeyed = self.robot.halted, self.way.obeyed()
+        if halted != self.core.state.stop.halted:
+            self.post(on.Halted(reason=halted))
+        if obeyed is not None and obeyed != self._last_obeyed:
+            self._last_obeyed = obeyed
+            self.post(on.Obeyed(epoch=obeyed))
+
+    def admit(
+        self,
+        call: Call,
+        deadline_at: float,
+        *,
+        listener: Listener | None = None,
+        turn: PendingCall | None = None,
+        accepted: Callable[[], None] | None = None,
+        stops: int = -1,
+    ) -> None:
+        """Accept a call, or refuse it; it begins at its turn.
+
+        Args:
+            call: as it came.
+            deadline_at: [s] on the runner's clock.
+            listener: told how it fares.
+            turn: see `post`.
+            accepted: see `post`.
+            stops: how many stops there were when the call came; -1: it comes now.
+
+        Raises:
+            VrError: it is refused.
+            NotDescribed: the child must be asked for the command first.
+        """
+        self.look_at_robot()
+        self.core.state.lease.check(call.epoch, self._runner.now())
+        if stops < 0:
+            stops = self.core.state.stop.generation
+        spec = self.spec(call.command)
+        self.post(
+            on.Invoke(
+                key=call.key,
+                command=call.command,
+                sent=call.arguments,
+                arguments=check_arguments(spec, call.arguments, robot=self.robot.name),
+                deadline_at=deadline_at,
+                epoch=call.epoch,
+                caller=call.caller,
+                reads=spec.effect == "read",
+                stops_seen=stops,
+                source=call.source,
+                number=call.number,
+                lowest=call.lowest,
+            ),
+            listener=listener,
+            turn=turn,
+            accepted=accepted,
+        )
+
+    def deadline_at(self, seconds: float) -> float:
+        """Return when a call must be done that is given `seconds` [s]; what is no time stays none."""
+        return self._runner.now() + (min(seconds, LONGEST_DEADLINE) if math.isfinite(seconds) else seconds)
+
+    def cancel(self, key: str, reason: str) -> None:
+        """End a call in the name of its caller."""
+        self.post(on.Cancel(key=key, reason=reason, entitled=True))
+
+    def listen(self, key: str, listener: Listener) -> bool:
+        """Tell somebody how a live call fares; returns whether it is live."""
+        with self._lock:
+            if key not in self.core.state.calls.live:
+                return False
+            self._listeners.setdefault(key, []).append(listener)
+            return True
+
+    def abandon(self, key: str) -> None:
+        """Give up code that ignores every interruption."""
+        self.isolated = True  # what happened once may happen again, and must not take its caller with it
+        call = self.core.state.calls.live.get(key)
+        if call is not None:
+            _log.error(
+                "%s.%s is abandoned: it ignores every cancel and still runs, though it can reach no child "
+                "any more; restart %s",
+                *(self.robot.name, call.command, self.core.state.home),
+            )
+        self.post(on.Abandon(key=key))
+
+    def note(self, key: str, fraction: float, text: str) -> None:
+        """Take how far a running command is."""
+        self.said[key] = (fraction, text[:LONGEST_NOTE])
+        for listener in self._listeners.get(key, ()):
+            listener.note(fraction, text)
+        self._on_change()
+
+    # -- what it can do ---------------------------------------------------------------------------
+
+    def spec(self, name: str) -> CommandSpec:
+        """Return the spec of a command, its own or one that it lets through.
+
+        Raises:
+            NoSuchCommand: it has none of this name.
+            SlotEmpty: the child is missing through which it goes.
+            NotDescribed: the child must be asked for it first.
+        """
+        if command := self._commands.get(name):
+            return command.spec
+        exposed = self._exposures.get(name)
+        if exposed is None:
+            known = ", ".join([*self._commands, *self._exposures]) or "none"
+            raise NoSuchCommand(robot=self.robot.name, command=name, known=known)
+        child = self.core.state.slots.require(exposed.child.name).description
+        spec = child.command(exposed.command)
+        if spec is None or not spec.available:
+            raise NotDescribed(exposed.child.name, exposed.command)
+        return msgspec.structs.replace(spec, name=name)
+
+    def takes_units(self, call: Call) -> bool:
+        """Whether an argument is a text where a number is wanted, so that units have to be looked up."""
+        if command := self._commands.get(call.command):
+            numbers = (field.name for field in command.spec.parameters if field.type in {"float", "int"})
+            return any(isinstance(call.arguments.get(name), str) for name in numbers)
+        return call.command in self._exposures and any(
+            isinstance(value, str) for value in call.arguments.values()
+        )
+
+    def specs(self) -> tuple[CommandSpec, ...]:
+        """Describe all commands as they are now."""
+        own = tuple(command.spec for command in self._commands.values())
+        return own + tuple(self._exposed_spec(name, exposed) for name, exposed in self._exposures.items())
+
+    def _exposed_spec(self, name: str, exposed: Exposed) -> CommandSpec:
+        through = f"{exposed.child.name}.{exposed.command}"
+        bond = self.core.state.slots[exposed.child.name].bond
+        spec = None if bond is None else bond.description.command(exposed.command)
+        if spec is None:
+            return CommandSpec(name=name, through=through, available=False)
+        return msgspec.structs.replace(spec, name=name, through=through)
+
+    # -- carrying out -----------------------------------------------------------------------------
+
+    def _run(self, key: str, worker: Worker) -> None:
+        """Carry out a call whose turn it is, on a worker, on top of what is there."""
+        call = self.core.state.calls.live[key]
+        context = CommandContext(
+            key=key,
+            command=call.command,
+            caller=call.caller,
+            epoch=call.epoch,
+            deadline_at=call.deadline_at,
+        )
+        frame = Frame(self, context, worker)
+        self.frames[key] = frame
+        if call.cause is not None:
+            frame.cause = call.cause.revive()
+        command = self._commands.get(call.command)
+        work: Callable[[], Any]
+        if command is None:
+            exposed = self._exposures[call.command]
+            work = partial(frame.pass_on, exposed.child.name, exposed.command, call.arguments)
+        else:
+            work = partial(_author, command, self.robot, call.arguments)
+        if not worker.stack:
+            self._runner.name_thread(f"{self.robot.name}.{call.command}")
+        value, error = worker.run(frame, work)
+        del self.frames[key]
+        for pending in frame.started:
+            pending.drop("the command that started it has ended")
+        reply = self._reply(context, command, value, error)
+        if worker.dead:
+            _log.warning("%s.%s has ended after all", self.robot.name, context.command)
+            self.post(on.Gone(key=key))
+            self._on_change()
+        else:
+            self.post(on.Finish(key=key, reply=reply))
+
+    def _reply(
+        self, context: CommandContext, command: Command | None, value: Any, error: BaseException | None
+    ) -> Returned | Failed:
+        source = ""
+        try:
+            if error is None:
+                if command is not None:
+                    value = check_result(
+                        value, command.returns, robot=self.robot.name, command=context.command
+                    )
+                return Returned(key=context.key, value=value)
+        except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
+            error = refusal
+        if command is not None:
+            source = inspect.unwrap(command.function).__code__.co_filename
+        return failed(self.robot.name, context, error, source=source)
+
+    # -- calls that go out ------------------------------------------------------------------------
+
+    def call_child(
+        self,
+        frame: Frame,
+        slot: str,
+        command: str,
+        arguments: Mapping[str, Any],
+        *,
+        nested: bool = False,
+        oneway: bool = False,
+        passes_on: bool = False,
+    ) -> PendingCall:
+        """Call the child in a slot, as one step of a running command, within that command's deadline.
+
+        Args:
+            frame: of the running command.
+            slot: of the child.
+            command: of the child.
+            arguments: by name.
+            nested: the caller waits, so its worker may carry the command out.
+            oneway: nobody waits for the end.
+            passes_on: the child's progress is the running command's own.
+
+        Raises:
+            VrError: the slot is empty, or the child refuses.
+        """
+        if not isinstance(self.robot, VirtualRobot):
+            raise TypeError(f"{self.robot.name} has no children")
+        bond = self.core.state.slots.require(slot)
+        pending = PendingCall(frame, slot, frame.step(), bond.child.name, command, passes_on=passes_on)
+        child = self._neighbours.get(bond.child.key)
+        if child is None:
+            self._call_afar(pending, bond.child.key, bond.lease.epoch, dict(arguments), oneway=oneway)
+        else:
+            self._call_here(pending, child, bond.lease.epoch, dict(arguments), nested=nested, oneway=oneway)
+        return pending
+
+    def _call_here(
+        self,
+        pending: PendingCall,
+        child: LiveRobot,
+        epoch: int,
+        arguments: dict[str, Any],
+        *,
+        nested: bool,
+        oneway: bool,
+    ) -> None:
+        """Call a child that lives in this process."""
+        frame = pending.frame
+        may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
+        listener = None if oneway else pending
+        call = Call(
+            key=pending.key,
+            command=pending.command,
+            arguments=arguments,
+            epoch=epoch,
+            caller=self.robot.name,
+            deadline=math.inf,
+        )
+        if not oneway:
+            pending.withdraw = partial(child.cancel, pending.key)
+        while True:
+            try:
+                child.admit(
+                    call,
+                    frame.context.deadline_at,
+                    listener=listener,
+                    turn=pending if may_run_here and listener is not None else None,
+                )
+            except NotDescribed as unknown:
+                child.way.describe(unknown)
+                continue
+            break
+        pending.accepted = True
+
+    def _call_afar(
+        self, pending: PendingCall, key: str, epoch: int, arguments: dict[str, Any], *, oneway: bool
+    ) -> None:
+        """Call a child that lives in another process."""
+        frame, runner = pending.frame, self._runner
+        now = runner.now()
+        source = f"{self.key}/{pending.slot}/{epoch}"
+        with self._lock:
+            ledger = self._ledgers.setdefault(source, _Ledger())
+            number, lowest = ledger.open()
+        call = Call(
+            key=pending.key,
+            command=pending.command,
+            arguments=arguments,
+            epoch=epoch,
+            caller=self.robot.name,
+            deadline=frame.context.deadline_at - now,
+            oneway=oneway,
+            source=source,
+            number=number,
+            lowest=lowest,
+        )
+        pending.key_of_child, pending.accept_by = key, now + PATIENCE
+        pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
+        pending.hangs = lambda: now + FRESH if self.way.hangs(key) else -math.inf
+        pending.oneway = oneway
+        if not oneway:
+            self._calling.setdefault(pending.slot, set()).add(pending)
+
+        def ended() -> None:
+            ledger.numbers.discard(number)
+            self._calling.get(pending.slot, set()).discard(pending)
+
+        pending.ended = ended
+        self.way.ask(key, encode(call), within=FRESH, hear=pending.hear)
+
+    def _withdraw(self, key: str, call: str, epoch: int, reason: str) -> None:
+        """Tell a child in another process that nobody wants a call any more."""
+        cancel = Cancel(key=call, epoch=epoch, reason=reason)
+        self.way.ask(key, encode(cancel), within=PATIENCE, hear=lambda _: None, urgent=True)
+
+    def _end_calls_of(self, slot: str) -> None:
+        """A child is gone: whoever waits for it waits no longer."""
+        for pending in tuple(self._calling.get(slot, ())):
+            pending.fail(self.core.state.slots.emptiness(slot))
+
+    def meant(self, slot: str, error: VrError) -> VrError:
+        """Return what the error of a call means to its caller: that its child is gone, perhaps."""
+        slots = self.core.state.slots
+        return slots.emptiness(slot) if slots[slot].bond is None else error
+
+
+class _Ledger:
+    """The calls of one child that still matter to their caller, by number."""
+
+    def __init__(self) -> None:
+        self.numbers: set[int] = set()
+        self._last = 0
+
+    def open(self) -> tuple[int, int]:
+        """Return the number of a new call, and the lowest one that matters."""
+        self._last += 1
+        self.numbers.add(self._last)
+        return self._last, min(self.numbers)
+
+
+def _nothing() -> None:
+    """Nothing is planned."""
+
+
+def _author(command: Command, robot: Robot, arguments: Arguments) -> Any:
+    return command.function(robot, **arguments)

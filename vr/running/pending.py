@@ -1,0 +1,247 @@
+"""A call under way, as those who wait for its end see it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol, cast
+
+from robotree.vr.child import Record
+from robotree.vr.errors import CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
+from robotree.vr.requests import PATIENCE, Accepted, Failed, Progress, Returned, decode_reply
+from robotree.vr.running.worker import Frame, Worker
+
+
+class Listener(Protocol):
+    """Who wants to know how a call fares. Called in any thread; must not block."""
+
+    def note(self, fraction: float, text: str) -> None:
+        """Take how far it is: 0 to 1, NaN when it cannot be said."""
+        ...
+
+    def settle(self, reply: Returned | Failed) -> None:
+        """Take how it ended."""
+        ...
+
+
+class PendingCall:
+    """A child's command under way: the `CallFuture` that the author's code gets."""
+
+    def __init__(
+        self, frame: Frame, slot: str, key: str, child: str, command: str, *, passes_on: bool = False
+    ) -> None:
+        """Made by the robot that calls.
+
+        Args:
+            frame: of the command that calls.
+            slot: of the child.
+            key: of the call.
+            child: name of the child.
+            command: of the child.
+            passes_on: its progress is that of the command that calls.
+        """
+        self.slot, self.key, self.child, self.command = slot, key, child, command
+        self.reply: Returned | Failed | None = None
+        self.accepted = False
+        self.oneway = False
+        """Whether nobody waits for its end."""
+        self.run_here: Callable[[Worker], None] | None = None
+        """Carries the command out on the worker that waits for it: set when it is its turn."""
+        self.accept_by = math.inf
+        """[s] when the child must have accepted it."""
+        self.withdraw: Callable[[str], None] = _nothing
+        """Tells the child that nobody wants the call any more, and why."""
+        self.hangs: Callable[[], float] = _at_once
+        """Returns until when [s] a child that does not answer may still begin with it."""
+        self.ended: Callable[[], None] = _no_more
+        """Called once it has ended."""
+        self.frame = frame
+        self._fraction, self._passes_on = math.nan, passes_on
+        self._tell: list[Callable[[], None]] = []
+        """Called once it has ended."""
+        self._may_be_given = [True]
+        """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
+
+    # -- a Listener -------------------------------------------------------------------------------
+
+    def note(self, fraction: float, text: str) -> None:
+        """See `Listener.note`."""
+        self._fraction = fraction
+        if self._passes_on:
+            self.frame.live.note(self.frame.context.key, fraction, text)
+
+    def settle(self, reply: Returned | Failed) -> None:
+        """See `Listener.settle`."""
+        if self.reply is None:
+            self.reply = reply
+            self.ended()
+            self._tell_all()
+            self.frame.worker.waiter.wake()
+
+    def fail(self, error: VrError) -> None:
+        """End it with an error of our own."""
+        self.settle(Failed.of(error))
+
+    def hear(self, body: bytes | None) -> None:
+        """Take one reply from another process; None: there are no more."""
+        if body is None:
+            if self.oneway and self.accepted:
+                return
+            if self.accepted:
+                detail = "it ended in the middle; look where the robot stands before you go on"
+                self.fail(CommandFailed(robot=self.child, command=self.command, detail=detail))
+            else:
+                self.fail(Unreachable(key=self.key_of_child))
+            return
+        try:
+            reply = decode_reply(body, key=self.child)
+        except VrError as error:
+            self.fail(error)
+            return
+        if isinstance(reply, (Returned, Failed)):
+            self.settle(reply)
+        elif isinstance(reply, Progress):
+            self.note(reply.fraction, reply.text)
+        elif isinstance(reply, Accepted):
+            self.accepted, self.accept_by = True, math.inf
+            if self.oneway:
+                self.ended()
+            self.frame.worker.waiter.wake()
+
+    key_of_child = ""
+    """Under which a child in another process answers."""
+
+    # -- a CallFuture -----------------------------------------------------------------------------
+
+    @property
+    def done(self) -> bool:
+        """See `CallFuture.done`."""
+        return self.reply is not None
+
+    @property
+    def progress(self) -> float:
+        """See `CallFuture.progress`."""
+        return self._fraction
+
+    def result(self, timeout: float | None = None) -> Any:
+        """See `CallFuture.result`."""
+        return self.frame.result_of(self, math.inf if timeout is None else timeout)
+
+    def cancel(self) -> None:
+        """See `CallFuture.cancel`."""
+        if self.reply is None:
+            self.withdraw("its caller has cancelled it")
+            self.fail(
+                CommandCancelled(robot=self.child, command=self.command, reason="its caller has cancelled it")
+            )
+
+    def when_done(self, tell: Callable[[], None]) -> None:
+        """See `CallFuture.when_done`."""
+        self._tell.append(tell)
+        if self.reply is not None:
+            self._tell_all()
+
+    def _tell_all(self) -> None:
+        while self._tell:
+            try:
+                tell = self._tell.pop()
+            except IndexError:  # another thread has taken it
+                return
+            tell()
+
+    # -- for the frame ----------------------------------------------------------------------------
+
+    def get(self, timeout: float = math.inf) -> Any:
+        """Wait for the end in the command's worker, or carry the command out there; return the result.
+
+        Raises:
+            VrError: what the child raised, or what has ended the waiting command.
+            TimeoutError: it is still under way.
+        """
+        frame = self.frame
+        worker = frame.worker
+        try:
+            while self.reply is None:
+                if self.run_here is not None:
+                    run, self.run_here = self.run_here, None
+                    run(worker)
+                else:
+                    self._wait(timeout)
+        except BaseException:
+            if frame.cause is not None or worker.dead:
+                self.drop("its caller was ended")
+            raise
+        return self._value()
+
+    def wait_until_accepted(self) -> None:
+        """Wait until the child has accepted it.
+
+        Raises:
+            VrError: it has refused.
+        """
+        while not self.accepted and self.reply is None:
+            self._wait(math.inf)
+        if self.reply is not None:
+            self._value()
+
+    def give_turn(self, run: Callable[[Worker], None]) -> bool:
+        """Have the caller's worker carry the command out; False: it waits no longer."""
+        try:
+            self._may_be_given.pop()
+        except IndexError:
+            return False
+        self.run_here = run
+        self.frame.worker.waiter.wake()
+        return True
+
+    def drop(self, reason: str) -> None:
+        """Nobody waits for it any more."""
+        if self.reply is not None:
+            return
+        self.withdraw(reason)
+        try:
+            self._may_be_given.pop()
+        except IndexError:  # it is given to us at this moment: somebody else has to take it
+            worker = self.frame.worker
+            while self.run_here is None and self.reply is None:
+                worker.waiter.wait(None)
+            if self.run_here is not None:
+                run, self.run_here = self.run_here, None
+                worker.process.work(run)
+
+    def _wait(self, timeout: float) -> None:
+        frame, worker = self.frame, self.frame.worker
+        patience = self.accept_by - worker.process.runner.now()
+        before = self.accepted
+        if not worker.wait(frame, lambda: self._news(before), min(timeout, patience)):
+            if patience > timeout:
+                raise TimeoutError
+            self.withdraw("the caller gave up")
+            self.fail(NoAnswer(key=self.key_of_child, seconds=PATIENCE))
+
+    def _news(self, before: bool) -> bool:  # noqa: FBT001 # whether it was accepted before
+        return self.reply is not None or self.run_here is not None or self.accepted != before
+
+    def _value(self) -> Any:
+        reply, frame = self.reply, self.frame
+        if isinstance(reply, Returned):
+            value = reply.value
+            return Record(cast("dict[str, Any]", value)) if isinstance(value, dict) else value
+        assert reply is not None  # noqa: S101 # it is done
+        error = reply.revive()
+        if isinstance(error, Unreachable):
+            until = self.hangs()
+            frame.worker.wait(frame, lambda: False, until - frame.worker.process.runner.now())
+        raise frame.live.meant(self.slot, error)
+
+
+def _nothing(_: str) -> None:
+    """Tell nobody."""
+
+
+def _no_more() -> None:
+    """Do nothing."""
+
+
+def _at_once() -> float:
+    return -math.inf

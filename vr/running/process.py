@@ -1,0 +1,171 @@
+"""What the robots of one process share: worker threads, timers, and each other.
+
+A thread is made when it is needed and ends when it has had nothing to do for a while; there is no limit to
+their number, for a limit would let robots that wait for each other wait for ever (the queues of the robots
+are bounded instead). One more thread, the watchdog, does what has its time: deadlines, leases, interruptions.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+from robotree.vr.running.journal import Journal, NoJournal
+from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.running.worker import Frame, Worker
+
+GRACE = 1.0
+"""[s] between a cancel and the interruption of code that does not listen, and between two interruptions."""
+ATTEMPTS = 3
+"""Interruptions before the code is abandoned."""
+LONGEST_END = GRACE * (ATTEMPTS + 1)
+"""[s] from a cancel to the moment when its command has ended or is known not to end."""
+IDLE = 2.0
+"""[s] after which a thread ends that has nothing to do."""
+
+
+class Process:
+    """See the module. Every method may be called from any thread."""
+
+    def __init__(self, runner: Runner | None = None, journal: Journal | None = None) -> None:
+        """Begin without a thread.
+
+        Args:
+            runner: what threads and time are; None: the operating system's.
+            journal: where the events of its robots are written; None: nowhere.
+        """
+        self.runner: Runner = Threads() if runner is None else runner
+        self.journal: Journal = NoJournal() if journal is None else journal
+        self.robots: dict[str, Any] = {}
+        """The robots that live here (`LiveRobot`), by the key of their address."""
+        self.closed = False
+        self._idle: list[Worker] = []
+        self._lock = self.runner.lock()
+        self._order = itertools.count()
+        self._timers: list[_Timer] = []
+        self._bell = self.runner.waiter()
+        self._watching = False
+        self._watched: set[Worker] = set()
+
+    def close(self) -> None:
+        """End the threads that wait; one that runs an author's code ends with that."""
+        self.closed = True
+        while self._idle:
+            self._idle.pop().waiter.wake()
+        self._bell.wake()
+
+    # -- work -------------------------------------------------------------------------------------
+
+    def work(self, job: Callable[[Worker], None]) -> None:
+        """Have something done by a worker; it must not raise."""
+        try:
+            worker = self._idle.pop()  # atomic
+        except IndexError:
+            worker = Worker(self)
+            worker.jobs.append(job)
+            self.runner.spawn(worker.main, "robot worker")
+        else:
+            worker.jobs.append(job)
+            worker.waiter.wake()
+
+    def wait_for_job(self, worker: Worker) -> bool:
+        """Wait in a worker's thread until it has something to do; False: it is to end."""
+        if worker.jobs:
+            return True
+        self._idle.append(worker)
+        while not worker.jobs:
+            if self.closed:
+                return False
+            if not worker.waiter.wait(IDLE) and not worker.jobs:
+                try:
+                    self._idle.remove(worker)
+                except ValueError:
+                    continue  # something is just being given to it
+                return False
+        return True
+
+    # -- time -------------------------------------------------------------------------------------
+
+    def at(self, when: float, action: Callable[[], None]) -> Callable[[], None]:
+        """Do something at a time [s] of the runner's clock, in the watchdog's thread; it must not block.
+
+        Returns:
+            How to have it not done.
+        """
+        timer = _Timer(when, next(self._order), action)
+        with self._lock:
+            if self.closed:
+                return timer.cancel
+            earliest = not self._timers or timer < self._timers[0]
+            heapq.heappush(self._timers, timer)
+            spawn, self._watching = not self._watching, True
+        if spawn:
+            self.runner.spawn(self._watch, "robot watchdog")
+        elif earliest:
+            self._bell.wake()
+        return timer.cancel
+
+    def watch(self, frame: Frame) -> None:
+        """Interrupt the worker of a cancelled frame if the frame does not end, and abandon it in the end."""
+        worker = frame.worker
+        if worker not in self._watched:
+            self._watched.add(worker)
+            self.at(self.runner.now() + GRACE, lambda: self._insist(frame, ATTEMPTS))
+
+    def _insist(self, frame: Frame, attempts: int) -> None:
+        worker = frame.worker
+        if frame not in worker.stack or worker.dead:
+            self._watched.discard(worker)
+            for other in worker.stack:
+                if other.cause is not None:
+                    self.watch(other)
+                    break
+            return
+        if attempts:
+            worker.interrupt()
+            self.at(self.runner.now() + GRACE, lambda: self._insist(frame, attempts - 1))
+            return
+        worker.dead = True
+        for lost in reversed(list(worker.stack)):
+            lost.live.abandon(lost.context.key)
+        worker.waiter.wake()
+
+    def _watch(self) -> None:
+        idle_until = self.runner.now() + IDLE
+        while True:
+            now = self.runner.now()
+            with self._lock:
+                timers = self._timers
+                while timers and timers[0].cancelled:
+                    heapq.heappop(timers)
+                if self.closed or (not timers and now >= idle_until):
+                    self._watching = False
+                    return
+                due = heapq.heappop(timers) if timers and timers[0].when <= now else None
+                wait = timers[0].when - now if timers else idle_until - now
+            if due is not None:
+                due.action()
+                idle_until = now + IDLE
+            else:
+                self._bell.wait(wait)
+
+
+@functools.total_ordering
+class _Timer:
+    """Something to be done at a time."""
+
+    __slots__ = ("_order", "action", "cancelled", "when")
+
+    def __init__(self, when: float, order: int, action: Callable[[], None]) -> None:
+        self.when, self.action, self.cancelled = when, action, False
+        self._order = order
+
+    def __lt__(self, other: _Timer) -> bool:
+        return (self.when, self._order) < (other.when, other._order)
+
+    def cancel(self) -> None:
+        """Have it not done."""
+        self.cancelled = True
