@@ -31,6 +31,7 @@ LIST = {
     "robotree.tui.processes",
     "robotree.tui.seen",
     "robotree.vr",
+    "robotree.vr.core",
     "robotree.vr.exchange",
     "robotree.vr.lookup",
     "robotree.vr.network",
