@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -75,7 +74,7 @@ class RobotAgent:
         registrar: Listings | None = None,
         host: str = "",
         term: float = DEFAULT_TERM,
-        unix: Callable[[], float] = time.time,
+        unix: Callable[[], float] | None = None,
         obeyed: Callable[[], int | None] = lambda: None,
         process: Process | None = None,
     ) -> None:
@@ -87,7 +86,7 @@ class RobotAgent:
             registrar: where it is listed while nobody has enslaved it.
             host: name of the process, for people.
             term: [s] of leases, those it grants and those it asks for.
-            unix: returns seconds since 1970; epochs come from it.
+            unix: returns seconds since 1970, and epochs come from it; None: the clock of the process.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard: its
                 own go above the first.
             process: whose threads carry its commands out; None: one of its own.
@@ -104,10 +103,11 @@ class RobotAgent:
         self._loop = asyncio.get_running_loop()
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
-        self._unix = unix
+        self._unix = unix or self._process.runner.unix
+        lessor = Lessor.free(robot.name, term=term, unix=self._unix())
         self.live = LiveRobot(
             robot,
-            RobotCore(_new_state(robot, self.address, host, Lessor.free(robot.name, term=term, unix=unix()))),
+            RobotCore(_new_state(robot, self.address, host, lessor)),
             self._process,
             way=_Way(self, transport, obeyed),
             on_effect=self._take_effect,

@@ -47,6 +47,8 @@ class SimulatedProcess:
         self.loop.set_exception_handler(self._complain)
         self.transport: MemoryTransport = world.network.join(name, loop=self.loop)
         self.alive, self.vanished = True, False
+        self.started = world.runner.now()
+        """[s] When it was started."""
         self.on_exit: list[Callable[[], None]] = []
         """Called when it is gone, however; not in its own greenlets."""
         self.runner.spawn(lambda: self._run(main), name)

@@ -1,0 +1,82 @@
+"""How many stories of a whole realm the World plays in a second on one core, and whether each repeats.
+
+A story: 60 s of virtual time, 2 lookup services, 3 hosts with 3 virtual robots, 4 proxies whose controllers
+run the real firmware, two operators, and up to 12 faults (tests/world/story.py). Each seed is played twice.
+
+    python bench/world.py [SEEDS [FIRST]]        figures
+    python bench/world.py safeguards [SEEDS]     the first seed that breaks a law without each safeguard
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import statistics
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the stories lie beside the tests
+
+from tests.world.safeguards import SAFEGUARDS, without
+from tests.world.story import LENGTH, play
+
+
+def search(seeds: int) -> int:
+    """Print the first seed that breaks a law without each safeguard; returns how many none of them caught."""
+    missing = 0
+    for safeguard in SAFEGUARDS:
+        for seed in range(seeds):
+            with without(safeguard):
+                broken = play(seed).broken
+            if broken:
+                print(f"{safeguard}: seed {seed}: {broken[0]}", flush=True)
+                break
+        else:
+            missing += 1
+            print(f"{safeguard}: no seed of {seeds}", flush=True)
+    return missing
+
+
+def main() -> int:
+    """Do what the command line asks for; returns how much of it failed."""
+    logging.disable(logging.CRITICAL)
+    words = sys.argv[1:]
+    if words[:1] == ["safeguards"]:
+        return search(int(words[1]) if len(words) > 1 else 100)
+    return measure(int(words[0]) if words else 20, int(words[1]) if len(words) > 1 else 0)
+
+
+def measure(seeds: int, first: int) -> int:
+    """Play seeds twice and print figures; returns how many broke a law or were not the same twice."""
+    play(first)  # imports, caches
+    gc.freeze()
+    taken: list[float] = []
+    identical = events = faults = 0
+    broken: list[int] = []
+    for seed in range(first, first + seeds):
+        digests: list[str] = []
+        for _ in range(2):
+            begin = time.process_time()
+            outcome = play(seed)
+            taken.append(time.process_time() - begin)
+            digests.append(outcome.digest)
+        identical += digests[0] == digests[1]
+        events, faults = events + outcome.events, faults + outcome.faults
+        if outcome.broken:
+            broken.append(seed)
+            print(f"seed {seed}: {'; '.join(outcome.broken)}")
+    median = statistics.median(taken)
+    print(f"seeds played twice            {seeds:10}")
+    print(f"identical traces              {identical:10}")
+    print(f"seeds that broke a law        {len(broken):10}")
+    print(f"processor time of a story     {1000 * median:10.0f} ms (median)")
+    print(f"stories a second on one core  {1 / median:10.1f}")
+    print(f"virtual time : processor time {LENGTH / median:10.0f}")
+    print(f"events traced a story         {events / seeds:10.0f}")
+    print(f"faults a story                {faults / seeds:10.1f}")
+    return len(broken) + seeds - identical
+
+
+if __name__ == "__main__":
+    sys.exit(main() > 0)

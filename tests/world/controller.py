@@ -1,0 +1,328 @@
+"""Controllers with the real firmware, on a cart that costs nothing, and the cables that lead to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Hashable, Mapping
+from typing import Any
+
+from robotree.protocol.endpoint import Endpoint
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
+from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Unsent, encoded
+from robotree.protocol.messages import MavType, SetpointKind, Verb
+from robotree.protocol.services.fence import Fence
+from robotree.sim.controller.controller import Controller
+from robotree.sim.firmware import COMPONENT, Firmware
+from robotree.sim.firmware.description import Identity
+from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, planned
+from robotree.vr.world.virtual_runner import BEGINNING, VirtualRunner
+from robotree.vr.world.world import SimulatedProcess, World
+
+FIRST_EPOCH = int(BEGINNING) - 1000
+"""Below all epochs of a World; its clocks are not skewed by more."""
+PERIOD = 0.25
+"""[s] between two looks of an idle controller at its clock; one that moves, or is asked, looks more often."""
+MOVING = 0.05
+"""[s] the same while something moves."""
+BATCH = 0.005
+"""[s] from the arrival of a frame to the batch that hears it."""
+
+OnBegin = Callable[[str, int, int], None]
+"""Told of a drive that begins: controller, ticket, epoch."""
+
+
+class Cart:
+    """A device that drives for a while.
+
+    MOVE's arguments are how long [s], a ticket that tells the drive from all others, and the epoch of the
+    lease under which it was asked for, above `FIRST_EPOCH` (a float of the wire is exact up to 2**24).
+    """
+
+    parameters: Collection[Tunable] = ()
+    tuning: object = None
+    setpoint_kinds: Collection[SetpointKind] = ()
+
+    def __init__(self, now: Callable[[], float], on_begin: Callable[[int, int], None]) -> None:
+        self._now, self._on_begin = now, on_begin
+        self._plans: Mapping[Verb, Plan] = {Verb.MOVE: self._move, Verb.HOLD: lambda _: self.hold}
+        self._began = self._ends = 0.0
+        self.ticket: int | None = None
+        """Of the drive under way."""
+
+    @property
+    def verbs(self) -> Collection[Verb]:
+        return self._plans.keys()
+
+    @property
+    def moving(self) -> bool:
+        return self.ticket is not None and self._now() < self._ends
+
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        return planned(self._plans, verb, args)
+
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        raise NotImplementedError
+
+    def progress(self) -> Progress:
+        if self.ticket is None:
+            return ended()
+        now = self._now()
+        if now >= self._ends:
+            return Progress(1.0, done=True)
+        return Progress((now - self._began) / (self._ends - self._began))
+
+    def hold(self) -> None:
+        self.ticket = None
+
+    def control(self, dt: float) -> None:
+        """The cart needs no control."""
+
+    def _move(self, args: tuple[float, ...]) -> Start:
+        def begin() -> None:
+            self._began = self._now()
+            self._ends = self._began + args[0]
+            self.ticket = round(args[1])
+            self._on_begin(self.ticket, round(args[2]) + FIRST_EPOCH)
+
+        return begin
+
+
+class Cell:
+    """A world without physics: its time is virtual time since it was switched on."""
+
+    def __init__(self, runner: VirtualRunner, device: Cart) -> None:
+        self.device = device
+        self._runner, self._on = runner, runner.now()
+
+    @property
+    def time_ms(self) -> int:
+        return round(1000 * (self._runner.now() - self._on))
+
+    def advance(self) -> None:
+        """Nothing moves by itself."""
+
+
+class CableEnd:
+    """One end of a cable."""
+
+    congested = False
+
+    def __init__(self, cable: Cable, name: str, soon: Callable[[Callable[[], None]], None]) -> None:
+        self.address = f"cable:{name}"
+        self.handler: Handler | None = None
+        self.other: CableEnd | None = None
+        self.gone = False
+        """Whether nobody is there any more, and nobody was told."""
+        self._cable, self._soon = cable, soon
+        self._sent = self._received = 0
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        return LinkStatistics(sent=self._sent, received=self._received, waiting=0, superseded=0, dropped=0)
+
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
+        del topic
+        data = encoded(frame)
+        self._sent += len(data)
+        if self.other is not None:
+            self._cable.carry(data, self, self.other)
+
+    def close(self) -> None:
+        self._cable.end(LinkClosed(self.address, by_us=True), self)
+
+    def take(self, data: bytes) -> None:
+        self._received += len(data)
+        if self.handler is not None and not self.gone:
+            self._soon(lambda: self.handler and self.handler.received(data))
+
+    def finish(self, reason: LinkError) -> None:
+        handler, self.handler = self.handler, None
+        if handler is not None and not self.gone:
+            self._soon(lambda: handler.closed(reason))
+
+
+class Cable:
+    """A way for bytes between a proxy and its controller: late, or cut."""
+
+    def __init__(self, world: World, controller: CartController, process: SimulatedProcess) -> None:
+        self._world, self._controller = world, controller
+        self.open = True
+        self._last = {True: 0.0, False: 0.0}
+        self.near = CableEnd(self, controller.name, process.loop.call_soon_threadsafe)
+        self.far = CableEnd(self, process.name, lambda action: action())
+        self.near.other, self.far.other = self.far, self.near
+
+        def leave() -> None:
+            self.near.gone = True
+            if not process.vanished:
+                self.end(LinkClosed(self.near.address, by_us=True), self.near)
+
+        process.on_exit.append(leave)
+
+    def carry(self, data: bytes, source: CableEnd, target: CableEnd) -> None:
+        if not self.open:
+            return
+        world, near = self._world, source is self.near
+        delay = self._controller.delay + self._controller.jitter * world.network.chance()
+        self._last[near] = when = max(world.runner.now() + delay, self._last[near])
+
+        def arrive() -> None:
+            if self.open:
+                target.take(data)
+
+        world.runner.at(when, arrive)
+
+    def end(self, reason: LinkError, mine: CableEnd | None = None) -> None:
+        """End it: for the end that closes it at once, for the other one when what is under way has come."""
+        if not self.open:
+            return
+        if mine is None:
+            self.open = False
+            self.near.finish(reason)
+            self.far.finish(reason)
+            return
+        other = self.far if mine is self.near else self.near
+        mine.finish(reason)
+        when = max(self._world.runner.now() + self._controller.delay, self._last[mine is self.near])
+
+        def told() -> None:
+            self.open = False
+            other.finish(LinkClosed(other.address, by_us=False))
+
+        self._world.runner.at(when, told)
+
+
+class CartController:
+    """The controller of one cart: the real firmware, in virtual time. Its power and its cables can fail."""
+
+    def __init__(self, world: World, name: str, *, tell: OnBegin) -> None:
+        """Switch it on.
+
+        Args:
+            world: whose time it lives in.
+            name: also its address.
+            tell: what begins to move: controller, ticket, epoch.
+        """
+        self.world, self.name, self._tell = world, name, tell
+        self.delay, self.jitter = 0.002, 0.0
+        self.disturbed = 0.0
+        """[s] When something last happened to it or its cables."""
+        self.slowest = 0.0
+        """[s] The longest way that a frame may have had."""
+        self.reachable = True
+        self.fence = Fence()
+        self._life = 0
+        self._cables: list[Cable] = []
+        self._due = 0.0
+        self._switch_on()
+
+    # -- accidents --------------------------------------------------------------------------------
+
+    def cut(self) -> None:
+        """Break all cables; new ones cannot be had until `mend`."""
+        self.world.note(self.name, "cut")
+        self.disturbed = self.world.runner.now()
+        self.reachable = False
+        cables, self._cables = self._cables, []
+        for cable in cables:
+            cable.end(LinkBroken(self.name, "the cable was cut"))
+
+    def mend(self) -> None:
+        """Let new cables be laid."""
+        self.reachable = True
+
+    def slow_down(self, delay: float, jitter: float) -> None:
+        """Let frames take long [s], and up to `jitter` longer by chance."""
+        self.delay, self.jitter = delay, jitter
+        self.disturbed = self.world.runner.now()
+        self.slowest = max(self.slowest, delay + jitter)
+
+    def calm(self) -> None:
+        """Let frames arrive quickly again."""
+        self.delay, self.jitter = 0.002, 0.0
+        self.disturbed = self.world.runner.now()
+
+    def power_cycle(self) -> None:
+        """Lose everything but the fence, and begin a new life."""
+        self.world.note(self.name, "power cycle")
+        self.disturbed = self.world.runner.now()
+        cables, self._cables = self._cables, []
+        for cable in cables:
+            cable.end(LinkBroken(self.name, "the controller has lost its power"))
+        self._switch_on()
+
+    # -- for proxies ------------------------------------------------------------------------------
+
+    def dialler(self, process: SimulatedProcess) -> Callable[[str, Accept], Any]:
+        """Return how a process opens a link to this controller."""
+
+        async def dial(url: str, accept: Accept) -> Link:
+            del url
+            if not self.reachable:
+                raise LinkRefused(self.name, "no route to it")
+            cable = Cable(self.world, self, process)
+            self._cables.append(cable)
+            self._accept(cable.far)
+            cable.near.handler = accept(cable.near)
+            return cable.near
+
+        return dial
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _switch_on(self) -> None:
+        runner = self.world.runner
+        self._life += 1
+        self.device = Cart(runner.now, lambda ticket, epoch: self._tell(self.name, ticket, epoch))
+        self.firmware = Firmware(
+            self.device,
+            (),
+            system=1,
+            mav_type=MavType.GROUND_ROVER,
+            identity=Identity(life=self._life),
+            fence=self.fence,
+        )
+        self._endpoints: list[Endpoint] = []
+        cell: Any = Cell(runner, self.device)
+        self._controller = Controller(cell, self.firmware, {})
+        self._advance_by(runner.now())
+
+    def _accept(self, link: CableEnd) -> None:
+        controller, endpoints = self._controller, self._endpoints
+
+        def closed(_: LinkError) -> None:
+            endpoints.remove(endpoint)
+            controller.leave(endpoint)
+            self._advance_by(self.world.runner.now())
+
+        def hear(frame: Any) -> None:
+            controller.post(frame, endpoint)
+            self._advance_by(self.world.runner.now() + BATCH)
+
+        endpoint = Endpoint(link, system=1, component=COMPONENT, on_frame=hear, on_closed=closed)
+        endpoints.append(endpoint)
+        link.handler = endpoint
+        controller.greet(endpoint)
+        self._advance_by(self.world.runner.now() + BATCH)
+
+    def _advance_by(self, when: float) -> None:
+        """Let it look at its clock at a moment at the latest."""
+        now = self.world.runner.now()
+        if now < self._due <= when:
+            return
+        self._due = when
+        life = self._life
+
+        def advance() -> None:
+            if life == self._life and self._due == when:
+                self._advance()
+
+        self.world.runner.at(when, advance)
+
+    def _advance(self) -> None:
+        self._due = 0.0
+        for outgoing in self._controller.advance():
+            for endpoint in list(self._endpoints):
+                if outgoing.via is None or outgoing.via is endpoint:
+                    endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
+        period = MOVING if self.device.ticket is not None else PERIOD
+        self._advance_by(self.world.runner.now() + period)

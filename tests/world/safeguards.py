@@ -1,0 +1,122 @@
+"""The safeguards of robotree, each with the one place where it is, so that a test can take it away."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any
+
+import robotree.vr.agents.outside
+import robotree.vr.exchange.answering
+import robotree.vr.running.live
+from robotree.protocol.messages import Goal, GoalCancel, SetMode, Verb
+from robotree.protocol.services.claim_server import ClaimServer
+from robotree.protocol.services.fence import Fence
+from robotree.protocol.services.goal_server import Effect, GoalId, GoalServer
+from robotree.protocol.services.peer import Peer
+from robotree.proxy.desired_mode import DesiredMode
+from robotree.proxy.guard import EpochCheck
+from robotree.sim.firmware.watchdog import Watchdog
+from robotree.vr.agents.callers import Callers
+from robotree.vr.agents.stops import Stops
+from robotree.vr.core.calls import Calls
+from robotree.vr.core.lease import Lessee, Lessor
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.requests import Call, Timely
+
+
+@dataclass(frozen=True)
+class Safeguard:
+    """One safeguard and how the program behaves without it."""
+
+    place: Any
+    """Where it is: a class or a module."""
+    name: str
+    """What it is called there."""
+    without: Any
+    """What stands there instead."""
+
+
+def _deadline_of_its_own(**fields: Any) -> Call:
+    return Call(**{**fields, "deadline": 60.0})
+
+
+def _counted_from_the_grant(self: Lessee, *, sent: float, now: float, term: float) -> None:
+    del sent
+    self.confirmed, self.term = now, term
+
+
+def _opened_however_late(request: Any, *_: object) -> Any:
+    return request.request if isinstance(request, Timely) else request
+
+
+_receive = GoalServer.receive
+_messages_due = DesiredMode.messages_due
+
+
+def _only_once(self: DesiredMode, now: float) -> list[SetMode]:
+    asked = self._release is None and self._sent_at != -math.inf
+    return [] if asked else _messages_due(self, now)
+
+
+def _every_goal_is_new(self: GoalServer, message: Goal | GoalCancel, peer: Peer, now: float) -> list[Effect]:
+    if isinstance(message, Goal) and message.verb != Verb.STATUS:
+        self._records.pop(GoalId(peer.system, peer.component, message.key), None)
+    return _receive(self, message, peer, now)
+
+
+SAFEGUARDS = {
+    "a child refuses a call under another lease than the one in force": (
+        Safeguard(Lessor, "check", lambda *_: None),
+    ),
+    "a proxy refuses an epoch older than one that it obeyed": (
+        Safeguard(EpochCheck, "admit", lambda *_: None),
+    ),
+    "a controller refuses an epoch older than one that it obeyed": (
+        Safeguard(Fence, "objection", lambda *_: None),
+    ),
+    "a controller obeys the holder of its claim only": (Safeguard(ClaimServer, "guard", lambda *_: None),),
+    "a call that comes twice is carried out once": (Safeguard(Calls, "known", lambda *_: None),),
+    "a call that its caller has given up is never begun": (Safeguard(Calls, "late", lambda *_: False),),
+    "a cancel that comes before its call is remembered": (Safeguard(Calls, "refuse", lambda *_: None),),
+    "a child's command ends by the deadline of its parent's": (
+        Safeguard(robotree.vr.running.live, "Call", _deadline_of_its_own),
+    ),
+    "a release names the stop that it ends": (
+        Safeguard(Stops, "_stops_seen", lambda self, _: self._live.stops),
+    ),
+    "a stopped robot begins nothing": (Safeguard(RobotCore, "_expect_free_to_move", lambda *_: None),),
+    "a parent counts a lease from when it asked for it": (
+        Safeguard(Lessee, "granted", _counted_from_the_grant),
+    ),
+    "a child ends a lease that is not renewed": (Safeguard(Lessor, "tick", lambda *_: None),),
+    "a controller stops when its commander is not heard": (Safeguard(Watchdog, "silent", lambda *_: False),),
+    "a request is void some time after it was asked": (
+        Safeguard(robotree.vr.agents.outside, "opened", _opened_however_late),
+        Safeguard(robotree.vr.exchange.answering, "opened", _opened_however_late),
+    ),
+    "a controller ends a goal whose time is over": (Safeguard(GoalServer, "tick", lambda *_: []),),
+    "a controller carries a goal out once": (Safeguard(GoalServer, "receive", _every_goal_is_new),),
+    "a controller refuses what was asked of an earlier life of it": (
+        Safeguard(GoalServer, "_is_of_another_life", lambda *_: False),
+    ),
+    "a controller refuses goals of a proxy that does not hold it any more": (
+        Safeguard(ClaimServer, "guard", lambda *_: None),
+        Safeguard(Fence, "objection", lambda *_: None),
+    ),
+    "a stop is asked for again until it is confirmed": (Safeguard(DesiredMode, "messages_due", _only_once),),
+    "a call ends with the program that asked for it": (Safeguard(Callers, "attend", lambda *_: None),),
+}
+
+
+@contextlib.contextmanager
+def without(safeguard: str) -> Generator[None]:
+    """Take one safeguard away inside the block."""
+    with contextlib.ExitStack() as stack:
+        for one in SAFEGUARDS[safeguard]:
+            before = getattr(one.place, one.name)
+            setattr(one.place, one.name, one.without)
+            stack.callback(setattr, one.place, one.name, before)
+        yield
