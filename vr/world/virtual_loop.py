@@ -135,11 +135,14 @@ class VirtualLoop(base_events.BaseEventLoop):
         previous = events._get_running_loop()  # noqa: SLF001
         events._set_running_loop(self)  # noqa: SLF001
         try:
-            for task in asyncio.all_tasks(self):
-                task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001 # that is the point
-                coroutine: Any = task.get_coro()
-                with contextlib.suppress(BaseException):
-                    coroutine.close()
+            closed: set[asyncio.Task[Any]] = set()
+            while tasks := asyncio.all_tasks(self) - closed:  # a `finally` may have made more
+                closed |= tasks
+                for task in tasks:
+                    task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
+                    coroutine: Any = task.get_coro()
+                    with contextlib.suppress(BaseException):
+                        coroutine.close()
         finally:
             events._set_running_loop(previous)  # noqa: SLF001
         self._queue.clear()
