@@ -177,11 +177,6 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- queries ----------------------------------------------------------------------------------
 
-    @property
-    def due(self) -> float:
-        """[s] when the next of the live ones must be done."""
-        return min((call.deadline_at for call in self.live.values() if call.cause is None), default=math.inf)
-
     def beside_abandoned(self, robot: str, home: str) -> VrError | None:
         """Return why nothing that moves may begin while abandoned code runs; None: there is none."""
         for command in self.abandoned.values():

@@ -99,7 +99,11 @@ class RobotCore:
     def due(self) -> float:
         """[s] when `Tick` will change something if nothing else does before."""
         tenure = self.state.lease.tenure
-        return min(self.state.calls.due, math.inf if tenure is None else tenure.expires)
+        due = math.inf if tenure is None else tenure.expires
+        for call in self.state.calls.live.values():
+            if call.deadline_at < due and call.cause is None:
+                due = call.deadline_at
+        return due
 
     @property
     def outranked(self) -> bool:

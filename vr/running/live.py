@@ -169,7 +169,7 @@ class LiveRobot:
                     self._listeners.setdefault(event.key, []).append(listener)
                     if turn is not None:
                         self._turns[event.key] = turn
-            due = core.due
+            due = math.inf if turn is not None else core.due
         if number:
             self._journal.commit(number)
         if refusal is None and accepted is not None:

@@ -75,8 +75,9 @@ class PendingCall:
         if self.reply is None:
             self.reply = reply
             self.ended()
-            self._tell_all()
-            self.frame.worker.waiter.wake()
+            if self._tell:
+                self._tell_all()
+            self.frame.wake()
 
     def fail(self, error: VrError) -> None:
         """End it with an error of our own."""
@@ -191,7 +192,7 @@ class PendingCall:
         except IndexError:
             return False
         self.run_here = run
-        self.frame.worker.waiter.wake()
+        self.frame.wake()
         return True
 
     def drop(self, reason: str) -> None:

@@ -94,8 +94,9 @@ class ThreadWaiter:
 
     def wake(self) -> None:
         """See `Waiter.wake`."""
-        with contextlib.suppress(RuntimeError):  # a wake is kept already
-            self._lock.release()
+        if self._lock.locked():  # else a wake is kept already
+            with contextlib.suppress(RuntimeError):  # another thread wakes it at this moment
+                self._lock.release()
 
 
 class Threads:

@@ -163,7 +163,9 @@ class Frame:
 
     def wake(self) -> None:
         """See `Activity.wake`."""
-        self.worker.waiter.wake()
+        worker = self.worker
+        if worker.process.runner.here() != worker.thread:  # else it does not wait
+            worker.waiter.wake()
 
     def progress(self, fraction: float, text: str) -> None:
         """See `Activity.progress`."""

@@ -1,0 +1,232 @@
+"""How long a call takes, seen from an author's page: nested, handed over, chains, and between two processes.
+
+    python bench/calls.py [--rounds N]
+
+All are measured in turns, in one run, against a plain Python call and against two threads that pass a token
+(`SimpleQueue`); the calls between processes against bare Unix sockets with the same bytes. Times in µs:
+the fastest and the median.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import cProfile
+import multiprocessing
+import os
+import pstats
+import queue
+import socket
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.network.local import join
+from robotree.vr.requests import Call, encode
+from robotree.vr.running.process import Process
+
+REPEATS = 300
+"""Calls in one measurement."""
+
+
+class Leaf(Robot):
+    """The end of a chain."""
+
+    @command(effect="repeat")
+    def step(self, x: float = 0.0) -> float:
+        return x
+
+
+class IsolatedLeaf(Leaf):
+    """The same on a worker of its own, as a proxy is."""
+
+    isolated = True
+
+
+class Link(VirtualRobot):
+    """One level of a chain."""
+
+    below = Child("Robot")
+
+    @command(effect="repeat")
+    def step(self, x: float = 0.0) -> Any:
+        return self.below.step(x=x)
+
+    @command
+    def measure(self, repeats: int) -> Any:
+        """Call the child many times; the times of all calls [µs]."""
+        times = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            self.below.step(x=1.0)
+            times.append((time.perf_counter() - began) * 1e6)
+        return times
+
+    @command
+    def profile(self) -> Any:
+        """How many functions and files of ours one call passes."""
+        profiler = cProfile.Profile()
+        profiler.enable()
+        self.below.step(x=1.0)
+        profiler.disable()
+        rows = pstats.Stats(profiler).stats  # type: ignore[attr-defined]
+        ours = [where for where in rows if "/vr/" in where[0]]
+        calls = sum(rows[where][1] for where in ours)
+        return [calls, len({where[0] for where in ours})]
+
+
+async def chain(transport: Any, process: Process | None, depth: int, leaf: type[Leaf], prefix: str) -> Any:
+    """Start a chain of robots; returns a client of its top."""
+    below = RobotAgent(leaf(f"{prefix}-leaf"), transport, process=process)
+    await below.start()
+    agents = [below]
+    for level in range(depth):
+        agent = RobotAgent(Link(f"{prefix}-{level}"), transport, process=process)
+        await agent.start()
+        client = RobotClient(transport, agent.address)
+        await client.enslave("below", agents[-1].address)
+        agents.append(agent)
+    return client, agents
+
+
+def token_passing() -> list[float]:
+    """Two threads that pass a token there and back, the least that handing over can cost."""
+    there: queue.SimpleQueue[int] = queue.SimpleQueue()
+    back: queue.SimpleQueue[int] = queue.SimpleQueue()
+
+    def echo() -> None:
+        while there.get():
+            back.put(1)
+
+    thread = threading.Thread(target=echo)
+    thread.start()
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        there.put(1)
+        back.get()
+        times.append((time.perf_counter() - began) * 1e6)
+    there.put(0)
+    thread.join()
+    return times
+
+
+def bare_sockets(size: int) -> list[float]:
+    """Two processes that send `size` bytes there and as many back over a Unix stream socket."""
+    ours, theirs = socket.socketpair()
+    if os.fork() == 0:
+        ours.close()
+        while data := theirs.recv(65536):
+            theirs.sendall(data)
+        os._exit(0)
+    theirs.close()
+    body = bytes(size)
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        ours.sendall(body)
+        got = 0
+        while got < size:
+            got += len(ours.recv(65536))
+        times.append((time.perf_counter() - began) * 1e6)
+    ours.close()
+    os.wait()
+    return times
+
+
+def far_leaf(root: str, ready: Any, enough: Any) -> None:
+    """A process with one robot."""
+
+    async def live() -> None:
+        transport = await join("bench", root=Path(root))
+        agent = RobotAgent(Leaf("far"), transport)
+        await agent.start()
+        ready.set()
+        await asyncio.get_running_loop().run_in_executor(None, enough.wait)
+        await agent.close()
+        await transport.close()
+
+    asyncio.run(live())
+
+
+async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
+    """Measure all in turns."""
+    transport = await join("bench", root=root)
+    process = Process()
+    results: dict[str, list[float]] = {}
+    tops: dict[str, Any] = {}
+    for name, depth, leaf in (
+        ("nested child call", 1, Leaf),
+        ("child call handed to a worker", 1, IsolatedLeaf),
+        ("chain of 8, nested", 8, Leaf),
+    ):
+        tops[name], _ = await chain(transport, process, depth, leaf, name.split()[0] + str(depth))
+    (key,) = await transport.present("robot/far/*")
+    from robotree.vr.address import Address
+
+    far = Address.parse(key)
+    assert far is not None
+    agent = RobotAgent(Link("near"), transport, process=process)
+    await agent.start()
+    near = RobotClient(transport, agent.address)
+    await near.enslave("below", far)
+    tops["call of a child in another process"] = near
+    size = len(encode(Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)))
+
+    def note(name: str, times: list[float]) -> None:
+        results.setdefault(name, []).extend(times)
+
+    for _ in range(rounds):
+        note("two threads pass a token", await asyncio.to_thread(token_passing))
+        note("bare sockets, two processes", await asyncio.to_thread(bare_sockets, size))
+        for name, client in tops.items():
+            note(name, await client.call("measure", {"repeats": REPEATS}))
+    functions, files = await tops["nested child call"].call("profile", {})
+    results["functions on the way of a nested call"] = [functions]
+    results["files on the way"] = [files]
+    process.close()
+    await transport.close()
+    return results
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=10)
+    rounds = parser.parse_args().rounds
+    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+        root = Path(folder, "run")
+        root.mkdir(mode=0o700)
+        context = multiprocessing.get_context("spawn")
+        ready, enough = context.Event(), context.Event()
+        far = context.Process(target=far_leaf, args=(str(root), ready, enough))
+        far.start()
+        ready.wait(20)
+        try:
+            results = asyncio.run(measure(rounds, root))
+        finally:
+            enough.set()
+            far.join(10)
+    medians = {name: statistics.median(times) for name, times in results.items()}
+    for name, times in results.items():
+        if len(times) == 1:
+            sys.stdout.write(f"{name:<42} {times[0]:8.0f}\n")
+        else:
+            sys.stdout.write(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} µs\n")
+    nested, socket_time = medians["nested child call"], medians["bare sockets, two processes"]
+    sys.stdout.write(f"chain of 8 / one call: {medians['chain of 8, nested'] / nested:.1f}\n")
+    ratio = medians["call of a child in another process"] / socket_time
+    sys.stdout.write(f"another process / bare sockets: {ratio:.1f}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
