@@ -105,6 +105,11 @@ class Hooks:
         """The newest of those that release something."""
         self._reason = "protective stop"
 
+    @property
+    def own_readings(self) -> bool:
+        """Whether the robot reads anything that may change by itself."""
+        return type(self._robot).readings is not Robot.readings
+
     def readings(self) -> dict[str, float]:
         """Return the latest readings, numbers only."""
         if not self._foreign("readings"):

@@ -71,6 +71,10 @@ class News:
         self._present: Listing | None = None
         self._listing: asyncio.Task[None] | None = None
         self._closed = False
+        self._attributes: dict[str, str] = {}
+        """As they were when they were shown last."""
+        self._same: bytes | None = None
+        """The state that was published last, if only a change of the robot can make another one."""
 
     def changed(self) -> None:
         """Note that there is something new to show."""
@@ -85,9 +89,7 @@ class News:
         with contextlib.suppress(TransportError):
             while True:
                 self._bell.clear()
-                self._dirty = False
-                busy = self._publish()
-                self.update_listing()
+                busy = self._show()
                 await asyncio.sleep(QUICK)
                 if busy or self._dirty:
                     continue
@@ -98,16 +100,33 @@ class News:
                             await self._bell.wait()
                 self._asleep = False
 
+    def _show(self) -> bool:
+        """Publish state and listing if they may have changed, else the same state; return if it is busy."""
+        robot = self._live.robot
+        attributes = dict(robot.attributes)
+        dirty, self._dirty = self._dirty or attributes != self._attributes, False
+        self._attributes = attributes
+        if dirty:
+            self.update_listing()
+        elif self._same is not None and not self._hooks.own_readings:
+            self._transport.publish(f"{self._address.key}/state", self._same)
+            return False
+        return self._publish()
+
     def _publish(self) -> bool:
         """Publish how it is now; return whether it is busy."""
+        self._same = None
         try:
             state = self.state()
-            self._transport.publish(f"{self._address.key}/state", encode(state))
+            body = encode(state)
+            self._transport.publish(f"{self._address.key}/state", body)
         except TransportError:
             raise
         except Exception:  # noqa: BLE001 # an author's code may be behind it
             _log.exception("%s has no state to publish", self._address.name)
             return False
+        if not state.busy:
+            self._same = body
         return bool(state.busy)
 
     # -- listing ----------------------------------------------------------------------------------
