@@ -3,7 +3,7 @@
     python bench/calls.py [--rounds N]
 
 All are measured in turns, in one run, against a plain Python call and against two threads that pass a token
-(`SimpleQueue`); the calls between processes against bare Unix sockets with the same bytes. Times in µs:
+(`SimpleQueue`); the calls between processes against bare Unix sockets with the same bytes. Times in us:
 the fastest and the median.
 """
 
@@ -22,11 +22,11 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import join
@@ -42,6 +42,7 @@ class Leaf(Robot):
 
     @command(effect="repeat")
     def step(self, x: float = 0.0) -> float:
+        """Return the argument."""
         return x
 
 
@@ -58,11 +59,12 @@ class Link(VirtualRobot):
 
     @command(effect="repeat")
     def step(self, x: float = 0.0) -> Any:
+        """Call the child."""
         return self.below.step(x=x)
 
     @command
     def measure(self, repeats: int) -> Any:
-        """Call the child many times; the times of all calls [µs]."""
+        """Call the child many times; the times of all calls [us]."""
         times = []
         for _ in range(repeats):
             began = time.perf_counter()
@@ -170,10 +172,7 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     ):
         tops[name], _ = await chain(transport, process, depth, leaf, name.split()[0] + str(depth))
     (key,) = await transport.present("robot/far/*")
-    from robotree.vr.address import Address
-
-    far = Address.parse(key)
-    assert far is not None
+    far = Address("robot", "far", key.rpartition("/")[2])
     agent = RobotAgent(Link("near"), transport, process=process)
     await agent.start()
     near = RobotClient(transport, agent.address)
@@ -220,7 +219,7 @@ def main() -> int:
         if len(times) == 1:
             sys.stdout.write(f"{name:<42} {times[0]:8.0f}\n")
         else:
-            sys.stdout.write(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} µs\n")
+            sys.stdout.write(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} us\n")
     nested, socket_time = medians["nested child call"], medians["bare sockets, two processes"]
     sys.stdout.write(f"chain of 8 / one call: {medians['chain of 8, nested'] / nested:.1f}\n")
     ratio = medians["call of a child in another process"] / socket_time
