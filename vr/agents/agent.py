@@ -132,7 +132,6 @@ class RobotAgent:
         """Nothing is declared and nothing watched yet."""
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
-        self._publishing: asyncio.Task[None] | None = None
         self._watching_parent: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
@@ -162,8 +161,7 @@ class RobotAgent:
             self._close_process()
             raise
         self._process.robots[self.address.key] = self.live
-        self._publishing = self._loop.create_task(self._news.run())
-        self._news.update_listing()
+        self._news.begin()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -200,9 +198,7 @@ class RobotAgent:
             self._gone.set_result(None)
             self._unwatch_parent()
             self._callers.close()
-            if self._publishing is not None:
-                self._publishing.cancel()
-                await asyncio.wait([self._publishing])
+            self._news.stop()
             await self._withdraw()
             self._process.robots.pop(self.address.key, None)
             self._close_process()

@@ -51,7 +51,7 @@ class News:
     def __init__(
         self, live: LiveRobot, hooks: Hooks, transport: Transport, listings: Listings | None, host: str
     ) -> None:
-        """Prepare; `run` publishes.
+        """Prepare; `begin` publishes.
 
         Args:
             live: the robot.
@@ -64,9 +64,13 @@ class News:
         self._listings, self._host = listings, host
         self._address: Address = live.core.state.address
         self._loop = asyncio.get_running_loop()
-        self._bell = asyncio.Event()
-        self._asleep = False
         self._dirty = True
+        self._hurrying = False
+        """Whether a change is to be published that was not yet."""
+        self._published = 0.0
+        """[s] When the state was published last."""
+        self._timer: asyncio.TimerHandle | None = None
+        self._stopped = False
         self._wanted: Listing | None = None
         self._present: Listing | None = None
         self._listing: asyncio.Task[None] | None = None
@@ -76,29 +80,43 @@ class News:
         self._same: bytes | None = None
         """The state that was published last, if only a change of the robot can make another one."""
 
-    def changed(self) -> None:
-        """Note that there is something new to show."""
-        self._dirty = True
-        if self._asleep:
-            self._asleep = False
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-                self._loop.call_soon_threadsafe(self._bell.set)
+    def begin(self) -> None:
+        """Publish from now on."""
+        self._beat()
 
-    async def run(self) -> None:
-        """Publish until cancelled or until the transport is closed."""
-        with contextlib.suppress(TransportError):
-            while True:
-                self._bell.clear()
-                busy = self._show()
-                await asyncio.sleep(QUICK)
-                if busy or self._dirty:
-                    continue
-                self._asleep = True
-                if not self._dirty:
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(SLOW - QUICK):
-                            await self._bell.wait()
-                self._asleep = False
+    def stop(self) -> None:
+        """Publish no more."""
+        self._stopped = True
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def changed(self) -> None:
+        """Note that there is something new to show. From any thread."""
+        self._dirty = True
+        if not self._hurrying:
+            self._hurrying = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+                self._loop.call_soon_threadsafe(self._hurry)
+
+    def _hurry(self) -> None:
+        """Publish as soon as the last time is long enough ago."""
+        if self._timer is None:  # not begun, or stopped
+            return
+        due = self._published + QUICK
+        if self._timer.when() > due:
+            self._timer.cancel()
+            self._timer = self._loop.call_at(due, self._beat)
+
+    def _beat(self) -> None:
+        if self._stopped:
+            return
+        self._hurrying = False
+        try:
+            busy = self._show()
+        except TransportError:  # the transport is closed
+            return
+        self._published = self._loop.time()
+        self._timer = self._loop.call_at(self._published + (QUICK if busy else SLOW), self._beat)
 
     def _show(self) -> bool:
         """Publish state and listing if they may have changed, else the same state; return if it is busy."""

@@ -225,7 +225,10 @@ class LiveRobot:
             self._turns.pop(effect.key, None)
             self.said.pop(effect.key, None)
             for listener in self._listeners.pop(effect.key, ()):
-                listener.settle(effect.reply)
+                try:
+                    listener.settle(effect.reply)
+                except Exception:  # noqa: BLE001 # of the others, and of the robot, it is not the fault
+                    _log.exception("%s: the end of a call could not be told", self.robot.name)
         elif isinstance(effect, Interrupt):
             if frame := self.frames.get(effect.key):
                 frame.cancel(effect.cause.revive())

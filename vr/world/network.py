@@ -15,6 +15,7 @@ Time is an `Agenda`: that of a `VirtualRunner`, where all repeats from its seed,
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import heapq
 import itertools
 import logging
@@ -84,7 +85,8 @@ class LoopAgenda:
     def at(self, when: float, action: Callable[[], None]) -> None:
         """See `Agenda.at`."""
         if threading.get_ident() != self._thread:
-            self._loop.call_soon_threadsafe(self.at, when, action)
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is there any more
+                self._loop.call_soon_threadsafe(self.at, when, action)
             return
         heapq.heappush(self._actions, (when, next(self._order), action))
         if when > self.now():

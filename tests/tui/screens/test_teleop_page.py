@@ -195,7 +195,7 @@ async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
         await realm.fleet.resume(None)
         await operator.press("up")
         await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.36), "it moves again")
-        assert page._refusal == ""
+        await operator.until(lambda: not page._refusal, "the refusal is over")
 
 
 async def test_a_virtual_robot_that_exposes_an_arm_is_tele_operated_through_it(
