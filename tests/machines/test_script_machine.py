@@ -13,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from robotree.vr import context
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
+from robotree.vr.core.lease import Lessee
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import CommandFailed, SlotEmpty, VrError
 from robotree.vr.scripts.happening import Happening
@@ -123,8 +124,9 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
         child = Address("robot", f"arm-{self.count}", "1")
         commands = (CommandSpec(name="wave"),) if able else ()
         robot = RobotDescription(address=child, kinds=("Arm",), commands=commands)
+        lease = Lessee.begin(epoch=self.count, term=5.0, sent=0.0, now=0.0)
         self.robot.child_slots.begin(slot, child)
-        self.robot.child_slots.bind(slot, Bond(child=child, lease=None, description=robot))
+        self.robot.child_slots.bind(slot, Bond(child=child, lease=lease, description=robot))
         self.drain()
 
     @rule(slot=slots, politely=st.booleans())
@@ -134,7 +136,8 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
         if politely:
             self.robot.child_slots.free(slot)
         else:
-            self.robot.child_slots.lose(slot, self.robot.child_slots[slot].bond, "its host has died")
+            bond = self.robot.child_slots.require(slot)
+            self.robot.child_slots.lose(slot, bond.child, bond.lease.epoch, "its host has died")
         for act in self.activity.acts:  # as the agent does it
             if act.slot == slot and not act.done:
                 act.end(SlotEmpty(robot="pair", slot=slot, reason="gone", kind="Arm"))
