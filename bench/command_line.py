@@ -66,7 +66,7 @@ def measure(rounds: int) -> None:
 async def main(rounds: int) -> None:
     """Measure beside the demo's cast."""
     async with Crew(REALM) as crew:
-        await cast(crew, counting=False)
+        await cast(crew)
         await asyncio.to_thread(measure, rounds)
 
 

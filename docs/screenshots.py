@@ -234,7 +234,7 @@ async def shoot(names: list[str], folder: Path) -> list[Path]:
     taken: list[Path] = []
     await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     async with Crew(REALM, key=str(realm_key(REALM))) as crew:
-        await cast(crew, counting=False)
+        await cast(crew)
         async with joined(REALM) as fleet:
             await prepare(fleet)
             for name in names:
