@@ -60,7 +60,10 @@ class Realm:
         self.lookup = LookupService(network.join("lookup"), "lookup")
         self.agents: list[RobotAgent] = []
         self.processes: list[Process] = []
+        self.shared: Process | None = None
+        """The process of all robots; None: each has one of its own."""
         self.unix = 1_000_000.0
+        self.runner = runner_here()
 
     async def open(self) -> None:
         await self.lookup.start()
@@ -68,7 +71,7 @@ class Realm:
 
     async def start(self, robot: Robot, member: MemoryTransport | None = None, **options: Any) -> RobotAgent:
         transport = member or self.network.join(robot.name)
-        self.processes.append(process := Process(runner_here()))
+        self.processes.append(process := self.shared or Process(runner_here()))
         defaults = {"registrar": Registrar(transport), "unix": lambda: self.unix, "process": process}
         agent = RobotAgent(robot, transport, **defaults | options)
         await agent.start()

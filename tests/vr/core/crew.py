@@ -127,6 +127,19 @@ class Driver(VirtualRobot):
         self.right.fall()
 
     @command
+    def forgetful(self) -> None:
+        self.left.move.start(x=5)
+
+    @command
+    def persistent(self) -> str:
+        try:
+            self.left.move(x=5)
+        except CommandCancelled as error:
+            self.left.move(x=1)
+            return str(error)
+        return ""
+
+    @command
     def stubborn(self) -> None:
         while True:
             try:

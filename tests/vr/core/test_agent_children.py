@@ -10,7 +10,16 @@ import pytest
 from robotree.vr import CallFuture, CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.errors import BadArgument, CommandFailed, NoSuchCommand
 from robotree.vr.running.pending import PendingCall
+from robotree.vr.running.process import Process
 from tests.vr.core.crew import Driver, Rover, Top, crew
+
+
+@pytest.fixture(autouse=True, params=["a process each", "one process"])
+def processes(request: pytest.FixtureRequest, realm: Any) -> None:
+    """Have all robots of a test live in one process, so that calls are nested, or apart."""
+    if request.param == "one process":
+        realm.shared = Process(realm.runner)
+
 
 # -- three ways to call ----------------------------------------------------------------------------
 
@@ -126,6 +135,23 @@ async def test_code_that_swallows_its_cancel_cannot_command_any_more(realm: Any)
     assert moves == 3
     await realm.client(driver).call("fire_and_forget", {})
     assert len(rover.robot.keys) == moves + 1
+
+
+async def test_what_a_command_has_started_ends_with_it(realm: Any) -> None:
+    driver, rover = await crew(realm)
+    await realm.client(driver).call("forgetful", {})
+    await realm.until(lambda: rover.description().busy == "", within=1.0)
+    assert rover.robot.x < 5, "it has not gone its way"
+    await realm.client(driver).call("square", {"length": 1})
+
+
+async def test_a_child_that_is_cancelled_alone_is_an_error_of_its_caller_that_goes_on(realm: Any) -> None:
+    driver, rover = await crew(realm)
+    call = asyncio.create_task(realm.client(driver).call("persistent", {}, key="k"))
+    await realm.until(lambda: rover.description().busy == "move")
+    rover.live.cancel("k/1", "somebody else")
+    assert await call == "rover-left.move was cancelled: somebody else"
+    assert rover.robot.x == pytest.approx(1, abs=0.9), "the second move was carried out"
 
 
 # -- exposed commands ------------------------------------------------------------------------------
