@@ -57,7 +57,7 @@ def is_older(before: Report, after: Report) -> bool:
     """Whether the second report was made before the first, in the same life, and arrived late.
 
     A report of a new life is taken for one if the old life was not longer than the new one by more than
-    MAX_JITTER. That lasts for MAX_JITTER at most.
+    MAX_JITTER. That lasts for MAX_JITTER at most, longer if the old report was delayed longer than the new.
     """
     if before.life and after.life:
         return before.life == after.life and 0 < _clock_lag(before, after) <= LONGEST_DELAY

@@ -101,6 +101,9 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
         self.count = 0
         self.drain()
 
+    def teardown(self) -> None:
+        context._running.set(None)  # type: ignore[arg-type] # the thread is pytest's, and other tests follow
+
     def drain(self) -> None:
         """Let the thread of the script do all that there is to do."""
         self.run._look_around()

@@ -63,7 +63,7 @@ def operator(fleet: Fleet) -> Iterator[Operator]:
     del fleet  # it is there
     found = Operator()
     try:
-        found.shows(b"go_to")  # in the details of the arm, which is selected
+        found.shows(b"pose")  # in the details of the arm, which is selected
         yield found
     finally:
         found.leave()
@@ -72,7 +72,7 @@ def operator(fleet: Fleet) -> Iterator[Operator]:
 async def test_a_form_that_is_filled_in_in_one_burst_is_run_as_it_was_typed(
     fleet: Fleet, operator: Operator
 ) -> None:
-    operator.types(ENTER, sees="Run")
+    operator.types(ENTER, sees="peak")  # the panel has its first readings
     operator.types(
         f"{DOWN}{ENTER}{CTRL_U}0.5{BACKSPACE}4{TAB}{CTRL_U}0.1{TAB}{CTRL_U}35cm{CTRL_R}", sees="done in"
     )
@@ -93,7 +93,7 @@ async def test_hasty_keys_after_create_make_no_other_robot(fleet: Fleet, operato
 async def test_the_stop_works_in_a_field_and_a_question_is_answered_by_its_own_keys(
     fleet: Fleet, operator: Operator
 ) -> None:
-    operator.types(ENTER, sees="Run")
+    operator.types(ENTER, sees="peak")  # the panel has its first readings
     operator.types(f"{DOWN}{ENTER}{CTRL_U}0.4 {CTRL_S}", sees="PROTECTIVE STOP")
     assert (await fleet.describe("arm-1")).stopped
     operator.types("\x1b", sees="log  g")
