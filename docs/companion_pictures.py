@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parent))  # so that `tests` can be imported: what follows comes after it
 
 from robotree.sim.companion.visitors import Receive  # noqa: E402
 from robotree.sim.companion.world import build  # noqa: E402

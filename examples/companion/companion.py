@@ -111,7 +111,7 @@ class Companion(RolePlayer):
 
     @command
     def say(self, text: Text) -> str:
-        """Say something in the words of the role, and wait as long as it takes to say it."""
+        """Say a phrase as the present role words it; returns when it is said."""
         said = self.manner.words(text)
         self.head.say(text=said)
         self.sleep(len(said) / (LETTERS * max(self.manner.number("rate", 1.0), 0.1)))

@@ -379,9 +379,7 @@ class RobotAgent:
         return self._granted(description)
 
     def _renew(self, request: Renew) -> Reply:
-        renewal = on.Prolong(
-            parent=request.parent, epoch=request.epoch, lineage=request.lineage, unix=self._unix()
-        )
+        renewal = on.Prolong(parent=request.parent, epoch=request.epoch, lineage=request.lineage)
         try:
             self.live.post(renewal)
         except CycleOfBonds as error:

@@ -109,7 +109,6 @@ class Prolong(_Value, frozen=True, kw_only=True):
     parent: Address
     epoch: int
     lineage: tuple[str, ...]
-    unix: float
 
 
 class EndLease(_Value, frozen=True, kw_only=True):
