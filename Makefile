@@ -58,6 +58,7 @@ interpreters:  ## the test suite on every interpreter that the project supports 
 
 soak: $(STAMP)  ## the slow tests, and the campaign of kills, freezes, splits and stops; SEED=2 QUICK=--quick
 	$(BIN)/python -m pytest -m soak
+	$(BIN)/python -m pytest --hypothesis-profile search tests/machines
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
 
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK

@@ -12,12 +12,19 @@ import tty
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from robotree.protocol.testing import forgetting_messages
 
 LONGEST_END = 5.0
 """[s] for code that was told to end."""
+
+# The suite searches the same cases in each run: what is green stays green until something changes.
+# `make soak` searches new ones, and prints what reproduces a case that it finds.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.register_profile("search", derandomize=False, print_blob=True)
+hypothesis.settings.load_profile("repeatable")
 
 
 @pytest.hookimpl(tryfirst=True)

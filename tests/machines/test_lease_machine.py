@@ -56,6 +56,10 @@ class Parent:
         """Of its latest petition."""
         return f"{self.address}-{self.petitions}"
 
+    def awaits(self, key: str) -> bool:
+        """Whether the answer to a petition still counts."""
+        return key == self.key and key not in self.given_up
+
     def believes(self, now: float) -> bool:
         return self.lease is not None and now + self.offset < self.lease.expires
 
@@ -157,8 +161,7 @@ class LeaseMachine(RuleBasedStateMachine):
     def deliver(self, message: Message) -> Message | None:
         parent = self.parents[message.parent]
         if message.what == "granted":
-            known = message.life == parent.life and message.key not in parent.given_up
-            if known and message.epoch > parent.given_back:
+            if message.life == parent.life and message.epoch > parent.given_back:
                 self.take_grant(parent, message)
         elif message.what == "refused":
             if parent.lease is not None and (parent.life, parent.lease.epoch) == (
@@ -171,11 +174,12 @@ class LeaseMachine(RuleBasedStateMachine):
         return None
 
     def take_grant(self, parent: Parent, message: Message) -> None:
+        """A parent waits for the answer to its latest petition only; a renewal is of the lease it holds."""
         here = self.now + parent.offset
-        if parent.lease is None or message.epoch > parent.lease.epoch:
-            parent.lease = Lessee.begin(epoch=message.epoch, term=message.term, sent=message.sent, now=here)
-        elif message.epoch == parent.lease.epoch:
+        if parent.lease is not None and message.epoch == parent.lease.epoch:
             parent.lease.granted(sent=message.sent, now=here, term=message.term)
+        elif parent.awaits(message.key) and (parent.lease is None or message.epoch > parent.lease.epoch):
+            parent.lease = Lessee.begin(epoch=message.epoch, term=message.term, sent=message.sent, now=here)
 
     def ask_child(self, who: Address, message: Message) -> Message | None:
         now, unix = self.now, self.unix + self.now
