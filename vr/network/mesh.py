@@ -45,7 +45,7 @@ from robotree.vr.network.frames import (
 )
 from robotree.vr.network.link import Link, Overflow
 from robotree.vr.network.living import asleep, remedy
-from robotree.vr.network.pattern import matches
+from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
 from robotree.vr.transport import Held, Unlisted
 
@@ -120,14 +120,14 @@ class Mesh:
         self._known: dict[Topic, Counter[str]] = {topic: Counter() for topic in Topic}
         """What this process lets the others know."""
         self._servers: dict[str, Answer] = {}
-        self._subscribers: dict[int, tuple[str, OnSample]] = {}
-        self._watchers: dict[int, tuple[str, OnPresence]] = {}
+        self._subscribers = Handlers[OnSample]()
+        self._watchers = Handlers[OnPresence]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
         """Whether no other process can reach this one."""
         self._lost_ticks = 0
         """For how many ticks that has been so."""
-        self._holders: Counter[str] = Counter()
+        self._holders = Keys()
         """How many processes that are awake are present under a key, this one included."""
         self._where: dict[str, _Peer] = {}
         """Who serves a key, of the others."""
@@ -248,22 +248,22 @@ class Mesh:
         """Hear the samples under a pattern; returns a number for `unsubscribe`."""
         with self._lock:
             number = next(self._numbers)
-            self._subscribers[number] = (pattern, on_sample)
+            self._subscribers.add(number, pattern, on_sample)
             self._let_know(Topic.HEARS, pattern, there=True)
             return number
 
     def unsubscribe(self, number: int) -> None:
         """Hear them no longer."""
         with self._lock:
-            if (subscriber := self._subscribers.pop(number, None)) is not None:
-                self._let_know(Topic.HEARS, subscriber[0], there=False)
+            if (pattern := self._subscribers.remove(number)) is not None:
+                self._let_know(Topic.HEARS, pattern, there=False)
 
     # -- what one can ask and see
 
     def present(self, pattern: str) -> list[str]:
         """Return the keys under which anybody is present now."""
         with self._lock:
-            return sorted(key for key in self._holders if matches(pattern, key))
+            return self._holders.under(pattern)
 
     def watch(self, pattern: str, on_presence: OnPresence) -> int:
         """See keys come and go, those that are there first; returns a number for `unwatch`."""
@@ -271,13 +271,13 @@ class Mesh:
             number = next(self._numbers)
             for key in self.present(pattern):
                 on_presence(key, True)
-            self._watchers[number] = (pattern, on_presence)
+            self._watchers.add(number, pattern, on_presence)
             return number
 
     def unwatch(self, number: int) -> None:
         """See them no longer."""
         with self._lock:
-            self._watchers.pop(number, None)
+            self._watchers.remove(number)
             self._watchers_of_itself.pop(number, None)
 
     def watch_itself(self, on_cut_off: Callable[[str], None]) -> int:
@@ -372,7 +372,7 @@ class Mesh:
                     for peer in self._peers.values()
                     if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.HEARS])
                 ]
-            own = [hear for pattern, hear in self._subscribers.values() if matches(pattern, key)]
+            own = self._subscribers.of(key)
         if peers:
             packed = pack(Sample(key, body))
             for peer in peers:
@@ -529,14 +529,9 @@ class Mesh:
         self._check_complete()
 
     def _count(self, key: str, *, there: bool) -> None:
-        before = self._holders[key]
-        self._holders[key] = before + (1 if there else -1)
-        if not self._holders[key]:
-            del self._holders[key]
-        if bool(before) != (key in self._holders):
-            for pattern, on_presence in list(self._watchers.values()):
-                if matches(pattern, key):
-                    on_presence(key, there)
+        if (self._holders.add if there else self._holders.remove)(key):
+            for on_presence in self._watchers.of(key):
+                on_presence(key, there)
 
     def _learn(self, peer: _Peer, news: News) -> None:
         """Note what a process lets others know. Under the lock."""
@@ -655,7 +650,7 @@ class Mesh:
 
     def _published(self, _: Link, sample: Sample) -> None:
         with self._lock:
-            hearers = [hear for pattern, hear in self._subscribers.values() if matches(pattern, sample.key)]
+            hearers = self._subscribers.of(sample.key)
         for hear in hearers:
             hear(sample.key, sample.body)
 

@@ -1,16 +1,121 @@
-"""Which keys lie under a pattern."""
+"""Which keys lie under a pattern, for one key and for many.
+
+Most patterns name what they are about in their first two chunks (`robot/arm-1/*`). Keys and patterns are
+grouped by these, so that a search does not pass all the others.
+"""
 
 from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+_NAMED = 2
+"""Chunks by which keys are grouped: role and name."""
+_ANY = "*"
+"""The group of the patterns that name less."""
 
 
 def matches(pattern: str, key: str) -> bool:
     """Whether a key lies under a pattern: `*` is one chunk, `**` any number of them, none included."""
-    return _match(pattern.split("/"), key.split("/"))
+    if _ANY not in pattern:
+        return pattern == key
+    return _match(_chunks(pattern), key.split("/"))
+
+
+@lru_cache(4096)
+def _chunks(pattern: str) -> list[str]:
+    return pattern.split("/")
 
 
 def _match(pattern: list[str], key: list[str]) -> bool:
-    if not pattern:
-        return not key
-    if pattern[0] == "**":
-        return any(_match(pattern[1:], key[skipped:]) for skipped in range(len(key) + 1))
-    return bool(key) and pattern[0] in {"*", key[0]} and _match(pattern[1:], key[1:])
+    for number, chunk in enumerate(pattern):
+        if chunk == "**":
+            rest = pattern[number + 1 :]
+            return any(_match(rest, key[skipped:]) for skipped in range(number, len(key) + 1))
+        if number >= len(key) or chunk not in {_ANY, key[number]}:
+            return False
+    return len(pattern) == len(key)
+
+
+@lru_cache(4096)
+def _group(pattern: str) -> str:
+    """Return the group of a key, or the one in which all keys of a pattern are; `_ANY`: in several."""
+    group = "/".join(_chunks(pattern)[:_NAMED])
+    return _ANY if _ANY in group else group
+
+
+class Keys:
+    """Keys, each any number of times."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._counts: Counter[str] = Counter()
+        self._groups: dict[str, set[str]] = {}
+
+    def add(self, key: str) -> bool:
+        """Add a key once; returns whether it is new."""
+        self._counts[key] += 1
+        if self._counts[key] > 1:
+            return False
+        self._groups.setdefault(_group(key), set()).add(key)
+        return True
+
+    def remove(self, key: str) -> bool:
+        """Remove a key once; returns whether it has gone. What is not there stays so."""
+        if self._counts[key] > 1:
+            self._counts[key] -= 1
+            return False
+        if not self._counts.pop(key, 0):
+            return False
+        group = self._groups[_group(key)]
+        group.discard(key)
+        if not group:
+            del self._groups[_group(key)]
+        return True
+
+    def under(self, pattern: str) -> list[str]:
+        """Return the keys under a pattern, in order."""
+        group = _group(pattern)
+        keys = self._counts if group == _ANY else self._groups.get(group, ())
+        return sorted(key for key in keys if matches(pattern, key))
+
+    def __iter__(self) -> Iterator[str]:
+        """Pass each key once."""
+        return iter(self._counts)
+
+
+class Handlers(Generic[T]):
+    """Handlers of patterns, by number."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._patterns: dict[int, str] = {}
+        self._groups: dict[str, dict[int, T]] = {}
+
+    def add(self, number: int, pattern: str, handler: T) -> None:
+        """Have a handler for the keys under a pattern."""
+        self._patterns[number] = pattern
+        self._groups.setdefault(_group(pattern), {})[number] = handler
+
+    def remove(self, number: int) -> str | None:
+        """Return the pattern of a handler, which is no more; None: there was none."""
+        pattern = self._patterns.pop(number, None)
+        if pattern is not None:
+            group = self._groups[_group(pattern)]
+            del group[number]
+            if not group:
+                del self._groups[_group(pattern)]
+        return pattern
+
+    def of(self, key: str) -> list[T]:
+        """Return the handlers of the patterns under which a key lies."""
+        return [
+            handler
+            for group in (_ANY, _group(key))
+            for number, handler in self._groups.get(group, {}).items()
+            if matches(self._patterns[number], key)
+        ]

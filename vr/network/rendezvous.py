@@ -173,7 +173,8 @@ class Rendezvous:
         """Write down that this process is present under a key."""
         with self._lock:
             self._keys.append(key)
-            self._write_keys()
+            if self._there:
+                self._append(key)
 
     def drop(self, key: str) -> None:
         """Write down that it is so no longer."""
@@ -237,7 +238,8 @@ class Rendezvous:
             written = files.read(self.directory / f"{tag}{_HELD}", LONGEST_LIST)
         except OSError:
             return []
-        return written.decode(errors="replace").splitlines()
+        lines = written.decode(errors="replace").split("\n")
+        return lines[:-1]  # after the last line, or a part of one that is just being written
 
     def forget(self, tag: str) -> None:
         """Remove the files of a process that is dead."""
@@ -268,8 +270,21 @@ class Rendezvous:
             return
         new = self.directory / f".{self.tag}.new"
         with contextlib.suppress(OSError):  # the folder is gone; `register` writes them anew
-            new.write_text("\n".join(self._keys))
+            new.write_text("".join(f"{key}\n" for key in self._keys))
             new.rename(self._path(_HELD))
+
+    def _append(self, key: str) -> None:
+        """Write one key more: with many, all of them would take longer than to make what the key names."""
+        try:
+            handle = files.opened(self._path(_HELD), os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
+        except OSError:
+            self._write_keys()
+            return
+        try:
+            with contextlib.suppress(OSError):
+                os.write(handle, f"{key}\n".encode())
+        finally:
+            os.close(handle)
 
     def _sweep(self, hidden: Path) -> None:
         """Remove what a process left that was killed before it could be seen."""

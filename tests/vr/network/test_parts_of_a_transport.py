@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections import Counter
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.pattern import matches
+from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.replies import Replies
 from robotree.vr.network.turns import Turns
 from robotree.vr.network.zenoh.presence import Presence
@@ -121,6 +122,37 @@ def test_a_pattern_without_stars_is_a_key(key: list[str], other: list[str]) -> N
     assert matches("/".join(key), "/".join(other)) == (key == other)
     assert matches("/".join("*" * len(key)), "/".join(key))
     assert matches("**", "/".join(key))
+
+
+few = st.lists(st.sampled_from(["a", "b"]), min_size=1, max_size=4).map("/".join)
+patterns = st.lists(st.sampled_from(["a", "b", "*", "**"]), min_size=1, max_size=4).map("/".join)
+
+
+@given(added=st.lists(few), removed=st.lists(few), pattern=patterns)
+def test_a_search_in_groups_finds_what_a_look_at_every_key_finds(
+    added: list[str], removed: list[str], pattern: str
+) -> None:
+    keys, left = Keys(), Counter[str]()
+    for key in added:
+        assert keys.add(key) == (left[key] == 0)
+        left[key] += 1
+    for key in removed:
+        assert keys.remove(key) == (left[key] == 1)
+        left[key] -= left[key] > 0
+    assert keys.under(pattern) == sorted(key for key in +left if matches(pattern, key))
+    assert set(keys) == set(+left)
+
+
+@given(asked=st.lists(patterns, max_size=5), key=few, gone=st.integers(0, 4))
+def test_a_key_has_the_handlers_of_all_patterns_above_it(asked: list[str], key: str, gone: int) -> None:
+    handlers = Handlers[int]()
+    for number, pattern in enumerate(asked):
+        handlers.add(number, pattern, number)
+    assert handlers.remove(gone) == (asked[gone] if gone < len(asked) else None)
+    assert handlers.remove(gone) is None
+    assert sorted(handlers.of(key)) == [
+        number for number, pattern in enumerate(asked) if number != gone and matches(pattern, key)
+    ]
 
 
 @in_virtual_time
