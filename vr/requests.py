@@ -1,7 +1,7 @@
 """What agents say to each other: one tagged value per request and per reply, as MessagePack.
 
 A request is answered by one reply, except `Call`, which is answered by `Accepted`, any number of
-`Progress` and one `Returned`, and `SafeStop`, by `Accepted` and `Done`; `Failed` may end any of them.
+`Progress` and one `Returned`, and `SafeStop`, by `Accepted` and `Done`; `Raised` may end any of them.
 Decoding never trusts the sender: what cannot be read is `Garbled`.
 """
 
@@ -310,14 +310,14 @@ class Done(_Message, frozen=True, kw_only=True):
     """Names of the robots that have confirmed a stop or its release: the one that was asked and all below."""
 
 
-class Failed(_Message, frozen=True, kw_only=True):
+class Raised(_Message, frozen=True, kw_only=True):
     """An error to be raised again on the asking side."""
 
     error: str
     data: dict[str, Any] = {}
 
     @classmethod
-    def of(cls, error: VrError) -> Failed:
+    def of(cls, error: VrError) -> Raised:
         """Pack an error for the journey."""
         return cls(error=type(error).__name__, data=error.data)
 
@@ -368,7 +368,7 @@ Request = (
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Registered | Found | Picture
-    | ViewDescribed | Done | Failed
+    | ViewDescribed | Done | Raised
 )  # fmt: skip
 Event = Listed | Unlisted | State
 

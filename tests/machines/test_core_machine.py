@@ -28,7 +28,7 @@ from robotree.vr.errors import (
     Stopped,
     VrError,
 )
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
@@ -59,7 +59,7 @@ class CoreMachine(RuleBasedStateMachine):
         """What the model says runs: at most one that moves, any number that read."""
         self.waiting: list[str] = []
         self.readers: list[str] = []
-        self.replies: dict[str, Returned | Failed] = {}
+        self.replies: dict[str, Returned | Raised] = {}
         self.began: set[str] = set()
         self.sent: dict[str, on.Invoke] = {}
 
@@ -187,7 +187,7 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(data=st.data(), well=st.booleans())
     def the_code_of_one_ends(self, data: st.DataObject, *, well: bool) -> None:
         key = data.draw(st.sampled_from(self.running + self.readers))
-        failed = Failed.of(CommandCancelled(robot="arm-1", command="move", reason="its author"))
+        failed = Raised.of(CommandCancelled(robot="arm-1", command="move", reason="its author"))
         self.handle(on.Finish(key=key, reply=Returned(key=key, value=1) if well else failed))
         assert key in self.replies
 

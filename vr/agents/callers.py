@@ -12,7 +12,7 @@ import contextlib
 import logging
 
 from robotree.vr.errors import VrError
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Registration, Transport
 
@@ -116,7 +116,7 @@ class _End:
     def note(self, fraction: float, text: str) -> None:
         """See `Listener.note`."""
 
-    def settle(self, reply: Returned | Failed) -> None:
+    def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
         del reply
         self._callers.ended(self._key)

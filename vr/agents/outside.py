@@ -18,8 +18,8 @@ from robotree.vr.requests import (
     Call,
     Cancel,
     Done,
-    Failed,
     Progress,
+    Raised,
     Reply,
     Returned,
     decode_request,
@@ -54,7 +54,7 @@ class Caller:
         elif not waiting:
             self._live.process.at(self._quiet_until, self._tell)
 
-    def settle(self, reply: Returned | Failed) -> None:
+    def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
         self._tell()
         self._over = True
@@ -176,5 +176,5 @@ class OutsideCalls:
         if not isinstance(error, VrError):
             _log.error("%s: an answer failed", self._live.robot.name, exc_info=error)
             error = VrError(detail=f"{self._live.robot.name}: internal error: {error!r}")
-        respond(encode(Failed.of(error)))
+        respond(encode(Raised.of(error)))
         end()

@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 
 from robotree.vr.errors import Busy, CommandCancelled, KeyReused, StillRunning, VrError
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 
 LONGEST_QUEUE = 16
 MOST_READERS = 32
@@ -45,7 +45,7 @@ class Call(msgspec.Struct, kw_only=True):
     """[s] on the robot's clock."""
     reads: bool = False
     running: bool = False
-    cause: Failed | None = None
+    cause: Raised | None = None
     """Why it was asked to end while it ran."""
     source: str = ""
     """Who numbers its calls; empty: nobody."""
@@ -57,7 +57,7 @@ class Ended(msgspec.Struct, frozen=True):
 
     command: str
     sent: dict[str, Any]
-    reply: Returned | Failed
+    reply: Returned | Raised
     source: str = ""
     number: int = 0
 
@@ -145,7 +145,7 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- going ------------------------------------------------------------------------------------
 
-    def leave(self, key: str, reply: Returned | Failed) -> str:
+    def leave(self, key: str, reply: Returned | Raised) -> str:
         """Note how a live call ended.
 
         Returns:

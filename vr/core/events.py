@@ -9,7 +9,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
 from robotree.vr.description import RobotDescription
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
@@ -47,7 +47,7 @@ class Finish(_Value, frozen=True, kw_only=True):
     """The code of a call has ended."""
 
     key: str
-    reply: Returned | Failed
+    reply: Returned | Raised
 
 
 class Cancel(_Value, frozen=True, kw_only=True):
@@ -239,14 +239,14 @@ class Interrupt(_Value, frozen=True, kw_only=True):
     """End the code of a call."""
 
     key: str
-    cause: Failed
+    cause: Raised
 
 
 class Settled(_Value, frozen=True, kw_only=True):
     """A call has ended: tell those who wait for it."""
 
     key: str
-    reply: Returned | Failed
+    reply: Returned | Raised
 
 
 class LeaseChanged(_Value, frozen=True, kw_only=True):

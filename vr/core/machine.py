@@ -37,7 +37,7 @@ from robotree.vr.errors import (
     NotConfirmed,
     Stopped,
 )
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
 """[s]"""
@@ -170,8 +170,8 @@ class RobotCore:
             return []
         return self._settle(call, event.reply)
 
-    def _settle(self, call: Call, reply: Returned | Failed) -> Effects:
-        if call.cause is not None and isinstance(reply, Failed):
+    def _settle(self, call: Call, reply: Returned | Raised) -> Effects:
+        if call.cause is not None and isinstance(reply, Raised):
             reply = call.cause
         following = self.state.calls.leave(call.key, reply)
         effects: Effects = [Settled(key=call.key, reply=reply)]
@@ -191,11 +191,11 @@ class RobotCore:
     def _end(self, call: Call, cause: CommandCancelled | DeadlineExceeded) -> Effects:
         if call.cause is not None:
             return []
-        failed = Failed.of(cause)
+        raised = Raised.of(cause)
         if not call.running:
-            return self._settle(call, failed)
-        call.cause = failed
-        return [Interrupt(key=call.key, cause=failed)]
+            return self._settle(call, raised)
+        call.cause = raised
+        return [Interrupt(key=call.key, cause=raised)]
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         if not event.entitled:
@@ -220,11 +220,11 @@ class RobotCore:
         calls.abandoned[call.key] = call.command
         refusal = calls.beside_abandoned(self.name, self.state.home)
         assert refusal is not None  # noqa: S101 # just entered
-        failed = Failed.of(refusal)
+        raised = Raised.of(refusal)
         effects: Effects = []
         for key in reversed(calls.waiting):
-            effects += self._settle(calls.live[key], failed)
-        return effects + self._settle(call, call.cause or failed)
+            effects += self._settle(calls.live[key], raised)
+        return effects + self._settle(call, call.cause or raised)
 
     def _gone(self, event: on.Gone, _: float) -> Effects:
         self.state.calls.abandoned.pop(event.key, None)

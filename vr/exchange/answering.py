@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import Garbled, VrError
 from robotree.vr.exchange.timely import boot_here, opened
-from robotree.vr.requests import Failed, Reply, Request, decode_request, encode
+from robotree.vr.requests import Raised, Reply, Request, decode_request, encode
 from robotree.vr.transport import RequestHandler, Respond
 
 _log = logging.getLogger(__name__)
@@ -34,10 +34,10 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             now = asyncio.get_running_loop().time()
             await converse(opened(decode_request(body), who, now, boot_here()), say)
         except VrError as error:
-            say(Failed.of(error))
+            say(Raised.of(error))
         except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
             _log.exception("%s: an answer failed", who)
-            say(Failed.of(VrError(detail=f"{who}: internal error: {error!r}")))
+            say(Raised.of(VrError(detail=f"{who}: internal error: {error!r}")))
 
     return handle
 

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from robotree.vr.errors import Garbled, Unreachable
 from robotree.vr.exchange.timely import Question
-from robotree.vr.requests import Accepted, Failed, Reply, Request, decode_reply
+from robotree.vr.requests import Accepted, Raised, Reply, Request, decode_reply
 from robotree.vr.transport import Transport
 
 _R = TypeVar("_R", bound=Reply)
@@ -42,7 +42,7 @@ async def ask(
     async with question.outlived(transport, key):
         async for body in transport.request(key, question.body, timeout=timeout, urgent=urgent):
             reply = decode_reply(body, key=key)
-            if isinstance(reply, Failed):
+            if isinstance(reply, Raised):
                 raise reply.revive()
             if isinstance(reply, Accepted):
                 heard()

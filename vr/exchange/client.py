@@ -24,11 +24,11 @@ from robotree.vr.requests import (
     Described,
     Done,
     Enslave,
-    Failed,
     Free,
     Granted,
     Petition,
     Progress,
+    Raised,
     Release,
     Renew,
     Reply,
@@ -166,8 +166,8 @@ class RobotClient:
                                 on_progress(fraction, text)
                         case Returned(value=value):
                             return value
-                        case Failed() as failed:
-                            raise failed.revive()
+                        case Raised() as raised:
+                            raise raised.revive()
                         case other:
                             raise Garbled(key=key, detail=f"{type(other).__name__} is no answer to a call")
         except TimeoutError:

@@ -25,7 +25,7 @@ from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.errors import NoSuchCommand, VrError
-from robotree.vr.requests import PATIENCE, Call, Cancel, Failed, Returned, encode
+from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned, encode
 from robotree.vr.robot import Robot
 from robotree.vr.running.outcome import check_result, failed
 from robotree.vr.running.pending import Listener, PendingCall
@@ -421,7 +421,7 @@ class LiveRobot:
 
     def _reply(
         self, context: CommandContext, command: Command | None, value: Any, error: BaseException | None
-    ) -> Returned | Failed:
+    ) -> Returned | Raised:
         source = ""
         try:
             if error is None:

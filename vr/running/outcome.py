@@ -12,7 +12,7 @@ import msgspec
 
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
-from robotree.vr.requests import Failed, Returned
+from robotree.vr.requests import Raised, Returned
 from robotree.vr.running.naming import authors_file
 from robotree.vr.units import shorten
 
@@ -74,7 +74,7 @@ def returned(context: CommandContext, value: Any) -> Returned:
     return Returned(key=context.key, value=value)
 
 
-def failed(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Failed:
+def failed(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Raised:
     """Pack the error of a command that did not.
 
     Args:
@@ -84,10 +84,10 @@ def failed(robot: str, context: CommandContext, error: BaseException, *, source:
         source: path of the author's file, to name the line.
     """
     if isinstance(error, VrError):
-        return Failed.of(error)
+        return Raised.of(error)
     _log.warning("%s.%s failed", robot, context.command, exc_info=error)
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return Failed.of(
+    return Raised.of(
         CommandFailed(robot=robot, command=context.command, detail=detail + _where(error, source))
     )
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol, cast
 
 from robotree.vr.child import Record
 from robotree.vr.errors import CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
-from robotree.vr.requests import PATIENCE, Accepted, Failed, Progress, Returned, decode_reply
+from robotree.vr.requests import PATIENCE, Accepted, Progress, Raised, Returned, decode_reply
 from robotree.vr.running.worker import Frame, Worker
 
 
@@ -19,7 +19,7 @@ class Listener(Protocol):
         """Take how far it is: 0 to 1, NaN when it cannot be said."""
         ...
 
-    def settle(self, reply: Returned | Failed) -> None:
+    def settle(self, reply: Returned | Raised) -> None:
         """Take how it ended."""
         ...
 
@@ -41,7 +41,7 @@ class PendingCall:
             passes_on: its progress is that of the command that calls.
         """
         self.slot, self.key, self.child, self.command = slot, key, child, command
-        self.reply: Returned | Failed | None = None
+        self.reply: Returned | Raised | None = None
         self.accepted = False
         self.oneway = False
         """Whether nobody waits for its end."""
@@ -70,7 +70,7 @@ class PendingCall:
         if self._passes_on:
             self.frame.live.note(self.frame.context.key, fraction, text)
 
-    def settle(self, reply: Returned | Failed) -> None:
+    def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
         if self.reply is None:
             self.reply = reply
@@ -81,7 +81,7 @@ class PendingCall:
 
     def fail(self, error: VrError) -> None:
         """End it with an error of our own."""
-        self.settle(Failed.of(error))
+        self.settle(Raised.of(error))
 
     def hear(self, body: bytes | None) -> None:
         """Take one reply from another process; None: there are no more."""
@@ -99,7 +99,7 @@ class PendingCall:
         except VrError as error:
             self.fail(error)
             return
-        if isinstance(reply, (Returned, Failed)):
+        if isinstance(reply, (Returned, Raised)):
             self.settle(reply)
         elif isinstance(reply, Progress):
             self.note(reply.fraction, reply.text)

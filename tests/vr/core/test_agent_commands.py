@@ -24,7 +24,7 @@ from robotree.vr.errors import (
     NotVirtual,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.requests import DescribeHost, Failed, decode_reply, encode
+from robotree.vr.requests import DescribeHost, Raised, decode_reply, encode
 
 
 class Where(msgspec.Struct):
@@ -290,7 +290,7 @@ async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm:
     for body in (b"\xff\x00garbage", b"", encode(DescribeHost())):
         replies = [reply async for reply in realm.operator.request(rover.address.key, body, timeout=5.0)]
         failed = decode_reply(replies[0], key="rover")
-        assert isinstance(failed, Failed)
+        assert isinstance(failed, Raised)
         assert isinstance(failed.revive(), Garbled)
 
 

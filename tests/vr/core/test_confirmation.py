@@ -6,12 +6,12 @@ import pytest
 
 from robotree.vr.core.confirmation import LEAST, LONGEST, NO_ANSWER, TURN, Budget, Confirmations, unmeasured
 from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
-from robotree.vr.requests import Failed, decode_reply, encode
+from robotree.vr.requests import Raised, decode_reply, encode
 
 
-def decode(failed: Failed) -> Failed:
+def decode(failed: Raised) -> Raised:
     came = decode_reply(encode(failed), key="robot/lever/1")
-    assert isinstance(came, Failed)
+    assert isinstance(came, Raised)
     return came
 
 
@@ -62,7 +62,7 @@ def test_words_of_people_never_make_two_robots_of_one_and_advice_comes_all_the_w
     )
     with pytest.raises(NotConfirmed) as inner:
         below.settle()
-    over_the_network = Failed.of(inner.value)
+    over_the_network = Raised.of(inner.value)
     above = Confirmations("the protective stop")
     above.take("lever", decode(over_the_network).revive())
     with pytest.raises(NotConfirmed) as outer:

@@ -13,7 +13,7 @@ from robotree.vr.errors import NoAnswer, Unreachable, VrError
 from robotree.vr.exchange import timely
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.timely import FRESH, opened
-from robotree.vr.requests import Call, Failed, Reply, Request, Timely, decode_reply, decode_request
+from robotree.vr.requests import Call, Raised, Reply, Request, Timely, decode_reply, decode_request
 from tests.vr.recorder import Recorder
 
 LEASE = 2.0
@@ -71,8 +71,8 @@ async def test_what_was_asked_of_a_process_that_hangs_never_begins_after_its_ask
         await questions[what]()
     answers = await read(robot, asker.sent[0])
     realm.network.thaw(robot.transport)
-    assert [type(answer) for answer in answers] == [Failed]
-    assert isinstance(answers[0], Failed)
+    assert [type(answer) for answer in answers] == [Raised]
+    assert isinstance(answers[0], Raised)
     assert isinstance(answers[0].revive(), NoAnswer)
     assert robot.description().stopped
     assert not robot.closed.is_set()

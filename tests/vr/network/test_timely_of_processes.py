@@ -13,7 +13,7 @@ from robotree.vr.address import Address
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.requests import Failed, decode_reply
+from robotree.vr.requests import Raised, decode_reply
 from tests.vr.recorder import Recorder
 
 AMID_A_HANDSHAKE = 0.9
@@ -42,6 +42,6 @@ async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
             await asyncio.sleep(0.01)
     replies = transport.request(key, recorder.sent[0], timeout=30)
     (answer,) = [decode_reply(body, key=key) async for body in replies]
-    assert isinstance(answer, Failed)
+    assert isinstance(answer, Raised)
     assert isinstance(answer.revive(), NoAnswer), "it is not even in the queue, and never was"
     assert await client.call("move", {"x": 2.0}) == 2.0
