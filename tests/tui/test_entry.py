@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import shlex
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,6 +68,47 @@ def test_a_hint_shows_as_many_parts_as_fit_each_whole() -> None:
     assert entry.fitting(parts, 36) == "0.2 … 0.7 m · default 0.3"
     assert entry.fitting(parts, 24) == entry.fitting(parts, 5) == "0.2 … 0.7 m"
     assert not entry.fitting([], 5)
+
+
+TURN = CommandSpec(
+    name="turn",
+    parameters=(
+        FieldSpec(name="twist", type="float", unit="rad", lower=-math.pi, upper=math.pi),
+        FieldSpec(
+            name="rate", type="float", unit="rad/s", lower=0.0, required=False, default=math.radians(30)
+        ),
+    ),
+)
+
+
+def test_angles_are_in_degrees_as_the_readings_beside_them() -> None:
+    twist, rate = TURN.parameters
+    readings = {"twist": math.radians(12.345)}
+    assert entry.first_text(twist, readings) == "12.35"
+    assert entry.first_text(rate, readings) == "30.0"
+    assert entry.hints(twist, readings) == ["-180 … 180 °", "now 12.35"]
+    assert entry.hints(rate, {}) == ["≥ 0 °/s", "default 30"]
+    read = entry.read(TURN, {"twist": "45", "rate": "90"})
+    assert read.arguments == {"twist": math.radians(45), "rate": math.radians(90)}
+    assert entry.read(TURN, {"twist": "1 rad", "rate": ""}).arguments == {"twist": pytest.approx(1)}
+    assert "in ° from -180 to 180" in entry.complaint(twist, "200")
+
+
+def test_a_full_turn_in_degrees_is_not_out_of_the_robots_range() -> None:
+    for text in ("180", "-180"):
+        arguments = entry.read(TURN, {"twist": text, "rate": ""}).arguments
+        assert check_arguments(TURN, arguments)["twist"] == pytest.approx(math.radians(float(text)))
+
+
+def test_the_line_for_a_shell_means_the_same_angle() -> None:
+    line = entry.command_line("arm-1", TURN, {"twist": "45", "rate": "0.5 rad/s"})
+    assert line == "robotree call arm-1.turn twist=45deg 'rate=0.5 rad/s'"
+    words = dict(word.split("=") for word in shlex.split(line)[3:])
+    assert check_arguments(TURN, words)["twist"] == pytest.approx(math.radians(45))
+    plain = entry.command_line("arm-1", TURN, {"twist": "", "rate": "90"})
+    assert check_arguments(TURN, {"twist": 0, **dict([shlex.split(plain)[3].split("=")])})[
+        "rate"
+    ] == pytest.approx(math.radians(90))
 
 
 @given(

@@ -2,6 +2,9 @@
 
 A form is made from a command's types; the same reader judges it that the robot itself uses
 (`robotree.vr.arguments`), so nothing that the form lets through is refused for its form later.
+
+Angles are in degrees, as everywhere on the screen: `45` in a field for an angle is 45°, also where a command
+declares radians. The command line that does the same says `45deg`.
 """
 
 from __future__ import annotations
@@ -9,11 +12,14 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import degrees, radians
 from typing import Any
 
+import msgspec
 from rich.cells import cell_len
 
 from robotree.tui.seen import wording
+from robotree.tui.seen.instruments import IN_DEGREES
 from robotree.tui.terminal import one_line
 from robotree.vr.arguments import check_argument
 from robotree.vr.description import CommandSpec, FieldSpec
@@ -21,6 +27,8 @@ from robotree.vr.errors import BadArgument
 
 SEPARATOR = " · "
 """Between the parts of a hint."""
+ANGLE = 2
+"""Decimals of a present angle [°]: a fifth of a millirad."""
 DIGITS = 4
 """Significant digits of a present value that is put into a field: tenths of millimetres for an arm."""
 
@@ -39,10 +47,11 @@ def first_text(field: FieldSpec, readings: Mapping[str, float]) -> str:
     The default, if it has one; else the present value, if the robot reads one of that name, so that a
     form which is sent as it stands moves nothing; else nothing.
     """
+    shown = as_shown(field)
     if not field.required and field.default is not None:
-        return wording.typed(field.default)
+        return wording.typed(shown.default)
     if field.type in {"float", "int"} and field.name in readings:
-        return wording.number(readings[field.name], DIGITS)
+        return _present(field, readings)
     if field.type == "bool":
         return "no"
     return ""
@@ -51,6 +60,35 @@ def first_text(field: FieldSpec, readings: Mapping[str, float]) -> str:
 def follows(field: FieldSpec, readings: Mapping[str, float]) -> bool:
     """Whether a field that nobody touched shows what the robot reads now, as long as its form is open."""
     return first_text(field, readings) != first_text(field, {})
+
+
+def as_shown(field: FieldSpec) -> FieldSpec:
+    """Return a field in the units of the screen: angles in degrees."""
+    if not _is_angle(field):
+        return field
+    lower, upper, default = (
+        degrees(value) if isinstance(value, (int, float)) else value
+        for value in (field.lower, field.upper, field.default)
+    )
+    return msgspec.structs.replace(
+        field, unit=IN_DEGREES[field.unit], lower=lower, upper=upper, default=_short(default)
+    )
+
+
+def _is_angle(field: FieldSpec) -> bool:
+    return field.type == "float" and field.unit in IN_DEGREES
+
+
+def _short(value: Any) -> Any:
+    """Take the digits away that the conversion of an angle has added."""
+    return round(value, 9) if isinstance(value, float) else value
+
+
+def _present(field: FieldSpec, readings: Mapping[str, float]) -> str:
+    value = readings[field.name]
+    if _is_angle(field):
+        return wording.typed(round(degrees(value), ANGLE) + 0.0).removesuffix(".0")
+    return wording.number(value, DIGITS)
 
 
 def command_line(robot: str, spec: CommandSpec, texts: Mapping[str, str], *, realm: str = "") -> str:
@@ -63,12 +101,22 @@ def command_line(robot: str, spec: CommandSpec, texts: Mapping[str, str], *, rea
         realm: named in the line, unless it is empty.
     """
     words = ["robotree", *(["--realm", realm] if realm else []), "call", f"{robot}.{spec.name}"]
-    given = [(field.name, texts.get(field.name, "")) for field in spec.parameters]
+    given = [(field.name, _for_a_shell(field, texts.get(field.name, ""))) for field in spec.parameters]
     return shlex.join([*words, *(f"{name}={one_line(text)}" for name, text in given if text)])
+
+
+def _for_a_shell(field: FieldSpec, text: str) -> str:
+    """Name the unit of an angle without one: the command line takes plain numbers in the declared unit."""
+    try:
+        float(text)
+    except ValueError:
+        return text
+    return text.strip() + IN_DEGREES[field.unit].replace("°", "deg") if _is_angle(field) else text
 
 
 def complaint(field: FieldSpec, text: str) -> str:
     """Return why a field would be refused, or nothing."""
+    field = as_shown(field)
     if not text.strip() and field.type != "str":
         return f"needs {wording.wanted(field)}" if field.required else ""
     try:
@@ -95,7 +143,8 @@ def read(spec: CommandSpec, texts: Mapping[str, str]) -> Entry:
         if wrong := complaint(field, text):
             complaints[field.name] = wrong
         elif text.strip() or (field.type == "str" and field.required):
-            arguments[field.name] = check_argument(field, text, command=spec.name)
+            value = check_argument(as_shown(field), text, command=spec.name)
+            arguments[field.name] = radians(value) if _is_angle(field) else value
     return Entry(arguments, complaints)
 
 
@@ -109,9 +158,10 @@ def fitting(parts: Sequence[str], width: int) -> str:
 
 def hints(field: FieldSpec, readings: Mapping[str, float]) -> list[str]:
     """Return the parts of a hint: unit and range, whether it may stay empty, the value now."""
-    parts = [wording.span(field)]
+    shown = as_shown(field)
+    parts = [wording.span(shown)]
     if not field.required:
-        parts.append("may stay empty" if field.default is None else f"default {wording.value(field.default)}")
+        parts.append("may stay empty" if shown.default is None else f"default {wording.value(shown.default)}")
     if field.name in readings:
-        parts.append(f"now {wording.number(readings[field.name])}")
+        parts.append(f"now {_present(field, readings)}")
     return [part for part in parts if part]

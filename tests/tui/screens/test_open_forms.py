@@ -87,7 +87,7 @@ async def test_the_form_is_a_line_for_a_shell_that_can_be_copied(
     async with at_go_to(realm, operate) as (operator, _page):
         monkeypatch.setattr(operator.app, "copy_to_clipboard", copied.append)
         await operator.press("enter", "ctrl+u", *"45", "space", *"cm")
-        await operator.sees("$ robotree --realm test call arm-1.go_to 'x=45 cm' y=0 z=0.4 twist=0")
+        await operator.sees("$ robotree --realm test call arm-1.go_to 'x=45 cm' y=0 z=0.4", "twist=0deg")
         await operator.press("ctrl+y")
         await operator.sees("✓ copied: robotree")
         words = shlex.split(copied[0])

@@ -82,7 +82,7 @@ def complaint(form: CommandForm, name: str) -> str:
 
 async def test_the_form_shows_unit_range_default_and_present_value(realm: Realm, operate: Operate) -> None:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
-        await operator.sees("-0.8 … 0.8 m · now 0.35", "rad · now 0", "m/s · default 0.1", "Move the gripper")
+        await operator.sees("-0.8 … 0.8 m · now 0.35", "° · now 0", "m/s · default 0.1", "Move the gripper")
         assert row(form, "x").text == "0.35", "sent as it stands, it moves nothing"
         assert row(form, "speed").text == "0.1"
 
@@ -91,7 +91,7 @@ async def test_readings_have_the_same_units_on_every_page(realm: Realm, operate:
     async with panel(realm, operate, "arm-1", "go_to") as (operator, page, _form):
         realm.arm.pose["twist"] = 1.25
         await operator.until(lambda: "twist 71.6 °" in readings(page), "degrees, as on every page")
-        await operator.sees("now 1.25")
+        await operator.sees("now 71.62")
         await choose(operator, page, "grip")
         await operator.sees("now 0.08")
         assert "grip 80 mm" in readings(page)
@@ -135,7 +135,7 @@ async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
         await operator.until(lambda: "9 is out of range" in complaint(form, "x"), "a complaint")
         assert "is not a number in m" in complaint(form, "y")
         assert "needs a number in m" in complaint(form, "z")
-        assert "give it in rad" in complaint(form, "twist")
+        assert "give it in °" in complaint(form, "twist")
         assert "not a number" in complaint(form, "speed")
         assert realm.arm.calls == []
         assert row(form, "x").query_one(Input).has_focus, "the first wrong field has the cursor"
