@@ -7,7 +7,7 @@ What an author of a robot needs is here, in pure files; every error is in `error
 these, `supervision/` sees them all by name, and `world/` runs it all in virtual time, for tests.
 """
 
-from robotree.vr.child import Child, Record
+from robotree.vr.child import Child, Children, Record
 from robotree.vr.command import command
 from robotree.vr.context import CallFuture, CommandContext
 from robotree.vr.errors import (
@@ -29,6 +29,7 @@ __all__ = [
     "Robot",
     "VirtualRobot",
     "Child",
+    "Children",
     # its commands
     "command",
     "Unit",

@@ -5,19 +5,25 @@
     self.rover.move.start(x=1)   returns a future: start on two children, then ask both for the result
 
 A result of several parts reads like an object: `self.arm.get_info().z`.
+
+An array of children of one kind is `rovers = Children("Rover", least=1, most=4)`:
+
+    for rover in self.rovers: …  those that are bound now, by index
+    self.rovers[2].move(x=1)     a child keeps its index; raises SlotEmpty where one was lost
+    len(self.rovers)             how many are bound
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Protocol, overload
 
 from robotree.vr.context import CallFuture, activity_here, running
-from robotree.vr.description import SlotSpec
+from robotree.vr.description import LARGEST_GROUP, SlotSpec
 from robotree.vr.errors import BadArgument
 
 if TYPE_CHECKING:
-    from robotree.vr.core.bonds import Bond, Slots
+    from robotree.vr.core.bonds import Bond, Slot, Slots
 
 
 class HasSlots(Protocol):
@@ -74,6 +80,106 @@ class Child:
         return SlotSpec(name=self.name, kind=self.kind, doc=self.doc, optional=self.optional)
 
 
+class Children:
+    """An array of children of one kind: `rovers = Children("Rover", least=1, most=4)`."""
+
+    def __init__(self, kind: str, doc: str = "", *, least: int = 1, most: int | None = None) -> None:
+        """Declare the slots `NAME[0]`, `NAME[1]` and so on.
+
+        Args:
+            kind: each child must be of a class of this name, or of a subclass.
+            doc: what they are for.
+            least: how many must be bound before the robot can be used; 0: it can be used without.
+            most: how many can be bound; None: 1000.
+
+        Raises:
+            TypeError: `least` or `most` is no such number.
+        """
+        upper = LARGEST_GROUP if most is None else most
+        if not 0 <= least <= upper <= LARGEST_GROUP or upper < 1:
+            raise TypeError(
+                f"Children({kind!r}, least={least}, most={most}): `least` is 0 or more, "
+                f"`most` at least that, and from 1 to {LARGEST_GROUP}"
+            )
+        self.kind, self.doc, self.name, self.least, self.most = kind, doc, "", least, upper
+
+    def __set_name__(self, owner: type[Any], name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, robot: None, owner: type[Any]) -> Children: ...
+    @overload
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildGroup: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Children | ChildGroup:
+        return self if robot is None else ChildGroup(robot.child_slots, self.name)
+
+    def spec(self) -> SlotSpec:
+        """Describe the group, without children."""
+        return SlotSpec(
+            name=self.name,
+            kind=self.kind,
+            doc=self.doc,
+            group=self.name,
+            least=self.least,
+            most=self.most,
+        )
+
+
+class ChildGroup:
+    """The children of a group that are bound, by index; false while there are none."""
+
+    __slots__ = ("_group", "_slots")
+
+    def __init__(self, slots: Slots, group: str) -> None:
+        """Made by access to the group."""
+        self._slots, self._group = slots, group
+
+    def __len__(self) -> int:
+        return len(self._bound())
+
+    def __iter__(self) -> Iterator[ChildRobot]:
+        return iter([self._child(index) for index in self._bound()])
+
+    def __getitem__(self, index: int) -> ChildRobot:
+        """Return the child with an index.
+
+        Raises:
+            IndexError: the group has no such index.
+            SlotEmpty: nobody is in this slot; says why.
+        """
+        spec = self._slots.groups[self._group]
+        name = f"{self._group}[{index}]"
+        if not 0 <= index < spec.most:
+            raise IndexError(
+                f"{self._slots.robot} has no {name}; it has {self._group}[0] to [{spec.most - 1}]"
+            )
+        slot = self._slots[name]
+        if _observed(lambda: slot.bond) is None:
+            raise self._slots.emptiness(name)
+        return ChildRobot(self._slots, name)
+
+    def items(self) -> list[tuple[int, ChildRobot]]:
+        """Return index and child of all that are bound; an index is skipped where a child was lost."""
+        return [(index, self._child(index)) for index in self._bound()]
+
+    def __str__(self) -> str:
+        return ", ".join(map(str, self)) or f"nobody in {self._group}"
+
+    def _child(self, index: int) -> ChildRobot:
+        return ChildRobot(self._slots, f"{self._group}[{index}]")
+
+    def _bound(self) -> list[int]:
+        members: dict[int, Slot] = self._slots.members(self._group)
+        found: list[int] = _observed(lambda: [index for index, one in members.items() if one.bond])
+        return found
+
+
+def _observed(look: Callable[[], Any]) -> Any:
+    """Look at the slots; in a running command that is one of its steps."""
+    activity = activity_here()
+    return look() if activity is None else activity.observe(look)
+
+
 class Exposed:
     """A child's command under a name of this robot."""
 
@@ -110,9 +216,8 @@ class ChildRobot:
 
     def _bond(self) -> Bond | None:
         """Return what is in the slot; in a running command that is one of its steps."""
-        activity = activity_here()
         slot = self._slots[self._slot]
-        bond: Bond | None = slot.bond if activity is None else activity.observe(lambda: slot.bond)
+        bond: Bond | None = _observed(lambda: slot.bond)
         return bond
 
     def __getattr__(self, command: str) -> ChildCommand:

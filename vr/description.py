@@ -6,14 +6,17 @@ here knows how.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
 from robotree.vr.address import Address
 
 ParameterType = Literal["float", "int", "bool", "str", "choice"]
+LARGEST_GROUP = 1000
+"""Children of one group, at most."""
+
 Effect = Literal["read", "repeat", "once"]
 """What a repetition does. read: changes nothing, so it also runs beside a moving command. repeat: the same
 end (go to a point, close). once: adds up (move by, dispense)."""
@@ -62,9 +65,37 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     doc: str = ""
     optional: bool = False
     """The robot can be used while it is empty."""
+    group: str = ""
+    """Name of the group that it belongs to: `rovers` for `rovers[0]`; empty: it stands alone."""
+    least: int = 0
+    """How many slots of the group must be filled before the robot can be used."""
+    most: int = 1
+    """How many slots the group can have; 1 for a slot that stands alone."""
     child: Address | None = None
     lost: str = ""
     """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""
+
+
+class Lack(NamedTuple):
+    """Children that a robot still needs before it can be used."""
+
+    slot: str
+    """Name of the slot or group."""
+    kind: str
+    number: int
+
+
+def lacking(slots: Iterable[SlotSpec]) -> tuple[Lack, ...]:
+    """Return what must be enslaved before a robot with these slots can be used; empty: it is ready."""
+    slots = tuple(slots)
+    found: dict[str, Lack] = {}
+    for slot in slots:
+        if slot.group:
+            bound = sum(1 for one in slots if one.group == slot.group and one.child is not None)
+            found[slot.group] = Lack(slot.group, slot.kind, slot.least - bound)
+        elif slot.child is None and not slot.optional:
+            found[slot.name] = Lack(slot.name, slot.kind, 1)
+    return tuple(lack for lack in found.values() if lack.number > 0)
 
 
 class BondSpec(msgspec.Struct, frozen=True, kw_only=True):

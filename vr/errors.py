@@ -9,7 +9,7 @@ that a caller on the far side of the network catches the same class with the sam
       CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
                       CommandInDoubt · Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
-      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · WrongKind · StillBonded · NotVirtual
+      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · GroupFull · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
                       NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots · BrokenScript
@@ -272,6 +272,12 @@ class SlotEmpty(BondError):
         "{robot}.{slot} is empty ({reason}); enslave a robot of kind {kind}: "
         "`robotree enslave {robot}.{slot} NAME`"
     )
+
+
+class GroupFull(BondError):
+    """All slots of a group hold a child."""
+
+    sentence = "{robot}.{slot} already holds {most}, as many as it takes; release one first"
 
 
 class WrongKind(BondError):

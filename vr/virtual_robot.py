@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, cast
 
-from robotree.vr.child import Child, Exposed
+from robotree.vr.child import Child, Children, Exposed
 from robotree.vr.core.bonds import Slots
 from robotree.vr.robot import Robot
 
@@ -19,12 +19,19 @@ class VirtualRobot(Robot):
     """
 
     def __init_subclass__(cls) -> None:
-        """Refuse hooks that nobody could run: an author's code must not hold up the loop.
+        """Refuse what cannot work: hooks that nobody could run, and slots that are none.
 
         Raises:
-            TypeError: a hook is `async def`.
+            TypeError: a hook is `async def`, or an attribute is a list of `Child`.
         """
         super().__init_subclass__()
+        for name, value in vars(cls).items():
+            if kinds := _listed(value):
+                count = len(kinds)
+                raise TypeError(
+                    f"{cls.__name__}.{name} is a list of Child, which makes no slots; "
+                    f"write: {name} = Children({kinds[0]!r}, least={count}, most={count})"
+                )
         for hook in ("readings", "safe_stop", "resume"):
             if inspect.iscoroutinefunction(getattr(cls, hook)):
                 raise TypeError(f"{cls.__name__}.{hook} runs in a thread: write it without async")
@@ -43,14 +50,22 @@ class VirtualRobot(Robot):
         self.child_slots = Slots.empty(name, (child.spec() for child in slots_of(type(self)).values()))
 
 
-def slots_of(cls: type[Any]) -> dict[str, Child]:
-    """Return the slots that a class and its bases declare, by name."""
-    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Child)}
+def slots_of(cls: type[Any]) -> dict[str, Child | Children]:
+    """Return the slots and groups of slots that a class and its bases declare, by name."""
+    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Child | Children)}
 
 
 def exposures_of(cls: type[Any]) -> dict[str, Exposed]:
     """Return the children's commands that a class and its bases let through, by their names here."""
     return {name: value for name, value in _attributes(cls).items() if isinstance(value, Exposed)}
+
+
+def _listed(value: object) -> list[str]:
+    """Return the kinds of the children in a list, tuple, set or dictionary; empty: it holds none."""
+    if not isinstance(value, list | tuple | set | dict):
+        return []
+    parts = cast("Iterable[object]", value.values() if isinstance(value, dict) else value)
+    return [part.kind for part in parts if isinstance(part, Child)]
 
 
 def _attributes(cls: type[Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from robotree.tui.diagnosis import meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.processes.realm import joined
 from robotree.tui.seen import mood
+from robotree.vr.description import lacking
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
@@ -52,8 +53,8 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
             remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
             yield Finding("robots", "bad", told, remedy)
         case "needs":
-            slot = next(one for one in robot.slots if one.child is None and not one.optional)
-            remedy = f"robotree enslave {robot.name}.{slot.name} NAME, of a robot of kind {slot.kind}"
+            slot, wanted, _ = lacking(robot.slots)[0]
+            remedy = f"robotree enslave {robot.name}.{slot} NAME, of a robot of kind {wanted}"
             yield Finding(
                 "robots", "doubt", f"{robot.name} ({robot.kind}) needs {mood.needs(robot.slots)}", remedy
             )

@@ -70,6 +70,7 @@ def check(line: Line, options: Mapping[str, str]) -> None:
     """
     for blank, value in line.values.items():
         kind = options.get(blank[2:], "") if blank.startswith("--") else blank
-        if kind in CHECKS and isinstance(value, str):
-            CHECKS[kind](value)
+        if kind in CHECKS and not isinstance(value, bool):
+            for text in (value,) if isinstance(value, str) else value:
+                CHECKS[kind](text)
     values.assignments(line.many("PARAMETER=VALUE"))

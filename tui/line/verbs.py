@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, cast
 
 from robotree.files import overwrite
-from robotree.tui.errors import OldList, SomeHang, SupervisorError
+from robotree.tui.errors import OldList, SomeHang, SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, mood, unlisted, wording
@@ -247,11 +247,29 @@ def shipped(given: str) -> Path:
     return found if found.exists() else path
 
 
-async def enslave(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
-    """Put a robot on top of another one."""
+async def enslave(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Put a robot on top of one or several others; where one refuses, those before it stay enslaved."""
     parent, slot = values.dotted(line.text("PARENT.SLOT"), "PARENT.SLOT")
-    robot = await fleet.enslave(parent, slot, line.text("CHILD"))
-    return _did(robot, f"{parent}.{slot} commands {line.text('CHILD')}")
+    children = line.many("CHILD")
+    if len(children) > 1:
+        _expect_group(await fleet.describe(parent), slot)
+    robot = None
+    for number, child in enumerate(children):
+        try:
+            robot = await fleet.enslave(parent, slot, child)
+        except Exception:
+            if number:
+                teller.warn(f"{parent}.{slot} commands {', '.join(children[:number])} already")
+            raise
+    assert robot is not None  # noqa: S101 # the grammar wants one child at least
+    return _did(robot, f"{parent}.{slot} commands {', '.join(children)}")
+
+
+def _expect_group(parent: RobotDescription, slot: str) -> None:
+    """Refuse several children for a slot that takes one, before the first of them is enslaved."""
+    if not any(one.group == slot for one in parent.slots):
+        told = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
+        raise ValueRefused("CHILD", told)
 
 
 async def release(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:

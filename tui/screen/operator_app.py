@@ -255,7 +255,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
                 "CHILD": sorted(self.store.robots),
                 "VIEW": sorted(self.store.views),
                 "HOST": self.store.hosts,
-                "PARENT.SLOT": [f"{one.name}.{slot.name}" for one in described for slot in one.slots],
+                "PARENT.SLOT": [place for one in described for place in _places(one)],
                 "ROBOT.COMMAND": [
                     f"{one.name}.{command.name}" for one in described for command in one.commands
                 ],
@@ -284,3 +284,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
         raise NotImplementedError
+
+
+def _places(robot: RobotDescription) -> list[str]:
+    """Return the slots of a robot as `PARENT.SLOT`, and its groups."""
+    names = dict.fromkeys(one.group for one in robot.slots if one.group) | dict.fromkeys(
+        one.name for one in robot.slots
+    )
+    return [f"{robot.name}.{name}" for name in names]

@@ -92,7 +92,7 @@ def label(branch: Branch) -> str:
         return f"{place}{branch.robot.name} {kind}{shown}{link}"
     if branch.name:
         return f"{place}{branch.name} (does not answer)"
-    wants = f"takes {branch.slot.kind}" if branch.slot else ""
+    wants = f"takes {branch.slot.kind}{', optional' if branch.slot.optional else ''}" if branch.slot else ""
     lost = f"; {branch.slot.lost}" if branch.slot and branch.slot.lost else ""
     return f"{place}empty ({wants}{lost})"
 

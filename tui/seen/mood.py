@@ -82,8 +82,14 @@ def mood(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Mood:
 
 def needs(slots: Iterable[SlotSpec]) -> str:
     """Return what must be enslaved before all commands can be used: `arm: Arm`; empty: nothing."""
+    slots = tuple(slots)
+    if not slots:
+        return ""
+    from robotree.vr.description import lacking  # help must not wait for the agents
+
     return ", ".join(
-        f"{slot.name}: {slot.kind}" for slot in slots if slot.child is None and not slot.optional
+        f"{lack.slot}: {lack.kind}" + (f" x {lack.number}" if lack.number > 1 else "")
+        for lack in lacking(slots)
     )
 
 

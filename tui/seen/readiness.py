@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robotree.tui.seen import mood
 from robotree.tui.seen.store import Store
+from robotree.vr.description import lacking
 
 
 def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
@@ -31,11 +32,11 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
     if told and told.abandoned:
         home = f"host {robot.host}" if robot and robot.host else "its process"
         found.append(f"{', '.join(told.abandoned)} ignores cancel and still runs: restart {home}")
-    slots = robot.slots if robot else ()
     found += [
-        f"slot {one.name} is empty, it takes {one.kind}"
-        for one in slots
-        if one.child is None and not one.optional
+        f"slot {lack.slot} is empty, it takes {lack.kind}"
+        if lack.number == 1
+        else f"{lack.slot} needs {lack.number} more of kind {lack.kind}"
+        for lack in lacking(robot.slots if robot else ())
     ]
     parent = store.by(name) if told and told.bond is not None else ""
     if parent:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from robotree.tui.seen import mood
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+    from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
@@ -146,7 +146,7 @@ def portrait(robot: RobotDescription) -> str:
     blocks = [columns([fact for fact in facts if fact[1]])]
     if robot.slots:
         rows = [
-            (f"  {one.name}", one.kind, one.child.name if one.child else one.lost or "empty")
+            (f"  {one.name}", one.kind, one.child.name if one.child else one.lost or vacant(one))
             for one in robot.slots
         ]
         blocks.append("slots\n" + columns(rows))
@@ -161,6 +161,11 @@ def portrait(robot: RobotDescription) -> str:
     if commands:
         blocks.append("commands\n" + columns(commands))
     return "\n\n".join(blocks)
+
+
+def vacant(slot: SlotSpec) -> str:
+    """Say that a slot is empty, and whether that matters."""
+    return "empty, optional" if slot.optional else "empty"
 
 
 def _abandoned(robot: RobotDescription) -> str:

@@ -91,7 +91,7 @@ class Condition:
 
 _FORMS: list[tuple[re.Pattern[str], Callable[[re.Match[str]], Condition]]] = []
 _NAME = r"([A-Za-z0-9][\w-]*)"
-_SLOT = rf"{_NAME}\.(\w+)"
+_SLOT = rf"{_NAME}\.(\w+(?:\[\d+])?)"
 _COMPARED = r"\s*(>=|<=|!=|==|=|>|<)\s*(.+)"
 
 Reader = Callable[["re.Match[str]"], Condition]

@@ -85,7 +85,7 @@ class Children:
     # -- binding ----------------------------------------------------------------------------------
 
     async def enslave(self, slot: str, child: Address) -> None:
-        """Bind a child to a slot.
+        """Bind a child to a slot, or to one of a group.
 
         Raises:
             BondError: there is no such slot, it is occupied, or the child is of another kind.
@@ -93,6 +93,7 @@ class Children:
             TransportError: the child does not answer; it will be told that nobody heard, should it have
                 agreed.
         """
+        slot = self._slots.place(slot, child.name)
         self._live.post(on.Reserve(slot=slot, child=child))
         client = RobotClient(self._transport, child)
         key = fresh_key()
@@ -111,11 +112,14 @@ class Children:
             await self._free_if_bound(slot)
 
     async def free(self, slot: str) -> None:
-        """Release the child in a slot; it is told, and else its lease runs out.
+        """Release the child in a slot, or all of a group; it is told, and else its lease runs out.
 
         Raises:
             BondError: there is no such slot, or it is empty.
         """
+        await asyncio.gather(*map(self._free, self._slots.filled(slot)))
+
+    async def _free(self, slot: str) -> None:
         self._live.post(on.Free(slot=slot))
         kept = self._bonds[slot]
         self._end(kept)

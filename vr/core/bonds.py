@@ -6,10 +6,15 @@ renewing the lease. Pure: nothing here asks or tells anyone.
     empty ── begin ──► asking ── bind ──► bound
       ▲                  │ abort            │ free, lose
       └──────────────────┴──────────────────┘
+
+A *group* is an array of slots of one kind, `rovers[0]`, `rovers[1]` …, each of them a slot like any other.
+Only those that matter are kept: the first that are needed, those with a child or a lost one, and the lowest
+that is empty. A child keeps its index; one that is lost leaves a gap, which can be filled again.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Literal
 
@@ -18,7 +23,9 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.lease import Lessee
 from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
+from robotree.vr.errors import GroupFull, NoSuchSlot, SlotEmpty, SlotOccupied
+
+_MEMBER = re.compile(r"(\w+)\[(0|[1-9]\d{0,3})]")
 
 
 class Bond(msgspec.Struct, kw_only=True):
@@ -43,6 +50,8 @@ class Slot(msgspec.Struct):
     bond: Bond | None = None
     lost: str = ""
     """Why the last child was lost; empty: it was not."""
+    was: str = ""
+    """Name of the child that was lost."""
 
     @property
     def state(self) -> Literal["empty", "asking", "bound"]:
@@ -63,6 +72,8 @@ class Slots(msgspec.Struct):
     robot: str
     """Name of the virtual robot, for messages."""
     by_name: dict[str, Slot] = {}
+    """Replaced as a whole when a group grows or shrinks: other threads read it."""
+    groups: dict[str, SlotSpec] = {}
 
     @classmethod
     def empty(cls, robot: str, specs: Iterable[SlotSpec]) -> Slots:
@@ -70,9 +81,16 @@ class Slots(msgspec.Struct):
 
         Args:
             robot: name of the virtual robot.
-            specs: the slots that its class declares.
+            specs: the slots and groups that its class declares.
         """
-        return cls(robot, {spec.name: Slot(spec) for spec in specs})
+        specs = tuple(specs)
+        slots = cls(robot, groups={spec.name: spec for spec in specs if spec.group})
+        for spec in specs:
+            if spec.group:
+                slots._tidy(spec.group)
+            else:
+                slots.by_name[spec.name] = Slot(spec)
+        return slots
 
     def __getitem__(self, name: str) -> Slot:
         """Return a slot.
@@ -80,11 +98,76 @@ class Slots(msgspec.Struct):
         Raises:
             NoSuchSlot: there is none of this name.
         """
-        try:
-            return self.by_name[name]
-        except KeyError:
-            known = ", ".join(self.by_name) or "none"
+        slot = self.by_name.get(name)
+        if slot is not None:
+            return slot
+        group, index = _member(name)
+        spec = self.groups.get(group)
+        if spec is None or not index < spec.most:
+            known = ", ".join(self._declared()) or "none"
             raise NoSuchSlot(robot=self.robot, slot=name, known=known) from None
+        return _new_member(spec, index)
+
+    def _declared(self) -> list[str]:
+        """Return the names of slots and groups, a group as `rovers[0…3]`."""
+        alone = [name for name, slot in self.by_name.items() if not slot.spec.group]
+        return [*alone, *(f"{name}[0…{spec.most - 1}]" for name, spec in self.groups.items())]
+
+    def place(self, name: str, child: str) -> str:
+        """Return the slot into which a child goes; only for a group there is a choice.
+
+        Args:
+            name: of a slot, or of a group: there it goes where it was lost, else into the lowest empty slot.
+            child: its name.
+
+        Raises:
+            GroupFull: the group has no slot left.
+        """
+        if name not in self.groups:
+            return name
+        empty = {index: slot for index, slot in self.members(name).items() if slot.child is None}
+        if not empty:
+            raise GroupFull(robot=self.robot, slot=name, most=self.groups[name].most)
+        index = min(empty, key=lambda index: (empty[index].was != child, index))
+        return f"{name}[{index}]"
+
+    def filled(self, name: str) -> list[str]:
+        """Return the slots with children that a name means: itself, or those of the group.
+
+        Raises:
+            SlotEmpty: the group has none.
+        """
+        if name not in self.groups:
+            return [name]
+        found = [slot.spec.name for slot in self.members(name).values() if slot.bond is not None]
+        if not found:
+            kind, reason = self.groups[name].kind, "no child was bound to it"
+            raise SlotEmpty(robot=self.robot, slot=name, reason=reason, kind=kind)
+        return found
+
+    def members(self, group: str) -> dict[int, Slot]:
+        """Return the slots of a group that matter, by index."""
+        found = {
+            _member(name)[1]: slot for name, slot in list(self.by_name.items()) if slot.spec.group == group
+        }
+        return dict(sorted(found.items()))
+
+    def _tidy(self, group: str) -> None:
+        """Keep those slots of a group that matter, in order."""
+        if not group:
+            return
+        spec = self.groups[group]
+        found = {index: slot for index, slot in self.members(group).items() if slot.child or slot.lost}
+        lowest = next((index for index in range(spec.most) if index not in found), None)
+        for index in {*range(spec.least), *([] if lowest is None else [lowest])} - found.keys():
+            found[index] = _new_member(spec, index)
+        kept: dict[str, Slot] = {}
+        for name, slot in [*self.by_name.items(), (group, Slot(spec))]:
+            if slot.spec.group == group:
+                kept |= {found[index].spec.name: found[index] for index in sorted(found)}
+            else:
+                kept[name] = slot
+        self.by_name = kept
 
     def specs(self) -> tuple[SlotSpec, ...]:
         """Describe the slots and what is in them."""
@@ -132,6 +215,9 @@ class Slots(msgspec.Struct):
         if slot.child is not None:
             raise SlotOccupied(robot=self.robot, slot=name, child=slot.child.name)
         slot.asked = child
+        if name not in self.by_name:
+            self.by_name = {**self.by_name, name: slot}
+        self._tidy(slot.spec.group)
         return slot
 
     def bind(self, name: str, bond: Bond) -> None:
@@ -140,11 +226,13 @@ class Slots(msgspec.Struct):
         if slot.asked != bond.child:
             msg = f"{bond.child} was not asked to come into {self.robot}.{name}"
             raise ValueError(msg)
-        slot.asked, slot.bond, slot.lost = None, bond, ""
+        slot.asked, slot.bond, slot.lost, slot.was = None, bond, "", ""
 
     def abort(self, name: str) -> None:
         """Take the question back: the child refused or did not answer."""
-        self[name].asked = None
+        slot = self[name]
+        slot.asked = None
+        self._tidy(slot.spec.group)
 
     def held(self, name: str, child: Address, epoch: int) -> Bond | None:
         """Return the bond in a slot if it is the one with this child and epoch."""
@@ -165,7 +253,9 @@ class Slots(msgspec.Struct):
         """
         if self.held(name, child, epoch) is None:
             return False
-        self[name].bond, self[name].lost = None, reason
+        slot = self[name]
+        slot.bond, slot.lost, slot.was = None, reason, child.name
+        self._tidy(slot.spec.group)
         return True
 
     def free(self, name: str) -> Bond:
@@ -175,6 +265,18 @@ class Slots(msgspec.Struct):
             NoSuchSlot: there is no such slot.
             SlotEmpty: nothing was in it.
         """
-        bond = self.require(name)
-        self[name].bond, self[name].lost = None, ""
+        bond, slot = self.require(name), self[name]
+        slot.bond, slot.lost = None, ""
+        self._tidy(slot.spec.group)
         return bond
+
+
+def _new_member(group: SlotSpec, index: int) -> Slot:
+    optional = index >= group.least
+    return Slot(msgspec.structs.replace(group, name=f"{group.name}[{index}]", optional=optional))
+
+
+def _member(name: str) -> tuple[str, int]:
+    """Return group and index of `rovers[2]`; an empty group for another name."""
+    found = _MEMBER.fullmatch(name)
+    return (found[1], int(found[2])) if found else ("", 0)

@@ -122,7 +122,7 @@ class EnslaveDialog(Modal[Line | None]):
         children = self.query_one("#children", OptionList)
         chosen = children.highlighted_option
         if chosen and chosen.id:
-            self.dismiss(Line("enslave", {"PARENT.SLOT": self._opening.path, "CHILD": chosen.id}))
+            self.dismiss(Line("enslave", {"PARENT.SLOT": self._opening.path, "CHILD": (chosen.id,)}))
 
     @on(Button.Pressed, "#no")
     def _cancel(self) -> None:

@@ -17,14 +17,14 @@ class Branch(CachedText):
     def draw(self, store: Store, name: str, now: float) -> None:
         """Draw the robot of this name and those beneath it."""
         text = Text(no_wrap=True, overflow="ellipsis")
-        for depth, slot, robot in _lines(store, name):
+        for depth, slot, robot, needed in _lines(store, name):
             text.append("  " * (depth - 1) + "└ " if depth else "", tint(self.app, "muted"))
             text.append(f"{slot}: " if slot else "", tint(self.app, "muted"))
             if robot:
                 text.append(f"{robot}  ", "bold")
                 text.append_text(mood_mark(self.app, store.mood(robot, now), store.doing(robot, now)))
             else:
-                text.append("empty", tint(self.app, "warning"))
+                text.append("empty", tint(self.app, "warning" if needed else "muted"))
             text.append("\n")
         text.rstrip()
         self.show(text)
@@ -32,9 +32,9 @@ class Branch(CachedText):
 
 def _lines(
     store: Store, name: str, slot: str = "", above: tuple[str, ...] = ()
-) -> Iterator[tuple[int, str, str]]:
-    """Yield depth, slot and robot of each line; an empty slot has no robot."""
-    yield len(above), slot, name
+) -> Iterator[tuple[int, str, str, bool]]:
+    """Yield depth, slot and robot of each line, and whether it is needed; an empty slot has no robot."""
+    yield len(above), slot, name, True
     robot = store.descriptions.get(name)
     if robot is None or name in above:
         return
@@ -42,4 +42,4 @@ def _lines(
         if one.child:
             yield from _lines(store, one.child.name, one.name, (*above, name))
         else:
-            yield len(above) + 1, one.name, ""
+            yield len(above) + 1, one.name, "", not one.optional

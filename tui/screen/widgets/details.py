@@ -75,7 +75,8 @@ class Details(Lines):
             if slot.child:
                 words.append(slot.child.name, tint(self.app, "primary"))
             else:
-                words.append(slot.lost or "empty", tint(self.app, "warning"))
+                tone = "muted" if slot.optional and not slot.lost else "warning"
+                words.append(slot.lost or wording.vacant(slot), tint(self.app, tone))
             self.line(text, "slot", words)
 
     def _commands(self, text: Text, robot: RobotDescription) -> None:
