@@ -25,7 +25,7 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.requests import Done, Found, Query, Register, Registered, Withdraw
+from robotree.vr.requests import Found, Query, Register, Registered
 from robotree.vr.transport import Respond
 
 CROWD = 1000
@@ -107,15 +107,18 @@ async def measure_requests(transport: LocalTransport, service: str, repetitions:
         async for _ in transport.request("robot/echo/1", bytes(64), timeout=5):
             pass
 
+    async def send(request: Register) -> None:
+        await ask(transport, service, request, Registered, timeout=5)
+
     async def register(entry: Listing) -> None:
-        await ask(transport, service, Register(listing=entry, term=60.0), Registered, timeout=5)
+        await send(Register(holder="bench", term=60.0, listings=(entry,)))
 
     async def find(template: Template) -> None:
         await ask(transport, service, Query(template=template), Found, timeout=5)
 
     async def withdraw(number: int) -> None:
-        request = Withdraw(address=Address("robot", f"new-{number}", "1"), revision=2)
-        await ask(transport, service, request, Done, timeout=5)
+        gone = (Address("robot", f"new-{number}", "1"), 2)
+        await send(Register(holder="bench", term=60.0, withdrawn=(gone,)))
 
     await clocked(200, round_trip)
     show("request and reply of 64 bytes", await clocked(repetitions, round_trip))
@@ -123,9 +126,8 @@ async def measure_requests(transport: LocalTransport, service: str, repetitions:
         await register(listing(f"robot-{number}"))
     show("register (1,000 are there)", await clocked(repetitions, lambda n: register(listing(f"new-{n}"))))
     show("withdraw", await clocked(repetitions, withdraw))
-    show(
-        "renew a lease (1,000)", await clocked(repetitions, lambda n: register(listing(f"robot-{n % CROWD}")))
-    )
+    renewal = Register(holder="bench", term=60.0)
+    show("renew the lease of all 1,000", await clocked(repetitions, lambda _: send(renewal)))
     show(
         "look up by name, asking the service (1,000)",
         await clocked(repetitions, lambda n: find(Template(name=f"robot-{n % CROWD}"))),

@@ -161,18 +161,19 @@ class DescribeHost(_Message, frozen=True, kw_only=True):
 
 
 class Register(_Message, frozen=True, kw_only=True):
-    """Enter or renew a listing for a term. Answered by `Registered`."""
+    """A process enters, changes or takes out listings and prolongs its lease. Answered by `Registered`.
 
-    listing: Listing
+    All listings of one process depend on one lease, so it renews them together, with an empty request.
+    """
+
+    holder: str
+    """Of the lease: an identifier that the process has drawn."""
     term: float
     """[s] asked for; the lookup service decides."""
-
-
-class Withdraw(_Message, frozen=True, kw_only=True):
-    """Take a listing out. Answered by `Done`."""
-
-    address: Address
-    revision: int
+    listings: tuple[Listing, ...] = ()
+    """New or changed ones."""
+    withdrawn: tuple[tuple[Address, int], ...] = ()
+    """Those to be taken out, with the revision that each withdrawal is."""
 
 
 class Query(_Message, frozen=True, kw_only=True):
@@ -271,9 +272,13 @@ class HostDescribed(_Message, frozen=True, kw_only=True):
 
 
 class Registered(_Message, frozen=True, kw_only=True):
-    """The listing is in, for `term` seconds."""
+    """The lease holds for `term` seconds from now on."""
 
     term: float
+    count: int
+    """Listings that depend on the lease. Another number than its holder expects: the lease was lost."""
+    outdated: tuple[tuple[Address, int], ...] = ()
+    """Listings that were refused because a later revision is known, with that revision."""
 
 
 class Found(_Message, frozen=True, kw_only=True):
@@ -364,7 +369,7 @@ class State(_Message, frozen=True, kw_only=True):
 
 Request = (
     Describe | Call | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave | Free
-    | Delete | Create | DescribeHost | Register | Withdraw | Query | Look | DescribeView
+    | Delete | Create | DescribeHost | Register | Query | Look | DescribeView
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Registered | Found | Picture

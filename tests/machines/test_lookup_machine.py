@@ -31,9 +31,9 @@ R = TypeVar("R")
 
 
 class Agent:
-    def __init__(self, transport: MemoryTransport, name: str) -> None:
+    def __init__(self, transport: MemoryTransport, name: str, registrar: Registrar | None = None) -> None:
         self.transport = transport
-        self.registrar = Registrar(transport, chance=lambda: 0.5)
+        self.registrar = registrar or Registrar(transport, chance=lambda: 0.5)
         self.listing = Listing(address=Address("robot", name, "1"), kinds=("Robot",))
         self.free = True
 
@@ -112,19 +112,32 @@ class LookupMachine(RuleBasedStateMachine):
         self.living_agents.append(self.run(begin()))
         return self.living_agents[-1]
 
+    @rule(target=agents, neighbour=agents)
+    def start_agent_in_the_same_process(self, neighbour: Agent) -> Agent:
+        self.number += 1
+        agent = Agent(neighbour.transport, f"robot-{self.number}", neighbour.registrar)
+        if neighbour in self.living_agents:
+            self.run(agent.start())
+            self.living_agents.append(agent)
+        return agent
+
     @rule(agent=agents, free=st.booleans())
     def bind_or_free(self, agent: Agent, *, free: bool) -> None:
         agent.free = free
-        self.run(agent.show())
+        if agent in self.living_agents:
+            self.run(agent.show())
 
     @rule(agent=agents, doc=st.sampled_from(["", "a", "b"]))
     def change(self, agent: Agent, doc: str) -> None:
         agent.listing = msgspec.structs.replace(agent.listing, doc=doc)
-        self.run(agent.show())
+        if agent in self.living_agents:
+            self.run(agent.show())
 
     @rule(agent=agents, docs=st.lists(st.sampled_from(["c", "d", None]), min_size=2, max_size=4))
     def change_quickly(self, agent: Agent, docs: list[str | None]) -> None:
         """Without waiting for one change before the next."""
+        if agent not in self.living_agents:
+            return
 
         async def hurry() -> None:
             shown = []
@@ -146,8 +159,9 @@ class LookupMachine(RuleBasedStateMachine):
 
     @rule(agent=consumes(agents))
     def kill_agent(self, agent: Agent) -> None:
-        self.living_agents.remove(agent)
-        self.run(self.kill(agent.transport))
+        if agent in self.living_agents:
+            self.living_agents = [one for one in self.living_agents if one.transport is not agent.transport]
+            self.run(self.kill(agent.transport))
 
     async def kill(self, transport: object) -> None:
         assert isinstance(transport, MemoryTransport)
@@ -159,7 +173,8 @@ class LookupMachine(RuleBasedStateMachine):
 
     @rule(agent=agents, stopped=st.booleans())
     def stop_agent(self, agent: Agent, *, stopped: bool) -> None:
-        self.run(self.silence(agent.transport, stopped))
+        if agent in self.living_agents:
+            self.run(self.silence(agent.transport, stopped))
 
     async def silence(self, transport: object, stopped: bool) -> None:  # noqa: FBT001
         assert isinstance(transport, MemoryTransport)

@@ -1,15 +1,17 @@
 """Keeps the agents of one process listed in every lookup service that lives.
 
-One registrar serves all agents of a process. For each service and agent it has one keeper, which enters the
-listing, renews its lease, and repeats whatever was not acknowledged; so a service that hangs delays nobody
-else, and one that returns learns everything anew, withdrawals included.
+One registrar serves all agents of a process. For each service it has one keeper, which holds one lease there,
+on which all listings of the process depend: it enters, changes and withdraws listings, many in one request,
+renews the lease with an empty one, and repeats whatever was not acknowledged. So a service that hangs delays
+no other, and one that returns learns everything anew, withdrawals included.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from itertools import islice
 
 import msgspec
 
@@ -18,12 +20,12 @@ from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.table import REMEMBERED
-from robotree.vr.requests import Done, Register, Registered, Withdraw
-from robotree.vr.running.chance import fraction
+from robotree.vr.requests import Register, Registered
+from robotree.vr.running.chance import fraction, token
 from robotree.vr.transport import Registration, Transport
 
 TERM = 10.0
-"""[s] of a listing's lease. Presence tells of the dead at once, so this covers only what presence misses."""
+"""[s] of a lease. Presence shows deaths at once, so this covers only what presence misses."""
 
 RENEWALS_PER_TERM = 3
 """Two renewals may get lost before a lease runs out."""
@@ -34,17 +36,19 @@ PATIENCE = 2.0
 RETRY = 0.5
 """[s] before a service that did not answer is asked again."""
 
+PORTION = 200
+"""Most listings and withdrawals in one request."""
+
 FIRST_ANSWER, OTHER_ANSWERS = 1.0, 0.05
 """[s] that `enter` and `leave` wait for the first service to acknowledge, and then for all others."""
 
 
-class _Wanted(msgspec.Struct):
+class _Wanted(msgspec.Struct, frozen=True):
     """How an agent's entry should be, everywhere."""
 
     revision: int
     listing: Listing | None
     """None: withdrawn."""
-    since: float
 
 
 class Registrar:
@@ -63,7 +67,9 @@ class Registrar:
         self.term, self.chance = term, chance
         self.transport = transport
         self.wanted: dict[Address, _Wanted] = {}
-        self._keepers: dict[str, dict[Address, _Keeper]] = {}
+        self._withdrawn: dict[Address, float] = {}
+        """Since when [s] which of these are withdrawn, the oldest first."""
+        self._keepers: dict[str, _Keeper] = {}
         self._watch: asyncio.Future[Registration] | None = None
         self._closed = False
 
@@ -88,7 +94,7 @@ class Registrar:
     async def close(self) -> None:
         """Renew nothing any more. Twice is once."""
         self._closed = True
-        keepers = [keeper for group in self._keepers.values() for keeper in group.values()]
+        keepers = list(self._keepers.values())
         self._keepers.clear()
         if self._watch is not None:
             with contextlib.suppress(VrError):
@@ -99,64 +105,74 @@ class Registrar:
 
     async def _want(self, address: Address, revision: int, listing: Listing | None) -> None:
         now = asyncio.get_running_loop().time()
-        self.wanted[address] = _Wanted(revision, listing, now)
+        self.wanted[address] = _Wanted(revision, listing)
+        self._withdrawn.pop(address, None)
+        if listing is None:
+            self._withdrawn[address] = now
         self._forget_withdrawals(now)
         if self._watch is None:
             self._watch = asyncio.ensure_future(self.transport.watch(everyone("lookup"), self._service_seen))
         await asyncio.shield(self._watch)
-        await _acknowledged([self._keep(service, address) for service in list(self._keepers)])
+        await _first_and_others([keeper.bring(address) for keeper in self._keepers.values()])
 
     def _service_seen(self, service: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-        if there and not self._closed:
-            self._keepers.setdefault(service, {})
-            for address in self.wanted:
-                self._keep(service, address)
-        else:
-            for keeper in self._keepers.pop(service, {}).values():
+        if not there or self._closed:
+            if keeper := self._keepers.pop(service, None):
                 keeper.stop()
+        elif service not in self._keepers:
+            self._keepers[service] = _Keeper(self, service)
 
-    def _keep(self, service: str, address: Address) -> _Keeper:
-        keepers = self._keepers[service]
-        if address not in keepers:
-            keepers[address] = _Keeper(self, service, address)
-        keepers[address].look()
-        return keepers[address]
+    def raise_revision(self, address: Address, known: int) -> None:
+        """A service knows a later revision; what is wanted here is what counts, everywhere."""
+        wanted = self.wanted.get(address)
+        if wanted is not None and wanted.listing is not None and wanted.revision <= known:
+            listing = msgspec.structs.replace(wanted.listing, revision=known + 1)
+            self.wanted[address] = _Wanted(known + 1, listing)
+            for keeper in self._keepers.values():
+                keeper.bring(address)
 
     def _forget_withdrawals(self, now: float) -> None:
         """Forget those that no service can remember the listing of."""
-        old = [
-            address
-            for address, wanted in self.wanted.items()
-            if wanted.listing is None and wanted.since + REMEMBERED < now
-        ]
-        for address in old:
-            del self.wanted[address]
-            for keepers in self._keepers.values():
-                if address in keepers:
-                    keepers.pop(address).stop()
+        while self._withdrawn:
+            address, since = next(iter(self._withdrawn.items()))
+            if since + REMEMBERED >= now:
+                return
+            del self._withdrawn[address], self.wanted[address]
+            for keeper in self._keepers.values():
+                keeper.forget(address)
 
 
 class _Keeper:
-    """Keeps one agent's entry in one service as it should be."""
+    """Holds the process's lease in one service, with the listings that are wanted."""
 
-    def __init__(self, registrar: Registrar, service: str, address: Address) -> None:
-        self._registrar, self._service, self._address = registrar, service, address
+    def __init__(self, registrar: Registrar, service: str) -> None:
+        self._registrar, self._service = registrar, service
+        self._holder = token()
+        self._due: dict[Address, None] = dict.fromkeys(registrar.wanted)
+        """What the service has not acknowledged as it is wanted, the oldest change first."""
+        self._held: set[Address] = set()
+        """What the service has acknowledged to be listed under the lease."""
+        self._waiting: dict[Address, asyncio.Future[None]] = {}
         self._changed = asyncio.Event()
-        self._acknowledged = 0
-        self.settled = asyncio.Event()
-        """Set while the service has what is wanted."""
-        self._task = asyncio.create_task(self._run(), name=f"{address.name} in {service}")
+        self._task = asyncio.create_task(self._run(), name=f"lease in {service}")
 
-    def look(self) -> None:
-        """Compare what is wanted with what the service has."""
-        if self._registrar.wanted[self._address].revision != self._acknowledged:
-            self.settled.clear()
-            self._changed.set()
+    def bring(self, address: Address) -> asyncio.Future[None]:
+        """Have the service know what is wanted of an agent; the future is done when it does."""
+        self._due[address] = None
+        self._changed.set()
+        return self._waiting.setdefault(address, asyncio.get_running_loop().create_future())
+
+    def forget(self, address: Address) -> None:
+        """Nothing is wanted of an agent any more."""
+        self._due.pop(address, None)
+        self._held.discard(address)
+        self._acknowledge(address)
 
     def stop(self) -> None:
-        """Keep it no longer: the service is gone, or nothing is to be kept."""
+        """Keep nothing any longer: the service is gone, or the process ends."""
         self._task.cancel()
-        self.settled.set()
+        for address in list(self._waiting):
+            self._acknowledge(address)
 
     async def close(self) -> None:
         """Stop, and wait for the end."""
@@ -166,47 +182,59 @@ class _Keeper:
     async def _run(self) -> None:
         while True:
             self._changed.clear()
-            wanted = self._registrar.wanted[self._address]
             try:
-                pause = await self._bring(wanted)
+                pause = await self._speak()
             except VrError:
                 pause = RETRY
-            else:
-                self._acknowledged = wanted.revision
-                if self._registrar.wanted[self._address].revision == wanted.revision:
-                    self.settled.set()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(pause):
                     await self._changed.wait()
 
-    async def _bring(self, wanted: _Wanted) -> float | None:
-        """Tell the service what is wanted. Returns when it must hear it again [s], None: never."""
-        transport, service = self._registrar.transport, self._service
-        if wanted.listing is None:
-            request = Withdraw(address=self._address, revision=wanted.revision)
-            await ask(transport, service, request, Done, timeout=PATIENCE)
+    async def _speak(self) -> float | None:
+        """Send what is due and renew the lease. Returns when the service must hear again [s], None: never."""
+        wanted = self._registrar.wanted
+        sent = {address: wanted[address] for address in islice(self._due, PORTION)}
+        if not sent and not self._held:
             return None
-        register = Register(listing=wanted.listing, term=self._registrar.term)
-        granted = await ask(transport, service, register, Registered, timeout=PATIENCE)
-        if granted.term <= 0:  # it holds something newer; what is wanted here is what counts
-            wanted.revision += 1
-            wanted.listing = msgspec.structs.replace(wanted.listing, revision=wanted.revision)
-            return 0.0
-        return granted.term / RENEWALS_PER_TERM * (1 - 0.2 * self._registrar.chance())
+        request = Register(
+            holder=self._holder,
+            term=self._registrar.term,
+            listings=tuple(each.listing for each in sent.values() if each.listing is not None),
+            withdrawn=tuple((a, each.revision) for a, each in sent.items() if each.listing is None),
+        )
+        answer = await ask(self._registrar.transport, self._service, request, Registered, timeout=PATIENCE)
+        outdated = dict(answer.outdated)
+        for address, each in sent.items():
+            if address in outdated:
+                self._registrar.raise_revision(address, outdated[address])
+                continue
+            (self._held.add if each.listing is not None else self._held.discard)(address)
+            if wanted.get(address) is each:
+                self._due.pop(address, None)
+                self._acknowledge(address)
+        if answer.count != len(self._held) and not outdated:  # it lost the lease, or holds what is not wanted
+            self._begin_anew()
+            return RETRY if sent else 0.0
+        return 0.0 if self._due else answer.term / RENEWALS_PER_TERM * (1 - 0.2 * self._registrar.chance())
+
+    def _begin_anew(self) -> None:
+        """Register everything under another lease; what the present one holds runs out."""
+        self._holder = token()
+        self._due = dict.fromkeys(self._registrar.wanted)
+        self._held.clear()
+
+    def _acknowledge(self, address: Address) -> None:
+        if (waiting := self._waiting.pop(address, None)) is not None and not waiting.done():
+            waiting.set_result(None)
 
 
 def _same(one: Listing, other: Listing) -> bool:
     return msgspec.structs.replace(one, revision=other.revision) == other
 
 
-async def _acknowledged(keepers: Iterable[_Keeper]) -> None:
-    waiting = {asyncio.create_task(keeper.settled.wait()) for keeper in keepers}
-    if not waiting:
-        return
-    try:
-        _, waiting = await asyncio.wait(waiting, timeout=FIRST_ANSWER, return_when=asyncio.FIRST_COMPLETED)
-        if waiting:
-            await asyncio.wait(waiting, timeout=OTHER_ANSWERS)
-    finally:
-        for task in waiting:
-            task.cancel()
+async def _first_and_others(answers: list[asyncio.Future[None]]) -> None:
+    """Wait for the first answer, and a moment for the others."""
+    if answers:
+        _, late = await asyncio.wait(answers, timeout=FIRST_ANSWER, return_when=asyncio.FIRST_COMPLETED)
+        if late:
+            await asyncio.wait(late, timeout=OTHER_ANSWERS)

@@ -1,7 +1,7 @@
-"""A lookup service: one table, kept alive by whoever registers, told to whoever listens.
+"""A lookup service: one table, which processes keep up with their leases; its changes are published.
 
-Any number of them run side by side and owe each other nothing. One that starts late asks the others once
-for what they have; from then on it hears everything first hand, as they do.
+Any number of them run side by side, independent of each other. One that starts late asks the others once for
+what they have; from then on every process registers with it too.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, News
-from robotree.vr.requests import Done, Found, Query, Register, Registered, Reply, Request, Withdraw, encode
+from robotree.vr.requests import Found, Query, Register, Reply, Request, encode
 from robotree.vr.transport import Registration, Transport
 
 FILL_LIMIT = 1.0
@@ -89,13 +89,10 @@ class LookupService:
     async def _answer(self, request: Request) -> Reply:
         now = self._clock()
         match request:
-            case Register(listing=listing, term=term):
-                granted, news = self.table.register(listing, term, now)
+            case Register():
+                answer, news = self.table.register(request, now)
                 self._tell(news)
-                return Registered(term=granted)
-            case Withdraw(address=address, revision=revision):
-                self._tell(self.table.withdraw(address, revision, now))
-                return Done()
+                return answer
             case Query(template=template):
                 return Found(listings=self.table.find(template, now))
             case _:

@@ -1,9 +1,9 @@
-"""The table of one lookup service: leased listings, and who of them is alive.
+"""The table of one lookup service: listings, the leases that they depend on, and who is alive.
 
-Everything in it is soft state. A listing stays as long as its agent renews it, and is shown as long as its
-agent is seen alive. Listings carry revisions, which only their agent makes, and a withdrawal is a revision
-too: so a renewal that was delayed on its way never brings a withdrawn listing back, and several tables that
-learn the same things in different orders end up equal.
+Everything in it is soft state. Each process has one lease, and its listings stay as long as it renews that
+lease; a listing is shown as long as its agent is seen alive. Listings carry revisions, which only their
+process makes, and a withdrawal is a revision too: so a request that was delayed on its way never brings a
+withdrawn listing back, and several tables that learn the same things in different orders end up equal.
 
 Pure: `now` is any monotonic clock [s] of the caller.
 """
@@ -16,7 +16,7 @@ import msgspec
 
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
-from robotree.vr.requests import Listed, Unlisted
+from robotree.vr.requests import Listed, Register, Registered, Unlisted
 
 SHORTEST_TERM = 1.0
 LONGEST_TERM = 60.0
@@ -34,8 +34,15 @@ News = Listed | Unlisted
 
 class _Entry(msgspec.Struct):
     listing: Listing
-    expires: float
+    holder: str
+    """Of the lease on which it depends."""
     alive: bool = True
+
+
+class _Lease(msgspec.Struct):
+    expires: float
+    addresses: set[Address]
+    """What depends on it; a lease on which nothing depends is forgotten."""
 
 
 class _Withdrawal(msgspec.Struct):
@@ -49,28 +56,44 @@ class LookupTable:
     def __init__(self) -> None:
         """Begin empty."""
         self._entries: dict[Address, _Entry] = {}
+        self._names: dict[str, set[Address]] = {}
+        self._leases: dict[str, _Lease] = {}
         self._withdrawals: dict[Address, _Withdrawal] = {}
 
-    def register(self, listing: Listing, term: float, now: float) -> tuple[float, list[News]]:
-        """Enter, change or renew a listing, as its agent asks.
+    def register(self, request: Register, now: float) -> tuple[Registered, list[News]]:
+        """Enter, change and take out listings, and renew the lease of all that its holder has listed.
 
         Args:
-            listing: as the agent wants it to be.
-            term: [s] asked for.
+            request: of the process.
             now: [s].
 
         Returns:
-            The term granted [s], 0 when the listing is older than what is known; and the news.
+            The answer, and the news.
         """
+        holder, term = request.holder, request.term
         if not term > 0:  # NaN is not either
             term = SHORTEST_TERM
         term = min(max(term, SHORTEST_TERM), LONGEST_TERM)
-        if self._is_old(listing):
-            return 0.0, []
-        return term, self._enter(listing, now + term, alive=True, now=now)
+        lease = self._leases.get(holder)
+        news: list[News] = []
+        if lease is not None and lease.expires <= now:
+            news += self._end(holder)
+        elif lease is not None:
+            lease.expires = now + term
+        for address, revision in request.withdrawn:
+            news += self.withdraw(address, revision, now)
+        outdated: list[tuple[Address, int]] = []
+        for listing in request.listings:
+            if latest := self._later(listing):
+                outdated.append((listing.address, latest))
+            else:
+                news += self._enter(listing, holder, now + term, alive=True)
+        lease = self._leases.get(holder)
+        count = 0 if lease is None else len(lease.addresses)
+        return Registered(term=term, count=count, outdated=tuple(outdated)), news
 
     def fill(self, listing: Listing, remaining: float, now: float, *, alive: bool) -> list[News]:
-        """Take over a listing from another table.
+        """Take over a listing from another table, until its process registers it here itself.
 
         Args:
             listing: as the other has it.
@@ -78,13 +101,17 @@ class LookupTable:
             now: [s].
             alive: whether its agent is seen here.
         """
-        if not 0 < remaining <= LONGEST_TERM or self._is_old(listing):
+        address = listing.address
+        if not 0 < remaining <= LONGEST_TERM or self._later(listing):
             return []
-        entry = self._entries.get(listing.address)
+        entry = self._entries.get(address)
         if entry is not None and entry.listing.revision == listing.revision:
-            entry.expires = max(entry.expires, now + remaining)
+            if entry.holder == address.key:
+                lease = self._leases[address.key]
+                lease.expires = max(lease.expires, now + remaining)
             return []
-        return self._enter(listing, now + remaining, alive=alive, now=now)
+        holder = address.key if entry is None else entry.holder
+        return self._enter(listing, holder, now + remaining, alive=alive)
 
     def withdraw(self, address: Address, revision: int, now: float) -> list[News]:
         """Take a listing out, as its agent asks; everything up to this revision is over."""
@@ -94,14 +121,14 @@ class LookupTable:
             entry is not None and entry.listing.revision > revision
         ):
             return []
-        self._entries.pop(address, None)
+        self._remove(address)
         self._withdrawals[address] = _Withdrawal(revision, now + REMEMBERED)
         return [Unlisted(address=address, revision=revision)]
 
     def see(self, address: Address, alive: bool, now: float) -> list[News]:  # noqa: FBT001 # it is a fact
         """Take notice that an agent has come to life or died. A dead one's lease runs on, unseen."""
         entry = self._entries.get(address)
-        if entry is None or entry.alive == alive or entry.expires <= now:
+        if entry is None or entry.alive == alive or self._leases[entry.holder].expires <= now:
             return []
         entry.alive = alive
         if alive:
@@ -110,39 +137,67 @@ class LookupTable:
 
     def expire(self, now: float) -> list[News]:
         """Drop what is over."""
-        over = [entry for entry in self._entries.values() if entry.expires <= now]
-        for entry in over:
-            del self._entries[entry.listing.address]
+        over = [holder for holder, lease in self._leases.items() if lease.expires <= now]
         for address in [a for a, known in self._withdrawals.items() if known.forgotten <= now]:
             del self._withdrawals[address]
-        return [Unlisted(address=entry.listing.address, revision=LOST) for entry in over if entry.alive]
+        return [news for holder in over for news in self._end(holder)]
 
     def next_expiry(self) -> float | None:
         """Return when `expire` will have something to do [s], or None."""
         ends: Iterable[float] = (
-            *(entry.expires for entry in self._entries.values()),
+            *(lease.expires for lease in self._leases.values()),
             *(known.forgotten for known in self._withdrawals.values()),
         )
         return min(ends, default=None)
 
     def find(self, template: Template, now: float) -> tuple[tuple[Listing, float], ...]:
         """Return the listings that match, by name, with what remains of their leases [s]."""
+        addresses = self._names.get(template.name, set()) if template.name else self._entries.keys()
         found = [
-            (entry.listing, entry.expires - now)
-            for entry in self._entries.values()
-            if entry.alive and entry.expires > now and template.matches(entry.listing)
+            (entry.listing, left)
+            for entry in map(self._entries.__getitem__, addresses)
+            if (left := self._leases[entry.holder].expires - now) > 0
+            if entry.alive and template.matches(entry.listing)
         ]
         return tuple(sorted(found, key=lambda pair: pair[0].address))
 
-    def _is_old(self, listing: Listing) -> bool:
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _later(self, listing: Listing) -> int:
+        """Return the revision that is known and makes a listing old; 0: none does."""
         known = self._withdrawals.get(listing.address)
         entry = self._entries.get(listing.address)
-        return (known is not None and known.revision >= listing.revision) or (
-            entry is not None and entry.listing.revision > listing.revision
-        )
+        if known is not None and known.revision >= listing.revision:
+            return known.revision
+        return entry.listing.revision if entry and entry.listing.revision > listing.revision else 0
 
-    def _enter(self, listing: Listing, expires: float, *, alive: bool, now: float) -> list[News]:
-        before = self._entries.get(listing.address)
-        shown = before is not None and before.alive and before.expires > now and before.listing == listing
-        self._entries[listing.address] = _Entry(listing, expires, alive)
+    def _enter(self, listing: Listing, holder: str, expires: float, *, alive: bool) -> list[News]:
+        """Enter a listing under a lease, which begins with it if need be."""
+        address = listing.address
+        before = self._entries.get(address)
+        shown = before is not None and before.alive and before.listing == listing
+        if before is None or before.holder != holder:
+            self._remove(address)
+            self._leases.setdefault(holder, _Lease(expires, set())).addresses.add(address)
+        self._entries[address] = _Entry(listing, holder, alive)
+        self._names.setdefault(address.name, set()).add(address)
         return [Listed(listing=listing)] if alive and not shown else []
+
+    def _end(self, holder: str) -> list[News]:
+        """End a lease, and all that depends on it."""
+        over = [self._entries[address] for address in sorted(self._leases[holder].addresses)]
+        for entry in over:
+            self._remove(entry.listing.address)
+        return [Unlisted(address=entry.listing.address, revision=LOST) for entry in over if entry.alive]
+
+    def _remove(self, address: Address) -> None:
+        entry = self._entries.pop(address, None)
+        if entry is None:
+            return
+        lease, named = self._leases[entry.holder], self._names[address.name]
+        lease.addresses.discard(address)
+        named.discard(address)
+        if not lease.addresses:
+            del self._leases[entry.holder]
+        if not named:
+            del self._names[address.name]

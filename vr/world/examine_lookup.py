@@ -15,7 +15,6 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.requests import (
     DescribeHost,
-    Done,
     Found,
     HostDescribed,
     Listed,
@@ -23,7 +22,6 @@ from robotree.vr.requests import (
     Register,
     Registered,
     Unlisted,
-    Withdraw,
     decode_event,
 )
 from robotree.vr.transport import Transport
@@ -53,6 +51,8 @@ ARM = Listing(
     attributes={"place": "lab"},
     revision=1,
 )
+ROVER = msgspec.structs.replace(ARM, address=Address("robot", "rover", "1"))
+OTHER = msgspec.structs.replace(ARM, address=Address("robot", "other", "1"))
 MATCHING = (
     Template(),
     Template(role="robot", name="arm", kind="Robot", command="grip", attributes={"place": "lab"}),
@@ -82,13 +82,18 @@ class _Asker:
         await self.transport.subscribe(NEWS_PATTERN, hear)
         await asyncio.sleep(0.1)  # until the service knows of the listener
 
-    async def register(self, listing: Listing, term: float = 10.0) -> float:
-        request = Register(listing=listing, term=term)
-        return (await ask(self.transport, self.key, request, Registered, timeout=5)).term
+    async def register(
+        self,
+        *listings: Listing,
+        term: float = 10.0,
+        holder: str = "process-1",
+        withdrawn: tuple[tuple[Address, int], ...] = (),
+    ) -> Registered:
+        request = Register(holder=holder, term=term, listings=listings, withdrawn=withdrawn)
+        return await ask(self.transport, self.key, request, Registered, timeout=5)
 
     async def withdraw(self, address: Address, revision: int) -> None:
-        request = Withdraw(address=address, revision=revision)
-        await ask(self.transport, self.key, request, Done, timeout=5)
+        await self.register(withdrawn=((address, revision),))
 
     async def find(self, template: Template | None = None) -> list[Listing]:
         request = Query(template=template or Template())
@@ -103,15 +108,17 @@ async def what_is_registered_is_found(join: Join, open_service: Open) -> None:
     await _until_seen(far, service)
     asker = _Asker(far, service)
     await far.announce(ARM.address.key)
-    promise(0 < await asker.register(ARM) <= 10, "a lease is granted for at most what was asked for")
+    granted = (await asker.register(ARM)).term
+    promise(0 < granted <= 10, "a lease is granted for at most what was asked for")
     for template in MATCHING:
         promise(await asker.find(template) == [ARM], f"{template} finds what matches it")
     for template in OTHERS:
         promise(await asker.find(template) == [], f"{template} finds nothing else")
     await asker.withdraw(ARM.address, 2)
     promise(await asker.find() == [], "what was withdrawn is not found")
-    promise(await asker.register(ARM) == 0, "a late renewal is refused")
-    promise(await asker.find() == [], "a late renewal does not bring back what was withdrawn")
+    refused = (await asker.register(ARM)).outdated
+    promise(refused == ((ARM.address, 2),), "a late request is refused, with the revision that is known")
+    promise(await asker.find() == [], "a late request does not bring back what was withdrawn")
     await _close(service, far, near)
 
 
@@ -146,12 +153,32 @@ async def silence_ends_a_lease(join: Join, open_service: Open) -> None:
     await _until_seen(far, service)
     asker = _Asker(far, service)
     await asker.listen()
-    term = await asker.register(ARM, term=0.01)
+    term = (await asker.register(ARM, term=0.01)).term
     promise(await asker.find() == [ARM], "a lease lasts for a while, whatever was asked for")
     await asyncio.sleep(term + 0.2)
     promise(await asker.find() == [], "a lease that nobody renews ends")
     lost = Unlisted(address=ARM.address, revision=0)
     await until(lambda: asker.news[1:] == [lost], "the end of a lease is told")
+    await _close(service, far, near)
+
+
+async def all_listings_of_a_process_depend_on_one_lease(join: Join, open_service: Open) -> None:
+    """An empty request renews it; the answer says how many listings depend on it."""
+    far, near = await join(), await join()
+    service = await open_service(near, "lookup-1")
+    await _until_seen(far, service)
+    asker = _Asker(far, service)
+    count = (await asker.register(ARM, ROVER, term=1.0)).count
+    promise(count == 2, "the answer counts all that depend on the lease")
+    promise((await asker.register(term=60.0)).count == 2, "a renewal names none of them")
+    await asker.register(OTHER, term=0.01, holder="process-2")
+    await asyncio.sleep(1.2)
+    promise(await asker.find() == [ARM, ROVER], "a renewal holds all of its process, and nobody else's")
+    lost = (await asker.register(holder="process-2")).count
+    promise(lost == 0, "who has lost its lease sees it by the count")
+    answer = await asker.register(withdrawn=((ARM.address, 2),))
+    promise(answer.count == 1, "a withdrawal takes one listing from the lease")
+    promise(await asker.find() == [ROVER], "and leaves the others")
     await _close(service, far, near)
 
 
@@ -191,6 +218,7 @@ LOOKUP_CHECKS: tuple[Callable[[Join, Open], Awaitable[None]], ...] = (
     what_is_registered_is_found,
     changes_are_told,
     silence_ends_a_lease,
+    all_listings_of_a_process_depend_on_one_lease,
     a_late_one_fills_itself,
     nonsense_is_refused,
 )

@@ -10,10 +10,12 @@ import pytest
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import NoSuchHost, NoSuchRobot, NoSuchView
+from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
-from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.requests import Register, Registered
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.transport import Registration, Respond
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
@@ -231,6 +233,57 @@ async def test_a_registration_that_failed_is_repeated() -> None:
     await asyncio.sleep(2)
     onlooker = await Onlooker(network).start()
     assert onlooker.names == ["arm"]
+
+
+@in_virtual_time
+async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_everything_again() -> None:
+    network = MemoryNetwork()
+    service, transport = await open_lookup(network, "lookup-1")
+    handler, heard = transport.served[service.address.key], 0
+
+    async def count(body: bytes, respond: Respond) -> None:
+        nonlocal heard
+        heard += 1
+        await handler(body, respond)
+
+    async def lose(_body: bytes, _respond: Respond) -> None:
+        """Lose what comes, and the answer too."""
+
+    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
+    spare = Agent(network, "spare")
+    spare.transport, spare.registrar = arm.transport, arm.registrar
+    await spare.start()
+    onlooker = await Onlooker(network).start()
+    assert onlooker.names == ["arm", "rover", "spare"]
+    transport.served[service.address.key] = lose
+    await asyncio.sleep(TERM + 1)
+    assert onlooker.names == []
+    await spare.be_enslaved()
+    transport.served[service.address.key] = count
+    await asyncio.sleep(1)
+    assert onlooker.names == ["arm", "rover"]
+    assert rover.registrar is not arm.registrar
+    heard = 0
+    await asyncio.sleep(30)
+    assert heard < 30, "one renewal for each process, however many robots it has"
+
+
+@in_virtual_time
+async def test_a_listing_that_its_process_gave_up_unheard_runs_out_though_the_others_are_renewed() -> None:
+    network = MemoryNetwork()
+    service, _ = await open_lookup(network, "lookup-1")
+    arm = await Agent(network, "arm").start()
+    onlooker = await Onlooker(network).start()
+    keeper = arm.registrar._keepers[service.address.key]
+    stray = msgspec.structs.replace(arm.listing, address=new_address("robot", "stray"), revision=1)
+    await arm.transport.announce(stray.address.key)
+    request = Register(holder=keeper._holder, term=TERM, listings=(stray,))
+    await ask(arm.transport, service.address.key, request, Registered, timeout=5)
+    await asyncio.sleep(0.1)
+    assert onlooker.names == ["arm", "stray"]
+    await asyncio.sleep(3 * TERM)
+    assert onlooker.names == ["arm"]
+    assert onlooker.news == ["arrived arm", "arrived stray", "departed stray"]
 
 
 @in_virtual_time

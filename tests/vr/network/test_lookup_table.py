@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
-from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable
-from robotree.vr.requests import Listed, Unlisted
+from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable, News
+from robotree.vr.requests import Listed, Register, Unlisted
 
 ARM = Address("robot", "arm", "1")
 
@@ -19,13 +19,28 @@ def listing(revision: int = 1, address: Address = ARM, **given: object) -> Listi
     return Listing(**{"address": address, "kinds": ("Arm", "Robot"), "revision": revision, **given})  # type: ignore[arg-type]
 
 
+def register(
+    table: LookupTable, *listings: Listing, now: float, term: float = 5.0, holder: str = "process-1"
+) -> tuple[tuple[str, ...], list[News]]:
+    """Register under one lease; returns the names of what is refused, and the news."""
+    answer, news = table.register(Register(holder=holder, term=term, listings=listings), now)
+    return tuple(address.name for address, _ in answer.outdated), news
+
+
+def renew(table: LookupTable, now: float, holder: str = "process-1") -> int:
+    """Renew a lease; returns how many listings depend on it."""
+    answer, news = table.register(Register(holder=holder, term=5.0), now)
+    assert all(isinstance(item, Unlisted) for item in news), "a renewal brings nothing in"
+    return answer.count
+
+
 def names(table: LookupTable, now: float, template: Template | None = None) -> list[str]:
     return [found.name for found, _ in table.find(template or Template(), now)]
 
 
 def test_a_listing_lasts_as_long_as_its_lease() -> None:
     table = LookupTable()
-    assert table.register(listing(), 5.0, now=0.0) == (5.0, [Listed(listing=listing())])
+    assert register(table, listing(), now=0.0) == ((), [Listed(listing=listing())])
     assert table.find(Template(), now=3.0) == ((listing(), 2.0),)
     assert table.expire(now=4.9) == []
     assert table.find(Template(), now=5.0) == (), "even before anybody looked at the clock"
@@ -34,35 +49,35 @@ def test_a_listing_lasts_as_long_as_its_lease() -> None:
 
 def test_a_renewal_prolongs_it_and_is_no_news() -> None:
     table = LookupTable()
-    table.register(listing(), 5.0, now=0.0)
-    assert table.register(listing(), 5.0, now=4.0) == (5.0, [])
+    register(table, listing(), now=0.0)
+    assert register(table, listing(), now=4.0) == ((), [])
     assert table.expire(now=8.9) == []
     assert names(table, 8.9) == ["arm"]
 
 
 def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way() -> None:
     table = LookupTable()
-    table.register(listing(2, doc="new"), 5.0, now=0.0)
-    assert table.register(listing(1, doc="late"), 5.0, now=0.1) == (0.0, [])
+    register(table, listing(2, doc="new"), now=0.0)
+    assert register(table, listing(1, doc="late"), now=0.1) == (("arm",), [])
     assert table.fill(listing(1), 5.0, now=0.1, alive=True) == []
     assert table.find(Template(), now=0.1)[0][0].doc == "new"
     changed = listing(3, doc="newer")
-    assert table.register(changed, 5.0, now=0.2) == (5.0, [Listed(listing=changed)])
+    assert register(table, changed, now=0.2) == ((), [Listed(listing=changed)])
 
 
 def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
     table = LookupTable()
-    table.register(listing(1), 5.0, now=0.0)
+    register(table, listing(1), now=0.0)
     assert table.withdraw(ARM, 2, now=1.0) == [Unlisted(address=ARM, revision=2)]
-    assert table.register(listing(1), 5.0, now=1.1) == (0.0, [])
+    assert register(table, listing(1), now=1.1) == (("arm",), [])
     assert table.fill(listing(1), 5.0, now=1.1, alive=True) == []
     assert names(table, 1.1) == []
-    assert table.register(listing(3), 5.0, now=1.2)[0] == 5.0, "its agent can return"
+    assert register(table, listing(3), now=1.2)[0] == (), "its agent can return"
 
 
 def test_a_late_withdrawal_does_not_take_out_what_returned() -> None:
     table = LookupTable()
-    table.register(listing(3), 5.0, now=0.0)
+    register(table, listing(3), now=0.0)
     assert table.withdraw(ARM, 2, now=0.1) == []
     assert names(table, 0.1) == ["arm"]
 
@@ -71,12 +86,12 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
     """Another table may know it: whoever sees several must hear of it."""
     table = LookupTable()
     assert table.withdraw(ARM, 2, now=0.0) == [Unlisted(address=ARM, revision=2)]
-    assert table.register(listing(1), 5.0, now=0.1) == (0.0, [])
+    assert register(table, listing(1), now=0.1) == (("arm",), [])
 
 
 def test_the_dead_are_hidden_at_once_and_their_lease_runs_on() -> None:
     table = LookupTable()
-    table.register(listing(), 5.0, now=0.0)
+    register(table, listing(), now=0.0)
     assert table.see(ARM, False, now=1.0) == [Unlisted(address=ARM, revision=LOST)]
     assert table.see(ARM, False, now=1.0) == []
     assert names(table, 1.0) == []
@@ -86,11 +101,55 @@ def test_the_dead_are_hidden_at_once_and_their_lease_runs_on() -> None:
     assert table.see(ARM, True, now=6.0) == [], "its lease was over"
 
 
-def test_a_renewal_is_a_sign_of_life() -> None:
+def test_to_register_again_is_a_sign_of_life() -> None:
     table = LookupTable()
-    table.register(listing(), 5.0, now=0.0)
+    register(table, listing(), now=0.0)
     table.see(ARM, False, now=1.0)
-    assert table.register(listing(), 5.0, now=2.0) == (5.0, [Listed(listing=listing())])
+    assert register(table, listing(), now=2.0) == ((), [Listed(listing=listing())])
+
+
+ROVER = Address("robot", "rover", "1")
+
+
+def test_all_listings_of_a_process_depend_on_one_lease() -> None:
+    table = LookupTable()
+    register(table, listing(), listing(address=ROVER), now=0.0)
+    assert renew(table, now=4.0) == 2
+    assert table.expire(now=8.9) == []
+    assert names(table, 8.9) == ["arm", "rover"]
+    assert table.expire(now=9.0) == [Unlisted(address=one, revision=LOST) for one in (ARM, ROVER)]
+
+
+def test_a_renewal_holds_only_what_its_own_process_has_listed() -> None:
+    table = LookupTable()
+    register(table, listing(), now=0.0)
+    register(table, listing(address=ROVER), now=0.0, holder="process-2")
+    assert renew(table, now=4.0) == 1
+    assert names(table, 6.0) == ["arm"]
+
+
+def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost() -> None:
+    table = LookupTable()
+    register(table, listing(), now=0.0)
+    assert renew(table, now=5.0) == 0
+    assert names(table, 5.0) == []
+    register(table, listing(), now=5.1)
+    assert (renew(table, now=5.2), names(table, 5.2)) == (1, ["arm"])
+
+
+def test_a_listing_that_moves_to_another_lease_is_no_news() -> None:
+    table = LookupTable()
+    register(table, listing(), listing(address=ROVER), now=0.0)
+    assert register(table, listing(), now=1.0, holder="anew") == ((), [])
+    assert (renew(table, 4.0, "anew"), names(table, 6.0)) == (1, ["arm"]), "the other one ran out"
+
+
+def test_a_withdrawal_leaves_the_lease_of_the_others() -> None:
+    table = LookupTable()
+    register(table, listing(), listing(address=ROVER), now=0.0)
+    answer, news = table.register(Register(holder="process-1", term=5.0, withdrawn=((ARM, 2),)), 1.0)
+    assert (answer.count, news) == (1, [Unlisted(address=ARM, revision=2)])
+    assert names(table, 5.9) == ["rover"]
 
 
 def test_a_table_filled_from_another_shows_only_who_is_alive() -> None:
@@ -99,11 +158,14 @@ def test_a_table_filled_from_another_shows_only_who_is_alive() -> None:
     assert names(table, 0.0) == []
     assert table.see(ARM, True, now=1.0) == [Listed(listing=listing())]
     assert table.find(Template(), now=1.0) == ((listing(), 2.0),), "with what remained of the lease"
+    assert register(table, listing(), now=1.0) == ((), []), "then its process registers it here"
+    assert renew(table, now=4.0) == 1
 
 
 @given(term=st.floats())
 def test_any_term_asked_for_is_granted_within_bounds(term: float) -> None:
-    granted, _ = LookupTable().register(listing(), term, now=0.0)
+    answer, _ = LookupTable().register(Register(holder="process-1", term=term, listings=(listing(),)), 0.0)
+    granted = answer.term
     assert SHORTEST_TERM <= granted <= LONGEST_TERM
     if SHORTEST_TERM <= term <= LONGEST_TERM:
         assert granted == term
@@ -130,7 +192,7 @@ templates = st.builds(Template, name=words, kind=words, command=words, attribute
 def test_find_returns_exactly_what_matches_by_name(listed: list[Listing], template: Template) -> None:
     table = LookupTable()
     for each in listed:
-        table.register(each, 5.0, now=0.0)
+        register(table, each, now=0.0)
     last = {each.address: each for each in listed}
     expected = [
         each for each in sorted(last.values(), key=lambda each: each.address) if template.matches(each)
@@ -156,7 +218,7 @@ def test_what_is_known_does_not_depend_on_the_order_in_which_it_was_learnt(
     for table, order in zip(tables, (apart, data.draw(st.permutations(apart))), strict=True):
         for what, revision in order:
             if what == "register":
-                table.register(listing(revision), 5.0, now=0.0)
+                register(table, listing(revision), now=0.0)
             else:
                 table.withdraw(ARM, revision, now=0.0)
     assert tables[0].find(Template(), now=0.0) == tables[1].find(Template(), now=0.0)
