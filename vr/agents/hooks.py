@@ -20,6 +20,7 @@ from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
+from robotree.vr.running.trace import trace
 from robotree.vr.virtual_robot import VirtualRobot
 
 _log = logging.getLogger(__name__)
@@ -181,9 +182,9 @@ class Hooks:
         try:
             readings = self._robot.readings()
             self._latest = {str(name): float(value) for name, value in readings.items() if _is_number(value)}
-        except Exception:  # noqa: BLE001 # the boundary to an author's code
+        except Exception as error:  # noqa: BLE001 # the boundary to an author's code
             if not self._complained:
-                _log.exception("%s.readings failed; this is said once", self._robot.name)
+                _log.error("%s.readings failed; this is said once\n%s", self._robot.name, trace(error))
             self._complained, self._latest = True, {}
 
 
@@ -195,8 +196,8 @@ def _went_well(what: str, hook: Hook) -> bool:
     """Run an author's hook in its thread; return whether it has ended as it should."""
     try:
         left = hook()
-    except Exception:  # noqa: BLE001 # the boundary to an author's code
-        _log.exception("%s failed", what)
+    except Exception as error:  # noqa: BLE001 # the boundary to an author's code
+        _log.error("%s failed\n%s", what, trace(error))
         return False
     if inspect.iscoroutine(left):
         left.close()

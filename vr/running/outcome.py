@@ -14,6 +14,7 @@ from robotree.vr.context import CommandContext
 from robotree.vr.errors import CommandFailed, VrError
 from robotree.vr.requests import Raised, Returned
 from robotree.vr.running.naming import authors_file
+from robotree.vr.running.trace import trace, words_of
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
@@ -85,11 +86,9 @@ def failed(robot: str, context: CommandContext, error: BaseException, *, source:
     """
     if isinstance(error, VrError):
         return Raised.of(error)
-    _log.warning("%s.%s failed", robot, context.command, exc_info=error)
-    detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return Raised.of(
-        CommandFailed(robot=robot, command=context.command, detail=detail + _where(error, source))
-    )
+    _log.warning("%s.%s failed\n%s", robot, context.command, trace(error))
+    detail = words_of(error) + _where(error, source)
+    return Raised.of(CommandFailed(robot=robot, command=context.command, detail=detail))
 
 
 def _where(error: BaseException, source: str) -> str:

@@ -46,6 +46,14 @@ class Liar(Robot):
         return self.truth  # type: ignore[no-any-return]
 
     @command
+    def fails(self) -> None:
+        raise self.truth
+
+    @command
+    def divides(self) -> float:
+        return (1.0 + 2.0) / (3.0 * self.truth)
+
+    @command
     def unsaid(self):  # type: ignore[no-untyped-def] # noqa: ANN201 # an author may leave it open
         return self.truth
 
@@ -92,3 +100,30 @@ async def test_a_result_that_keeps_its_promise_travels(realm: Any, name: str, tr
     liar = await realm.start(Liar("liar"))
     liar.robot.truth = truth
     assert await realm.client(liar).call(name, {}) == plain
+
+
+class Unspeakable(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
+async def test_an_error_that_cannot_be_written_ends_its_command_all_the_same(realm: Any) -> None:
+    liar = await realm.start(Liar("liar"))
+    liar.robot.truth = Unspeakable()
+    with pytest.raises(CommandFailed, match=r"liar.fails failed: Unspeakable \("):
+        await realm.client(liar).call("fails", {})
+    assert not liar.description().busy
+
+
+async def test_the_trace_of_an_error_is_written_without_parsing_python(
+    realm: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Threads of commands must not disturb a parser elsewhere: CPython 3.11.7 confuses the two."""
+    parsed: list[object] = []
+    monkeypatch.setattr("ast.parse", lambda *given, **_: parsed.append(given))
+    liar = await realm.start(Liar("liar"))
+    liar.robot.truth = 0.0
+    with pytest.raises(CommandFailed, match=r"liar.divides failed: ZeroDivisionError"):
+        await realm.client(liar).call("divides", {})
+    assert "return (1.0 + 2.0) / (3.0 * self.truth)" in caplog.text
+    assert not parsed

@@ -146,6 +146,16 @@ def test_whatever_runs_is_ended_soon_with_a_sentence(name: str) -> None:
     assert time.thread_time() - began < 2.0
 
 
+def test_two_rules_that_set_each_other_off_are_ended_in_a_tenth_of_a_second() -> None:
+    source, _ = ENDLESS["two rules that set each other off"]
+    engine = Engine(read_clp(FACT + source, "x.clp", "x"), spent=time.thread_time)
+    began = time.thread_time()
+    with pytest.raises(ScriptError):
+        engine.feed(Happening(act="start"))
+    assert time.thread_time() - began < 0.1
+    assert len(engine._memory._held) < 10, "facts that came and went are not kept"
+
+
 def test_no_error_in_a_rule_is_swallowed() -> None:
     source = f'(defrule s {START} => (do nobody wave) (log "this is not reached"))'
     engine = Engine(read_clp(source, "x.clp", "x"))
