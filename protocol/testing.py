@@ -96,7 +96,7 @@ async def check_link(
     tells_the_end: bool = True,
     pauses: bool = False,
 ) -> None:
-    """Examine a link without accidents, both ends of which live on this event loop.
+    """Examine a link without faults, both ends of which live on this event loop.
 
     Args:
         make_pair: opens one.

@@ -14,7 +14,7 @@ from typing import Final, Generic, TypeVar
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.links.loopback import Faults, Loopback
 from robotree.protocol.messages import (
     AnyMessage,
     CommandAck,
@@ -81,7 +81,7 @@ class Operator:
         self._statuses: dict[int, GoalStatus] = {}
         self._beat_at = 0.0
         self._acks: list[CommandAck] = []
-        self._wire = Loopback(self._near, self._far, Accidents(delay=delay), now=self.now)
+        self._wire = Loopback(self._near, self._far, Faults(delay=delay), now=self.now)
         controller.greet(self.far)
 
     @property

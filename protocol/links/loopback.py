@@ -1,7 +1,7 @@
-"""Two ends of a link in one process, with seeded accidents and a clock of its own.
+"""Two ends of a link in one process, with seeded faults and a clock of its own.
 
 Nothing arrives by itself: `Loopback.advance` moves the clock and delivers, in order of arrival, what is due
-by then. The same seed and the same calls give the same accidents.
+by then. The same seed and the same calls give the same faults.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Handler, Unsent
 
 
-class Accidents(msgspec.Struct, frozen=True, kw_only=True):
+class Faults(msgspec.Struct, frozen=True, kw_only=True):
     """What may happen to a frame on its way."""
 
     loss: float = 0.0
@@ -77,17 +77,15 @@ class Loopback:
     Args:
         near: hears the near end.
         far: hears the far end.
-        accidents: what happens to frames on the way, both ways.
+        faults: what happens to frames on the way, both ways.
         now: where the clock starts, [s].
     """
 
-    def __init__(
-        self, near: Accept, far: Accept, accidents: Accidents | None = None, now: float = 0.0
-    ) -> None:
-        self.accidents = accidents or Accidents()
+    def __init__(self, near: Accept, far: Accept, faults: Faults | None = None, now: float = 0.0) -> None:
+        self.faults = faults or Faults()
         self.now = now
         self.open = True
-        self._random = random.Random(self.accidents.seed)
+        self._random = random.Random(self.faults.seed)
         self._under_way: list[tuple[float, int, bytes, LoopbackEnd]] = []
         self._count = 0
         self._ending: list[tuple[LoopbackEnd, LinkError]] = []
@@ -102,7 +100,7 @@ class Loopback:
 
     def carry(self, frame: bytes, to: LoopbackEnd) -> None:
         """Put a frame on its way."""
-        a, chance = self.accidents, self._random.random
+        a, chance = self.faults, self._random.random
         if chance() < a.loss:
             return
         for _ in range(2 if chance() < a.duplication else 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotree.protocol.errors import LinkBroken
-from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.links.loopback import Faults, Loopback
 from robotree.protocol.testing import RecordingHandler
 
 
@@ -25,9 +25,9 @@ class Letters:
         self.reasons.append(reason)
 
 
-def _play(accidents: Accidents, frames: int = 500) -> tuple[Letters, Loopback]:
+def _play(faults: Faults, frames: int = 500) -> tuple[Letters, Loopback]:
     letters = Letters()
-    network = Loopback(lambda _: Letters(), lambda _: letters, accidents)
+    network = Loopback(lambda _: Letters(), lambda _: letters, faults)
     letters.network = network
     for i in range(frames):
         network.advance(i * 0.01)
@@ -37,36 +37,36 @@ def _play(accidents: Accidents, frames: int = 500) -> tuple[Letters, Loopback]:
 
 
 def test_the_same_seed_gives_the_same_accidents() -> None:
-    accidents = Accidents(loss=0.1, duplication=0.1, delay=0.05, jitter=0.05, seed=3)
-    assert _play(accidents)[0].heard == _play(accidents)[0].heard
-    assert _play(accidents)[0].heard != _play(Accidents(loss=0.1, seed=4))[0].heard
+    faults = Faults(loss=0.1, duplication=0.1, delay=0.05, jitter=0.05, seed=3)
+    assert _play(faults)[0].heard == _play(faults)[0].heard
+    assert _play(faults)[0].heard != _play(Faults(loss=0.1, seed=4))[0].heard
 
 
 def test_frames_arrive_when_they_are_due() -> None:
-    letters, _ = _play(Accidents(delay=0.25), frames=3)
+    letters, _ = _play(Faults(delay=0.25), frames=3)
     assert [moment for moment, _ in letters.heard] == pytest.approx([0.25, 0.26, 0.27])
 
 
 @pytest.mark.parametrize(("loss", "expected"), [(0.0, 500), (1.0, 0)])
 def test_loss(loss: float, expected: int) -> None:
-    assert len(_play(Accidents(loss=loss))[0].heard) == expected
+    assert len(_play(Faults(loss=loss))[0].heard) == expected
 
 
 def test_jitter_lets_frames_overtake_each_other_and_loses_none() -> None:
-    data = [frame for _, frame in _play(Accidents(jitter=0.1))[0].heard]
+    data = [frame for _, frame in _play(Faults(jitter=0.1))[0].heard]
     assert data != sorted(data)
     assert sorted(data) == [i.to_bytes(2, "big") for i in range(500)]
 
 
 def test_duplication_brings_some_frames_twice() -> None:
-    data = [frame for _, frame in _play(Accidents(duplication=0.5))[0].heard]
+    data = [frame for _, frame in _play(Faults(duplication=0.5))[0].heard]
     assert 700 < len(data) < 800
     assert len(set(data)) == 500
 
 
 def test_a_cut_breaks_both_ends_and_loses_what_is_under_way() -> None:
     near, far = Letters(), Letters()
-    network = Loopback(lambda _: near, lambda _: far, Accidents(delay=1.0))
+    network = Loopback(lambda _: near, lambda _: far, Faults(delay=1.0))
     network.near.send(b"lost")
     network.cut()
     network.advance(10.0)

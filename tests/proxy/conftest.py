@@ -11,7 +11,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.links.loopback import Faults, Loopback
 from robotree.protocol.messages import (
     AnyMessage,
     Claim,
@@ -206,14 +206,14 @@ class Talk:
     """A session and a controller on a loopback link, in time that passes by hand."""
 
     def __init__(
-        self, accidents: Accidents | None = None, session: ControllerSession | None = None, life: int = 0
+        self, faults: Faults | None = None, session: ControllerSession | None = None, life: int = 0
     ) -> None:
         self.session = session or ControllerSession()
         self.controller = Controller(life)
         self.events: list[SessionEffect] = []
         self.redials: list[Redial] = []
         self.now = 0.0
-        self._accidents = accidents
+        self._accidents = faults
         self._loopback: Loopback | None = None
         self._endpoint: Endpoint | None = None
         self.connect()

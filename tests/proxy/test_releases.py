@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.messages import ModeKind, Reason, SetMode
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, ReleaseConfirmed, ReleaseUnanswered
 from robotree.proxy.outcome import reason_in_words
@@ -19,7 +19,7 @@ Talk = Any
 def test_a_release_within_a_round_trip_of_our_own_stop_ends_that_stop(
     make_talk: type[Talk], delay: float, pause: float
 ) -> None:
-    talk = make_talk(Accidents(delay=delay))
+    talk = make_talk(Faults(delay=delay))
     talk.wait(2.0)
     talk.perform(talk.session.stop(talk.now))
     talk.wait(pause)
@@ -32,7 +32,7 @@ def test_a_release_within_a_round_trip_of_our_own_stop_ends_that_stop(
 
 @pytest.mark.parametrize("seed", range(20))
 def test_over_a_bad_link_a_release_ends_as_it_is_told(make_talk: type[Talk], seed: int) -> None:
-    talk = make_talk(Accidents(loss=0.4, delay=0.2, seed=seed))
+    talk = make_talk(Faults(loss=0.4, delay=0.2, seed=seed))
     talk.wait(3.0)
     talk.perform(talk.session.stop(talk.now))
     talk.wait(0.1)
@@ -120,7 +120,7 @@ def test_a_release_that_lay_in_a_link_until_nobody_waited_for_it_leaves_the_robo
     make_talk: type[Talk], ended: str
 ) -> None:
     """A stop of somebody else, over a link that holds up what it carries for longer than anybody waits."""
-    talk = make_talk(Accidents(delay=1.0 if ended == "taken back" else 1.0 + RELEASE_TIMEOUT / 2))
+    talk = make_talk(Faults(delay=1.0 if ended == "taken back" else 1.0 + RELEASE_TIMEOUT / 2))
     talk.wait(3.0)
     talk.controller.stop()
     talk.wait(3.0)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.messages import (
     CommandAck,
     CommandLong,
@@ -108,7 +108,7 @@ def test_a_goal_tells_its_progress_and_its_end(talk: Talk) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_bad_link_moves_a_robot_once_and_tells_its_end(make_talk: type[Talk], seed: int) -> None:
-    talk = make_talk(Accidents(loss=0.3, duplication=0.3, delay=0.05, jitter=0.2, seed=seed))
+    talk = make_talk(Faults(loss=0.3, duplication=0.3, delay=0.05, jitter=0.2, seed=seed))
     talk.wait(5.0)
     talk.start()
     talk.wait(2.5)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.messages import GoalState, Mode, ModeKind, SetMode
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, StopConfirmed
 
@@ -15,7 +15,7 @@ Talk = Any
 
 def test_a_stop_is_repeated_until_it_is_confirmed(make_talk: type[Talk]) -> None:
     for seed in range(10):
-        talk = make_talk(Accidents(loss=0.6, seed=seed))
+        talk = make_talk(Faults(loss=0.6, seed=seed))
         talk.wait(1.0)
         talk.perform(talk.session.stop(talk.now))
         talk.wait(10.0)

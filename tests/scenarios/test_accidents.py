@@ -19,7 +19,7 @@ from robotree.tui.processes.crew import Crew
 
 pytestmark = pytest.mark.e2e
 
-REALM = "accidents"
+REALM = "faults"
 HELD_UP = 8.0
 """[s]"""
 AUTHOR = '''

@@ -163,7 +163,7 @@ def test_a_wide_list_has_epoch_lease_and_process_and_a_narrow_one_never() -> Non
 def test_a_slot_that_is_empty_is_what_the_robot_needs() -> None:
     store = store_of(robot("pick", {"arm": ""}))
     made = row(store, family(store)[0], 2.0)
-    assert (made.mood, made.state) == ("needs", "needs arm: Arm")
+    assert (made.status, made.state) == ("needs", "needs arm: Arm")
 
 
 def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed() -> None:
@@ -173,7 +173,7 @@ def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed(
     store.take_silent([Held("robot/mover/1", "process 4711", "`kill -9 4711` ends it")], 3.0)
     assert names(store) == ["lever", "mover", "arm-1", "rover-2", "rover-10"], "and so does its child"
     made = row(store, family(store)[1], 4.0)
-    assert (made.mood, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
+    assert (made.status, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
     store.fade(address("mover"), 10.0)
     assert row(store, family(store)[1], 15.0).state == "GONE 5 s"
     assert store.dismiss("mover")

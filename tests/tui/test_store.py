@@ -65,7 +65,7 @@ def test_a_robot_whose_listing_expires_stays_in_sight_until_it_is_known_why(stor
     store.take_descriptions([], 1.5)
     store.take_lists([], [], 2.0, {address("arm-1")})
     assert store.known == {"arm-1"}
-    assert (store.mood("arm-1", 2.0), store.doing("arm-1", 2.0)) == ("silent", "does not answer")
+    assert (store.status("arm-1", 2.0), store.doing("arm-1", 2.0)) == ("silent", "does not answer")
     assert rows.row(store, rows.family(store)[0], 2.0).state == "does not answer"
     store.departed(address("arm-1"), 3.0)
     assert store.known == set(), "it had taken its leave"
@@ -111,7 +111,7 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "mood", "doing"),
+    ("state", "status", "doing"),
     [
         (State(abandoned=("defy",)), "abandoned", "ABANDONED: defy still runs"),
         (State(), "free", "free"),
@@ -123,22 +123,22 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
         (State(bond=address("mover")), "enslaved", "under mover"),
     ],
 )
-def test_a_state_is_a_mood(store: Store, state: State, mood: str, doing: str) -> None:
+def test_a_state_is_a_status(store: Store, state: State, status: str, doing: str) -> None:
     store.take_state("arm-1", state, 1.0)
-    assert store.mood("arm-1", 1.0) == mood
+    assert store.status("arm-1", 1.0) == status
     assert store.doing("arm-1", 1.0) == doing
 
 
 def test_before_its_first_state_a_robot_is_as_it_described_itself(store: Store) -> None:
     store.take_descriptions([robot("arm-1", stopped=True)])
-    assert (store.mood("arm-1", 1.0), store.doing("arm-1", 1.0)) == ("stopped", "stopped")
+    assert (store.status("arm-1", 1.0), store.doing("arm-1", 1.0)) == ("stopped", "stopped")
     store.take_state("arm-1", State(busy="go_to"), 1.0)
-    assert store.mood("arm-1", 1.0) == "busy", "a state is newer"
+    assert store.status("arm-1", 1.0) == "busy", "a state is newer"
 
 
 def test_silence_is_not_calm(store: Store) -> None:
     store.take_state("arm-1", State(), 1.0)
-    assert store.mood("arm-1", 1.0 + SILENCE) == "free"
+    assert store.status("arm-1", 1.0 + SILENCE) == "free"
     assert store.doing("arm-1", 10.0) == "silent 9 s"
 
 

@@ -215,7 +215,7 @@ class CartController:
         self._due = 0.0
         self._switch_on()
 
-    # -- accidents --------------------------------------------------------------------------------
+    # -- faults --------------------------------------------------------------------------------
 
     def cut(self) -> None:
         """Break all cables; new ones cannot be had until `mend`."""

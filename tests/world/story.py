@@ -34,7 +34,7 @@ LATE = 0.5
 LONGEST_SILENCE = 2.5
 """[s] that a cart may drive on after its proxy fell silent: the controller's patience, and its periods."""
 RESTOPPED = 6.0
-"""[s] after an accident within which a proxy has stopped its controller again."""
+"""[s] after an fault within which a proxy has stopped its controller again."""
 ORPHANED = 6.0
 """[s] that a drive may go on after the program that asked for it is gone: it is missed, then leases end."""
 WORST_JITTER = 0.3
@@ -491,7 +491,7 @@ class Story:
         controller.slow_down(chance.uniform(0.0, 1.0), chance.uniform(0.0, 0.5))
         self._for(chance.uniform(1.0, 5.0), controller.calm)
 
-    # -- scenes: accidents at the worst moment -----------------------------------------------------
+    # -- scenes: faults at the worst moment -----------------------------------------------------
 
     def _scenes(self) -> list[Callable[[], None]]:
         return [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from robotree.tui.diagnosis import meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.processes.realm import joined
-from robotree.tui.seen import mood
+from robotree.tui.seen import status
 from robotree.vr.description import lacking
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
 
 def condition(robot: RobotDescription) -> Iterator[Finding]:
     """Say how a robot is, and what to do where it cannot be commanded."""
-    kind = mood.mood(robot, robot.slots)
-    told = f"{robot.name} ({robot.kind}) is {mood.words(robot)}"
+    kind = status.status_of(robot, robot.slots)
+    told = f"{robot.name} ({robot.kind}) is {status.words(robot)}"
     match kind:
         case "offline":
             remedy = "its proxy has lost the controller: look whether that runs and at the link between them"
@@ -56,7 +56,7 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
             slot, wanted, _ = lacking(robot.slots)[0]
             remedy = f"robotree enslave {robot.name}.{slot} NAME, of a robot of kind {wanted}"
             yield Finding(
-                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {mood.needs(robot.slots)}", remedy
+                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {status.needs(robot.slots)}", remedy
             )
         case _:
             yield Finding("robots", "good", told)

@@ -15,7 +15,7 @@ from robotree.files import overwrite
 from robotree.tui.errors import OldList, SomeHang, SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.seen import forest, mood, unlisted, wording
+from robotree.tui.seen import forest, status, unlisted, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
@@ -88,7 +88,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     if what == "view":
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
-    told = {robot.name: mood.told(robot) for robot in await fleet.tree()}
+    told = {robot.name: status.text(robot) for robot in await fleet.tree()}
     told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]
@@ -208,7 +208,7 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
             for key, value in sorted(state.readings.items())
         )
         teller.outcome(
-            Outcome({"name": name, **plain(state)}, f"{name}  {mood.words(state)}  {readings}".rstrip())
+            Outcome({"name": name, **plain(state)}, f"{name}  {status.words(state)}  {readings}".rstrip())
         )
 
     limit = values.duration(line.text("--within")) if line.text("--within") else None

@@ -28,8 +28,8 @@ from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.themes import OURS, REDUCED, chosen
 from robotree.tui.seen import wording
 from robotree.tui.seen.feeding import Feed
-from robotree.tui.seen.mood import took
 from robotree.tui.seen.selection import Selection
+from robotree.tui.seen.status import took
 from robotree.tui.seen.store import Store, Weight
 from robotree.vr.errors import NotConfirmed, VrError
 from robotree.vr.network.rendezvous import DEFAULT_REALM

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robotree.tui.seen import mood, wording
+from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import RobotDescription, SlotSpec
@@ -86,8 +86,8 @@ def label(branch: Branch) -> str:
     """Return one line for a branch, without its lead."""
     place = f"{branch.slot.name}: " if branch.slot else ""
     if branch.robot:
-        shown = "" if mood.mood(branch.robot) in mood.CALM else f"  {mood.told(branch.robot)}"
-        link = f"  {mood.UNGUARDED}" if branch.robot.unguarded else ""
+        shown = "" if status.status_of(branch.robot) in status.CALM else f"  {status.text(branch.robot)}"
+        link = f"  {status.UNGUARDED}" if branch.robot.unguarded else ""
         kind = wording.inserted(branch.robot.kind, branch.robot.attributes)
         return f"{place}{branch.robot.name} {kind}{shown}{link}"
     if branch.name:
@@ -110,7 +110,7 @@ def structure(branch: Branch) -> dict[str, object]:
     facts: dict[str, object] = {
         "name": branch.name,
         "kind": branch.robot.kind if branch.robot else "",
-        "state": mood.told(branch.robot) if branch.robot else "",
+        "state": status.text(branch.robot) if branch.robot else "",
     }
     if branch.robot and (simulated := branch.robot.attributes.get("simulated")):
         facts["simulated"] = simulated == "yes"

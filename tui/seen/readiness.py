@@ -1,8 +1,8 @@
-"""Why a robot is not ready for a command: all reasons, not only the one that its mood names. Pure."""
+"""Why a robot is not ready for a command: all reasons, not only the one that its status names. Pure."""
 
 from __future__ import annotations
 
-from robotree.tui.seen import mood
+from robotree.tui.seen import status
 from robotree.tui.seen.store import Store
 from robotree.vr.description import lacking
 
@@ -20,8 +20,8 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
     found: list[str] = []
     if absent := store.absent.get(name):
         found.append(absent.remedy or "its process has gone: start it again, or D takes it off the list")
-    elif store.mood(name, now) == "silent":
-        found.append(f"it has told nothing for {mood.span(store.age(name, now) or 0.0)}")
+    elif store.status(name, now) == "silent":
+        found.append(f"no state has come from it for {status.span(store.age(name, now) or 0.0)}")
     if told and not told.online:
         where = robot.attributes.get("controller", "") if robot else ""
         held = robot.attributes.get("held_by", "") if robot else ""
@@ -53,7 +53,7 @@ def stopped(store: Store, name: str, now: float) -> str:
     parts = [told.stop_reason if told and told.stop_reason else "protective stop"]
     if since := store.stopped_since(name):
         at, whole = since
-        parts.append(f"for {'' if whole else 'at least '}{mood.span(now - at)}")
+        parts.append(f"for {'' if whole else 'at least '}{status.span(now - at)}")
     if store.stop and name in store.stop.confirmed:
         parts.append(f"confirmed after {store.stop.confirmed[name]:.2f} s")
     elif store.stop and name in store.stop.open:

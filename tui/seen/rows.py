@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
-from robotree.tui.seen.mood import MOODS, UNGUARDED, Mood, span
+from robotree.tui.seen.status import STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
 Order = Literal["tree", "name", "kind", "state", "by", "host"]
@@ -41,9 +41,9 @@ class RobotRow:
 
     placement: Placement
     kind: str
-    mood: Mood
+    status: Status
     state: str
-    """The mood in words, with the command that runs."""
+    """The status in words, with the command that runs."""
     by: str
     """What commands it; empty: nothing."""
     host: str
@@ -124,7 +124,7 @@ def row(
     return RobotRow(
         placement,
         kind=wording.kind(told.kind, told.attributes) if told else "",
-        mood=store.mood(name, now),
+        status=store.status(name, now),
         state=store.doing(name, now) if known or absent else "does not answer",
         by=store.by(name),
         host=known.host if known else absent.host if absent else "",
@@ -151,7 +151,7 @@ def _more(store: Store, name: str) -> tuple[str, str, str]:
 
 _KEYS: Mapping[Order, Callable[[RobotRow], tuple[Any, ...]]] = {
     "kind": lambda one: natural(one.kind),
-    "state": lambda one: (MOODS.index(one.mood), one.state),
+    "state": lambda one: (STATUSES.index(one.status), one.state),
     "by": lambda one: (not one.by, natural(one.by)),
     "host": lambda one: (not one.host, natural(one.host)),
 }
@@ -201,7 +201,7 @@ def said(store: Store, one: RobotRow) -> dict[str, str]:
     return {
         "name": one.name,
         "kind": " ".join(robot.kinds) if robot else one.kind,
-        "state": f"{one.mood} {one.state} {UNGUARDED if one.unguarded else ''}",
+        "state": f"{one.status} {one.state} {UNGUARDED if one.unguarded else ''}",
         "by": one.by,
         "host": one.host,
         "about": f"{one.placement.slot} {one.about} {store.speaks_of(one.name)}",

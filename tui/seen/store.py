@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from robotree.tui.seen import instruments, mood, wording
-from robotree.tui.seen.mood import Condition, Mood
+from robotree.tui.seen import instruments, status, wording
+from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
@@ -36,8 +36,8 @@ MEMORY = 500
 PROGRESS = "progress"
 """The reading that tells how far the running command is."""
 
-OLD: frozenset[Mood] = frozenset({"hangs", "gone", "silent", "offline"})
-"""Moods in which readings are old."""
+OLD: frozenset[Status] = frozenset({"hangs", "gone", "silent", "offline"})
+"""Statuses in which readings are old."""
 
 Weight = Literal["good", "plain", "warning", "error"]
 
@@ -387,7 +387,7 @@ class Store:
         if before.busy and name in self._elsewhere:
             self._elsewhere.discard(name)
             self.tell(
-                f"{name}.{before.busy} has ended, asked for elsewhere, after {mood.took(seconds)}",
+                f"{name}.{before.busy} has ended, asked for elsewhere, after {status.took(seconds)}",
                 "plain",
                 now,
                 name,
@@ -502,30 +502,30 @@ class Store:
         """Return how a robot describes itself, or did before it ceased to answer."""
         return self.descriptions.get(name) or self.remembered.get(name)
 
-    def mood(self, name: str, now: float) -> Mood:
+    def status(self, name: str, now: float) -> Status:
         """Return how a robot is, in one word."""
         if absent := self.absent.get(name):
             return "hangs" if absent.hangs else "gone"
         if self._silent(name, now) or name in self._unexplained:
             return "silent"
         told = self._told(name)
-        return mood.mood(told, self._slots(name)) if told else "free"
+        return status.status_of(told, self._slots(name)) if told else "free"
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
         if absent := self.absent.get(name):
-            return f"HANGS (pid {absent.pid})" if absent.hangs else f"GONE {mood.span(now - absent.since)}"
+            return f"HANGS (pid {absent.pid})" if absent.hangs else f"GONE {status.span(now - absent.since)}"
         if self._silent(name, now):
-            return f"silent {mood.span(self.age(name, now) or 0.0)}"
+            return f"silent {status.span(self.age(name, now) or 0.0)}"
         if name in self._unexplained:
             return "does not answer"
         told, heard = self._told(name), self._heard.get(name)
         if told is None:
             return "free"
-        if told.bond is not None and mood.mood(told, self._slots(name)) == "enslaved":
+        if told.bond is not None and status.status_of(told, self._slots(name)) == "enslaved":
             return f"under {self.by(name)}"
         seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
-        return mood.doing(told, self.progress(name), slots=self._slots(name), seconds=seconds, note=note)
+        return status.doing(told, self.progress(name), slots=self._slots(name), seconds=seconds, note=note)
 
     def by(self, name: str) -> str:
         """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""
@@ -545,7 +545,7 @@ class Store:
 
     def old(self, name: str, now: float) -> bool:
         """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""
-        return self.mood(name, now) in OLD
+        return self.status(name, now) in OLD
 
     def _slots(self, name: str) -> tuple[SlotSpec, ...]:
         robot = self.described(name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from robotree.tui.seen import mood
+from robotree.tui.seen import status
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
@@ -136,7 +136,7 @@ def portrait(robot: RobotDescription) -> str:
         ("kinds", " < ".join(robot.kinds)),
         ("about", summary(robot.doc)),
         ("host", robot.host),
-        ("state", mood.told(robot)),
+        ("state", status.text(robot)),
         ("stopped", robot.stop_reason),
         ("abandoned", _abandoned(robot)),
         ("link", _link(robot)),

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
-from robotree.tui.seen import mood, wording
+from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import RobotDescription
@@ -149,7 +149,7 @@ def _idle(found: re.Match[str]) -> Condition:
         robot = scene.robots.get(name)
         if robot is None:
             return Verdict(holds=False, seen=f"{name} does not answer")
-        return Verdict(not robot.busy and not robot.waiting, mood.words(robot))
+        return Verdict(not robot.busy and not robot.waiting, status.words(robot))
 
     return Condition(found[0], judge, robots=(name,))
 

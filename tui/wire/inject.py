@@ -1,4 +1,4 @@
-"""Accidents on the way between two programs: `robotree wire inject --listen URL --connect URL`.
+"""Faults on the way between two programs: `robotree wire inject --listen URL --connect URL`.
 
 While it runs it reads lines from standard input, and answers each with what is in force:
 
@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.tools.relay import Relay, relaying
 from robotree.tui import exit_codes
 from robotree.tui.errors import SupervisorError, ValueRefused
@@ -61,20 +61,20 @@ def run(line: Line) -> int:
     seed = line.text("--seed", "0")
     if not seed.isdecimal():
         raise ValueRefused("NUMBER", f"{seed!r} is no seed; write a whole number")
-    return asyncio.run(_relay(line, Accidents(**settings, seed=int(seed))))
+    return asyncio.run(_relay(line, Faults(**settings, seed=int(seed))))
 
 
-async def _relay(line: Line, accidents: Accidents) -> int:
+async def _relay(line: Line, faults: Faults) -> int:
     async with (
         lasting(line) as here,
-        relaying(line.text("--listen"), line.text("--connect"), accidents) as relay,
+        relaying(line.text("--listen"), line.text("--connect"), faults) as relay,
     ):
         relay.on_refused = complain
         address = relay.address
         answer(f"ready {address}", lambda: {"ready": address})
-        note(told(accidents))  # so that --delay 20 is seen to be 20 s
+        note(told(faults))  # so that --delay 20 is seen to be 20 s
         loop = asyncio.get_running_loop()
-        threading.Thread(target=_read, args=(loop, relay), name="accidents", daemon=True).start()
+        threading.Thread(target=_read, args=(loop, relay), name="faults", daemon=True).start()
         await here.wait()
         traffic = relay.traffic
     if line.flag("--json"):
@@ -88,10 +88,10 @@ async def _relay(line: Line, accidents: Accidents) -> int:
     return here.exit_code()
 
 
-def told(accidents: Accidents, cut_left: float = 0.0) -> str:
+def told(faults: Faults, cut_left: float = 0.0) -> str:
     """What is done to the link, for people; a cut has `cut_left` [s] to go."""
-    loss, duplication = f"{accidents.loss * 100:.3g}%", f"{accidents.duplication * 100:.3g}%"
-    delay, jitter = _time(accidents.delay), _time(accidents.jitter)
+    loss, duplication = f"{faults.loss * 100:.3g}%", f"{faults.duplication * 100:.3g}%"
+    delay, jitter = _time(faults.delay), _time(faults.jitter)
     cut = f"; cut, {math.ceil(cut_left * 10) / 10:g} s left" if cut_left else ""
     return f"loss {loss}, delay {delay}, jitter {jitter}, duplication {duplication}{cut}"
 
@@ -120,14 +120,14 @@ def obey(relay: Relay, text: str) -> None:
             case "break":
                 relay.end()
             case "heal":
-                relay.accidents = Accidents(seed=relay.accidents.seed)
+                relay.faults = Faults(seed=relay.faults.seed)
                 relay.cut(0.0)
             case _ if word in ACCIDENTS:
-                relay.accidents = msgspec.structs.replace(relay.accidents, **{word: ACCIDENTS[word](value)})
+                relay.faults = msgspec.structs.replace(relay.faults, **{word: ACCIDENTS[word](value)})
             case _:
                 known = ", ".join([*(f"{name} VALUE" for name in ACCIDENTS), "cut TIME", "break", "heal"])
-                raise ValueRefused("LINE", f"{word!r} is no accident; there is {known}")
+                raise ValueRefused("LINE", f"{word!r} is no fault; there is {known}")
     except SupervisorError as error:
         complain(error)
     else:
-        note(told(relay.accidents, relay.cut_left))
+        note(told(relay.faults, relay.cut_left))

@@ -1,10 +1,10 @@
-"""A network within one process of the machine: every member is a transport, every accident can be caused.
+"""A network within one process of the machine: every member is a transport, every fault can be caused.
 
 It behaves as the mesh of processes does (`network/mesh.py`). Between two members there are two channels,
 urgent and bulk; what is sent on one of them arrives in its order. Each member tells the others what it serves
 and holds, and knows only what it was told.
 
-Accidents: a member dies (`kill`), or its whole machine without a word (`vanish`); it is stopped (`pause`), or
+Faults: a member dies (`kill`), or its whole machine without a word (`vanish`); it is stopped (`pause`), or
 falls silent while it works (`freeze`); two lose each other (`cut`), in one direction only (`cut_one_way`); a
 connection breaks with what is under way (`reset`); requests arrive twice; messages are late by chance.
 Silence is noticed after `lease` seconds; until then presence stands, and what is sent waits as in a socket.
@@ -196,7 +196,7 @@ class _Way:
 
 
 class MemoryNetwork:
-    """Joins members; causes accidents."""
+    """Joins members; causes faults."""
 
     def __init__(
         self,
@@ -267,7 +267,7 @@ class MemoryNetwork:
         self.changed_subscriptions()
         return member
 
-    # -- accidents --------------------------------------------------------------------------------
+    # -- faults --------------------------------------------------------------------------------
 
     def kill(self, member: MemoryTransport) -> None:
         """End a member as `kill -9` would: others see it at once, itself it does nothing any more."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robotree.protocol.links.loopback import Accidents, Loopback, LoopbackEnd
+from robotree.protocol.links.loopback import Faults, Loopback, LoopbackEnd
 from robotree.protocol.tools.capture.framing import Splitter
 from robotree.protocol.tools.capture.replay import carries_secret
 
@@ -77,27 +77,27 @@ class FaultyCable:
     """Joins a near and a far link, with faults.
 
     Args:
-        accidents: what happens on the way; may be changed while it runs.
+        faults: what happens on the way; may be changed while it runs.
         now: [s], of the clock that all other calls use.
         silent_until: [s] of the same clock; before it everything is lost.
     """
 
-    def __init__(self, accidents: Accidents, now: float, silent_until: float = 0.0) -> None:
+    def __init__(self, faults: Faults, now: float, silent_until: float = 0.0) -> None:
         self._outlets = {"near": _Outlet(), "far": _Outlet()}
         self._loopback = Loopback(
-            lambda _: self._outlets["near"], lambda _: self._outlets["far"], accidents, now
+            lambda _: self._outlets["near"], lambda _: self._outlets["far"], faults, now
         )
         self._inlets = {"near": _Inlet(self._loopback.near), "far": _Inlet(self._loopback.far)}
         self._silent_until = silent_until
 
     @property
-    def accidents(self) -> Accidents:
+    def faults(self) -> Faults:
         """What happens on the way."""
-        return self._loopback.accidents
+        return self._loopback.faults
 
-    @accidents.setter
-    def accidents(self, accidents: Accidents) -> None:
-        self._loopback.accidents = accidents
+    @faults.setter
+    def faults(self, faults: Faults) -> None:
+        self._loopback.faults = faults
 
     @property
     def due(self) -> float | None:

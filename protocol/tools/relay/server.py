@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.errors import LinkError
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.tools.relay.cable import FaultyCable, Traffic
 
@@ -35,10 +35,10 @@ class _Side:
 class _Pair:
     """A link that came and the one that was opened for it."""
 
-    def __init__(self, relay: Relay, near: Link, accidents: Accidents, silent_until: float) -> None:
+    def __init__(self, relay: Relay, near: Link, faults: Faults, silent_until: float) -> None:
         self._relay = relay
         self._loop = asyncio.get_running_loop()
-        self.cable = FaultyCable(accidents, self._loop.time(), silent_until)
+        self.cable = FaultyCable(faults, self._loop.time(), silent_until)
         self._links = [near]
         self._timer: asyncio.TimerHandle | None = None
         self._over = False
@@ -89,12 +89,12 @@ class Relay:
 
     Args:
         target: where to connect for everyone who comes.
-        accidents: what happens on the way.
+        faults: what happens on the way.
     """
 
-    def __init__(self, target: str, accidents: Accidents) -> None:
+    def __init__(self, target: str, faults: Faults) -> None:
         self.target = target
-        self._accidents = accidents
+        self._accidents = faults
         self._silent_until = 0.0  # kept here, for who comes during a cut is cut, too
         self._pairs: list[_Pair] = []
         self._met = 0
@@ -111,22 +111,22 @@ class Relay:
     def accept(self, link: Link) -> _Side:
         """Somebody has come."""
         seed = self._accidents.seed + self._met
-        accidents = msgspec.structs.replace(self._accidents, seed=seed)
-        pair = _Pair(self, link, accidents, self._silent_until)
+        faults = msgspec.structs.replace(self._accidents, seed=seed)
+        pair = _Pair(self, link, faults, self._silent_until)
         self._met += 1
         self._pairs.append(pair)
         return _Side(pair, "near")
 
     @property
-    def accidents(self) -> Accidents:
+    def faults(self) -> Faults:
         """What happens on the way; set it to change all links that run, and those that come."""
         return self._accidents
 
-    @accidents.setter
-    def accidents(self, accidents: Accidents) -> None:
-        self._accidents = accidents
+    @faults.setter
+    def faults(self, faults: Faults) -> None:
+        self._accidents = faults
         for pair in self._pairs:
-            pair.cable.accidents = accidents
+            pair.cable.faults = faults
 
     @property
     def traffic(self) -> dict[str, Traffic]:
@@ -171,15 +171,13 @@ def _sum(parts: list[Traffic]) -> Traffic:
 
 
 @asynccontextmanager
-async def relaying(
-    url: str, target: str, accidents: Accidents, *, exposed: bool = False
-) -> AsyncGenerator[Relay]:
+async def relaying(url: str, target: str, faults: Faults, *, exposed: bool = False) -> AsyncGenerator[Relay]:
     """A relay that is up inside the block.
 
     Args:
         url: where to listen.
         target: where to connect for everyone who comes.
-        accidents: what happens on the way.
+        faults: what happens on the way.
         exposed: allow an address that other machines reach.
 
     Yields:
@@ -190,7 +188,7 @@ async def relaying(
         LinkError: the address cannot be listened on.
     """
     parse(target)
-    relay = Relay(target, accidents)
+    relay = Relay(target, faults)
     listener = await listen(url, relay.accept, exposed=exposed)
     relay.address = listener.address
     try:

@@ -15,7 +15,7 @@ from robotree.tui.screen.widgets.details import Details
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import store as stores
-from robotree.tui.seen.mood import MOODS
+from robotree.tui.seen.status import STATUSES
 from robotree.vr import Robot
 from robotree.vr.errors import VrError
 
@@ -264,17 +264,17 @@ async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate
         await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
 
 
-async def test_every_mood_has_a_sign() -> None:
+async def test_every_status_has_a_sign() -> None:
     from robotree.tui.screen.widgets import marks
 
-    assert set(marks.MOODS) == set(MOODS)
+    assert set(marks.STATUSES) == set(STATUSES)
     assert (
-        len({sign for mood, (sign, _) in marks.MOODS.items() if mood not in {"hangs", "gone"}})
-        == len(MOODS) - 2
+        len({sign for status, (sign, _) in marks.STATUSES.items() if status not in {"hangs", "gone"}})
+        == len(STATUSES) - 2
     )
 
 
-async def test_on_a_slow_line_there_are_no_pictures_and_other_moods_come_at_once(
+async def test_on_a_slow_line_there_are_no_pictures_and_other_statuses_come_at_once(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.fleet, calm=True) as operator:

@@ -15,7 +15,7 @@ from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.widgets.marks import MOODS, tint
+from robotree.tui.screen.widgets.marks import STATUSES, tint
 
 ROOM = 11
 """Columns that the keys of a line take."""
@@ -48,7 +48,7 @@ def help_text(app: OperatorApp) -> Text:
             text.append(f"  {action.usage}\n", "bold")
             text.append(f"      {action.help}\n", muted)
     text.append("\nSigns\n", strong)
-    text.append(f"  {'   '.join(f'{sign} {mood}' for mood, (sign, _) in MOODS.items())}\n")
+    text.append(f"  {'   '.join(f'{sign} {status}' for status, (sign, _) in STATUSES.items())}\n")
     return text
 
 

@@ -18,7 +18,7 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
@@ -209,7 +209,7 @@ class PanelPage(Page):
         state = (
             Text("✗ has gone", tint(self.app, "error"))
             if self._gone
-            else mood_mark(self.app, store.mood(name, now), store.doing(name, now))
+            else status_mark(self.app, store.status(name, now), store.doing(name, now))
         )
         about = wording.summary(self.robot.doc)
         line = Text.assemble(

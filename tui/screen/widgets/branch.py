@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rich.text import Text
 
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.seen.store import Store
 
 
@@ -22,7 +22,7 @@ class Branch(CachedText):
             text.append(f"{slot}: " if slot else "", tint(self.app, "muted"))
             if robot:
                 text.append(f"{robot}  ", "bold")
-                text.append_text(mood_mark(self.app, store.mood(robot, now), store.doing(robot, now)))
+                text.append_text(status_mark(self.app, store.status(robot, now), store.doing(robot, now)))
             else:
                 text.append("empty", tint(self.app, "warning" if needed else "muted"))
             text.append("\n")

@@ -8,7 +8,7 @@ from rich.text import Text
 from textual.widget import Widget
 
 from robotree.tui.screen.widgets.cached_text import entitle
-from robotree.tui.screen.widgets.marks import mood_mark, tint
+from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Lines, ShownReadings
 from robotree.tui.seen import readiness, wording
 from robotree.tui.seen.cells import seen
@@ -49,7 +49,7 @@ class Details(Lines):
         self.show(text)
 
     def _state(self, text: Text, store: Store, name: str, now: float) -> None:
-        shown = mood_mark(self.app, store.mood(name, now), store.doing(name, now))
+        shown = status_mark(self.app, store.status(name, now), store.doing(name, now))
         self.line(text, "state", shown)
         for number, reason in enumerate(readiness.reasons(store, name, now)):
             told = reason if number else f"no: {reason}"

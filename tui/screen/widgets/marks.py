@@ -10,10 +10,10 @@ from rich.text import Text
 from textual.app import App
 from textual.color import Color
 
-from robotree.tui.seen.mood import CALM, Mood
+from robotree.tui.seen.status import CALM, Status
 from robotree.tui.seen.store import Weight
 
-MOODS: Mapping[Mood, tuple[str, str]] = {
+STATUSES: Mapping[Status, tuple[str, str]] = {
     "hangs": ("✗", "error"),
     "gone": ("✗", "error"),
     "silent": ("◌", "warning"),
@@ -25,7 +25,7 @@ MOODS: Mapping[Mood, tuple[str, str]] = {
     "free": ("●", "success"),
     "enslaved": ("◆", "primary"),
 }
-"""Sign and colour (a variable of the theme) by mood."""
+"""Sign and colour (a variable of the theme) by status."""
 
 WEIGHTS: Mapping[Weight, tuple[str, str]] = {
     "good": ("✓", "success"),
@@ -66,11 +66,11 @@ def _colour(variables: Mapping[str, str], variable: str) -> Color:
     return Color.parse(variables[variable])
 
 
-def mood_mark(app: App[Any], mood: Mood, words: str) -> Text:
-    """Return a mood as sign and words."""
-    sign, variable = MOODS[mood]
+def status_mark(app: App[Any], status: Status, words: str) -> Text:
+    """Return a status as sign and words."""
+    sign, variable = STATUSES[status]
     style = tint(app, variable)
-    return Text.assemble((f"{sign} ", style), (words, style if mood not in CALM else ""))
+    return Text.assemble((f"{sign} ", style), (words, style if status not in CALM else ""))
 
 
 def weigh(app: App[Any], weight: Weight, words: str) -> Text:

@@ -20,7 +20,7 @@ from robotree.tui.screen.palette import reduced
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
-from robotree.tui.seen.mood import span
+from robotree.tui.seen.status import span
 from robotree.vr.errors import VrError
 from robotree.vr.requests import Picture
 

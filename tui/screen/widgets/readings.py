@@ -14,7 +14,7 @@ from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import instruments
 from robotree.tui.seen.cells import clip, fit, seen
 from robotree.tui.seen.instruments import Figure, Group
-from robotree.tui.seen.mood import span
+from robotree.tui.seen.status import span
 from robotree.tui.seen.store import Store
 
 FULL = {

@@ -20,11 +20,11 @@ from textual.strip import Strip
 from textual.timer import Timer
 
 from robotree.tui.screen.part import Part
-from robotree.tui.screen.widgets.marks import MOODS, tint
+from robotree.tui.screen.widgets.marks import STATUSES, tint
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import clip, fit
-from robotree.tui.seen.mood import CALM, UNGUARDED
 from robotree.tui.seen.rows import GAP, MOST, Column, Placement, RobotRow, columns, row
+from robotree.tui.seen.status import CALM, UNGUARDED
 
 HEADER = 1
 """Lines above the first robot."""
@@ -178,17 +178,17 @@ class RobotTable(Part, ScrollView, can_focus=True):
         return [Region(0, line, width, 1) for line, one in wanted if one and self._drawn.get(line) != one]
 
     def _few(self, dirty: list[Region], top: int) -> list[Region]:
-        """Choose what is drawn now on a slow line: other moods at once, the rest in turn."""
+        """Choose what is drawn now on a slow line: other statuses at once, the rest in turn."""
         urgent, rest = list[Region](), list[Region]()
         for region in dirty:
             drawn, wanted = self._drawn.get(region.y), self._wanted(top + region.y - HEADER)
             same = (
                 drawn
                 and wanted
-                and (drawn[0].name, drawn[0].mood, drawn[1])
+                and (drawn[0].name, drawn[0].status, drawn[1])
                 == (
                     wanted[0].name,
-                    wanted[0].mood,
+                    wanted[0].status,
                     wanted[1],
                 )
             )
@@ -229,8 +229,8 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     def _segments(self, shown: RobotRow, base: Style) -> list[Segment]:
         muted = base + tint(self.app, "muted")
-        sign, colour = MOODS[shown.mood]
-        strong = base + tint(self.app, colour, bold=shown.mood == "hangs")
+        sign, colour = STATUSES[shown.status]
+        strong = base + tint(self.app, colour, bold=shown.status == "hangs")
         plain = muted if shown.old else base
         cells: list[Segment] = []
         gap = " " * GAP  # of the style before it: what is the same to the terminal is sent as one
@@ -245,10 +245,10 @@ class RobotTable(Part, ScrollView, can_focus=True):
                     cells.append(Segment(lead, muted))
                     cells.append(Segment(fit(shown.name, room - 1 - cell_len(lead)) + gap, name))
                 case "STATE":
-                    words = strong if shown.mood not in CALM else plain
+                    words = strong if shown.status not in CALM else plain
                     tail = (f", {UNGUARDED}" if room >= STATES else " open") if shown.unguarded else ""
                     tail += " stale" if shown.unlisted else ""
-                    tail = f" ({self.app.keymap.spelled('enslave')})" if shown.mood == "needs" else tail
+                    tail = f" ({self.app.keymap.spelled('enslave')})" if shown.status == "needs" else tail
                     told = clip(shown.state, max(room - 2 - len(tail), 0)) + tail
                     cells += [Segment(fit(sign, min(2, room)), strong)]
                     cells += [Segment(fit(told, max(room - 2, 0)) + gap, words)]

@@ -11,7 +11,7 @@ import pytest
 
 from robotree.protocol import encode
 from robotree.protocol.errors import InvalidMessage
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.messages import Heartbeat, Message, SetupSigning, Untyped
 from robotree.protocol.signing import Key, Signer, SigningTime
 from robotree.protocol.tools.capture import tlog
@@ -66,7 +66,7 @@ def test_a_recording_has_everything_but_keys_which_are_counted(suffix: str, sign
 
 
 def test_a_relay_passes_on_everything_but_keys_which_are_counted() -> None:
-    cable, far = FaultyCable(Accidents(), 0.0), Heap()
+    cable, far = FaultyCable(Faults(), 0.0), Heap()
     cable.open("far", far)  # type: ignore[arg-type]  # all that is needed of a link
     cable.take("near", said(BEAT, HANDED, BEAT), 0.0)
     cable.advance(1.0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robotree.protocol import Parser, encode
 from robotree.protocol.errors import LinkBroken
-from robotree.protocol.links.loopback import Accidents, Loopback
+from robotree.protocol.links.loopback import Faults, Loopback
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.testing import RecordingHandler
 from robotree.protocol.tools.relay import FaultyCable
@@ -34,16 +34,16 @@ def frame(number: int) -> bytes:
     return encode(message, sequence=number, system=1, component=1)
 
 
-def joined(accidents: Accidents) -> tuple[FaultyCable, Far, Far]:
-    cable, near, far = FaultyCable(accidents, 0.0), Far(), Far()
+def joined(faults: Faults) -> tuple[FaultyCable, Far, Far]:
+    cable, near, far = FaultyCable(faults, 0.0), Far(), Far()
     cable.open("near", near.network.near)
     cable.open("far", far.network.near)
     return cable, near, far
 
 
 @given(cut=st.integers(1, 60))
-def test_without_accidents_everything_passes_both_ways(cut: int) -> None:
-    cable, near, far = joined(Accidents())
+def test_without_faults_everything_passes_both_ways(cut: int) -> None:
+    cable, near, far = joined(Faults())
     stream = b"".join(map(frame, range(20))) + b"noise"
     for i in range(0, len(stream), cut):
         cable.take("near", stream[i : i + cut], i)
@@ -54,7 +54,7 @@ def test_without_accidents_everything_passes_both_ways(cut: int) -> None:
 
 
 def test_a_lost_frame_is_lost_whole_and_the_others_are_not_touched() -> None:
-    cable, _, far = joined(Accidents(loss=0.3, seed=1))
+    cable, _, far = joined(Faults(loss=0.3, seed=1))
     for number in range(200):
         cable.take("near", frame(number)[:7], number)
         cable.take("near", frame(number)[7:], number)
@@ -69,7 +69,7 @@ def test_a_lost_frame_is_lost_whole_and_the_others_are_not_touched() -> None:
 def test_the_same_seed_loses_the_same_frames() -> None:
     outcomes: list[list[int]] = []
     for _ in range(2):
-        cable, _, far = joined(Accidents(loss=0.5, seed=7))
+        cable, _, far = joined(Faults(loss=0.5, seed=7))
         for number in range(50):
             cable.take("near", frame(number), number)
         outcomes.append(far.sequences)
@@ -77,7 +77,7 @@ def test_the_same_seed_loses_the_same_frames() -> None:
 
 
 def test_a_delayed_frame_comes_when_it_is_due() -> None:
-    cable, _, far = joined(Accidents(delay=0.5))
+    cable, _, far = joined(Faults(delay=0.5))
     cable.take("near", frame(0), 1.0)
     assert cable.due == 1.5
     cable.advance(1.49)
@@ -88,7 +88,7 @@ def test_a_delayed_frame_comes_when_it_is_due() -> None:
 
 
 def test_nothing_passes_while_the_cable_is_cut_and_everything_after() -> None:
-    cable, near, far = joined(Accidents())
+    cable, near, far = joined(Faults())
     for number in range(20):
         if number == 10:
             cable.cut(13.0)
@@ -97,18 +97,18 @@ def test_nothing_passes_while_the_cable_is_cut_and_everything_after() -> None:
     assert near.sequences == far.sequences == [*range(10), *range(13, 20)]
 
 
-def test_accidents_change_while_it_runs() -> None:
-    cable, _, far = joined(Accidents(loss=1.0))
+def test_faults_change_while_it_runs() -> None:
+    cable, _, far = joined(Faults(loss=1.0))
     cable.take("near", frame(0), 0.0)
-    cable.accidents = Accidents()
+    cable.faults = Faults()
     cable.take("near", frame(1), 1.0)
-    cable.accidents = Accidents(duplication=1.0)
+    cable.faults = Faults(duplication=1.0)
     cable.take("near", frame(2), 2.0)
     assert far.sequences == [1, 2, 2]
 
 
 def test_what_comes_before_the_far_link_is_open_waits_for_it() -> None:
-    cable, far = FaultyCable(Accidents(), 0.0), Far()
+    cable, far = FaultyCable(Faults(), 0.0), Far()
     cable.take("near", frame(0) + frame(1), 0.0)
     cable.open("far", far.network.near)
     cable.take("near", frame(2), 0.1)
@@ -117,7 +117,7 @@ def test_what_comes_before_the_far_link_is_open_waits_for_it() -> None:
 
 @given(st.lists(st.tuples(st.sampled_from(["near", "far"]), st.binary(max_size=300)), max_size=20))
 def test_no_bytes_raise_and_none_are_added(pieces: list[tuple[str, bytes]]) -> None:
-    cable, near, far = joined(Accidents())
+    cable, near, far = joined(Faults())
     for now, (side, data) in enumerate(pieces):
         cable.take(side, data, now)
     near.network.advance()
@@ -128,7 +128,7 @@ def test_no_bytes_raise_and_none_are_added(pieces: list[tuple[str, bytes]]) -> N
 
 
 def test_an_end_that_has_gone_is_nothing_that_raises() -> None:
-    cable, _, far = joined(Accidents())
+    cable, _, far = joined(Faults())
     far.network.cut()
     far.network.advance()
     cable.take("near", frame(0), 0.0)

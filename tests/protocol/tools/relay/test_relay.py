@@ -9,7 +9,7 @@ from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkClosed, LinkError
 from robotree.protocol.frame import Frame
 from robotree.protocol.links.link import Link
-from robotree.protocol.links.loopback import Accidents
+from robotree.protocol.links.loopback import Faults
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Ping
 from robotree.protocol.tools.relay import Relay, relaying
@@ -47,10 +47,10 @@ class Ear:
 Story = Callable[[Relay, "Ear", "Ear"], Awaitable[None]]
 
 
-async def pair(url: str, accidents: Accidents, story: Story) -> None:
+async def pair(url: str, faults: Faults, story: Story) -> None:
     near, far = Ear(), Ear()
     target = await listen(url, far.accept)
-    async with relaying("tcp:127.0.0.1:0", target.address, accidents) as relay:
+    async with relaying("tcp:127.0.0.1:0", target.address, faults) as relay:
         link = await connect(relay.address, near.accept)
         await story(relay, near, far)
         link.close()
@@ -67,7 +67,7 @@ async def test_frames_pass_both_ways_and_are_counted() -> None:
         assert [frame.sequence for frame in far.frames] == list(range(50))
         assert (relay.traffic["near"].passed, relay.traffic["far"].passed) == (50, 1)
 
-    await pair("tcp:127.0.0.1:0", Accidents(), story)
+    await pair("tcp:127.0.0.1:0", Faults(), story)
 
 
 async def test_a_delay_is_kept_by_the_clock() -> None:
@@ -78,7 +78,7 @@ async def test_a_delay_is_kept_by_the_clock() -> None:
         await far.until(lambda: bool(far.frames))
         assert loop.time() - began >= 0.099
 
-    await pair("tcp:127.0.0.1:0", Accidents(delay=0.1), story)
+    await pair("tcp:127.0.0.1:0", Faults(delay=0.1), story)
 
 
 async def test_when_one_side_ends_so_does_the_other() -> None:
@@ -90,14 +90,14 @@ async def test_when_one_side_ends_so_does_the_other() -> None:
         assert isinstance(near.reasons[0], LinkClosed)
         assert relay.traffic["near"].passed == 1
 
-    await pair("tcp:127.0.0.1:0", Accidents(), story)
+    await pair("tcp:127.0.0.1:0", Faults(), story)
 
 
 async def test_a_target_that_is_not_there_ends_the_link_that_came() -> None:
     near = Ear()
     nobody = await listen("tcp:127.0.0.1:0", near.accept)
     await nobody.close()
-    async with relaying("tcp:127.0.0.1:0", nobody.address, Accidents()) as relay:
+    async with relaying("tcp:127.0.0.1:0", nobody.address, Faults()) as relay:
         await connect(relay.address, near.accept)
         await near.until(lambda: bool(near.reasons))
         assert relay.refused == 1
@@ -122,7 +122,7 @@ async def test_who_comes_during_a_cut_is_cut_until_it_ends() -> None:
         assert [frame.message for frame in far.frames] == [Ping(1, 2)]
         link.close()
 
-    await pair("tcp:127.0.0.1:0", Accidents(), story)
+    await pair("tcp:127.0.0.1:0", Faults(), story)
 
 
 async def test_a_relay_joins_tcp_with_can(unused_channel: str) -> None:
@@ -131,4 +131,4 @@ async def test_a_relay_joins_tcp_with_can(unused_channel: str) -> None:
         await far.until(lambda: bool(far.frames))
         assert far.frames[0].message == Ping(1, 1)
 
-    await pair(f"can:robotree/{unused_channel}?fd=1", Accidents(), story)
+    await pair(f"can:robotree/{unused_channel}?fd=1", Faults(), story)

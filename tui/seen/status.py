@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import RobotDescription, SlotSpec
 
-Mood = Literal[
+Status = Literal[
     "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
 ]
-"""The worst first. `hangs` and `gone` are found out by others; a robot does not tell them."""
+"""The worst first. `hangs` and `gone` are found out by others; a robot does not say so itself."""
 
-MOODS: tuple[Mood, ...] = get_args(Mood)
+STATUSES: tuple[Status, ...] = get_args(Status)
 
-CALM: frozenset[Mood] = frozenset({"free", "enslaved"})
-"""Moods that need no word beside a robot that is drawn in its place."""
+CALM: frozenset[Status] = frozenset({"free", "enslaved"})
+"""Statuses that need no word beside a robot that is drawn in its place."""
 
 SHORT = 10.0
 """[s] below which tenths of a second count."""
 LONG = 120.0
-"""[s] from which on a time is told in minutes."""
+"""[s] from which on a time is written in minutes."""
 
 CONDITION = "condition"
 """Attribute in which a robot says itself how it is."""
@@ -65,7 +65,7 @@ class Condition(Protocol):
         ...
 
 
-def mood(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Mood:
+def status_of(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Status:
     """Return how a robot says it is, in one word; one of its slots may be empty."""
     if not robot.online:
         return "offline"
@@ -114,7 +114,7 @@ def doing(
     seconds: float = 0.0,
     note: str = "",
 ) -> str:
-    """Return how it is where the sign of its mood stands beside: `go_to 40 % 12 s +2`.
+    """Return how it is where the sign of its status stands beside: `go_to 40 % 12 s +2`.
 
     Args:
         robot: what it reports of itself.
@@ -124,7 +124,7 @@ def doing(
         note: what the command says itself of how far it is.
     """
     slots = tuple(slots)
-    match mood(robot, slots):
+    match status_of(robot, slots):
         case "abandoned":
             return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
         case "busy":
@@ -142,7 +142,7 @@ def doing(
             return calm
 
 
-def told(robot: RobotDescription) -> str:
+def text(robot: RobotDescription) -> str:
     """Return how a robot is; a script has a condition of its own: `inactive: needs robot (Arm)`."""
     condition = robot.attributes.get(CONDITION, "")
     if not condition or not robot.online or robot.stopped or robot.abandoned:
@@ -153,7 +153,7 @@ def told(robot: RobotDescription) -> str:
 def words(robot: Condition, slots: Iterable[SlotSpec] = ()) -> str:
     """Return how it is where no sign stands beside: `busy: go_to +2`."""
     slots = tuple(slots)
-    match mood(robot, slots):
+    match status_of(robot, slots):
         case "busy":
             return f"busy: {doing(robot)}"
         case "stopped":

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.tui.seen import mood
-from robotree.tui.seen.mood import Mood
+from robotree.tui.seen import status
+from robotree.tui.seen.status import Status
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription
 from robotree.vr.requests import State
@@ -37,19 +37,19 @@ def test_a_state_and_a_description_of_the_same_robot_say_the_same(state: State) 
         abandoned=state.abandoned,
         bond=BondSpec(parent=PARENT, slot="arm", epoch=1, remaining=5) if state.bond else None,
     )
-    assert mood.mood(described) == mood.mood(state)
-    assert mood.words(described) == mood.words(state)
+    assert status.status_of(described) == status.status_of(state)
+    assert status.words(described) == status.words(state)
 
 
 @given(state=STATES, share=st.one_of(st.none(), st.floats()))
 def test_only_calm_robots_need_no_word(state: State, share: float | None) -> None:
-    calm = mood.mood(state) in mood.CALM
-    assert calm == (mood.words(state) in mood.CALM)
+    calm = status.status_of(state) in status.CALM
+    assert calm == (status.words(state) in status.CALM)
     assert calm == (state.online and not state.stopped and not state.abandoned and not state.busy), (
         "trouble and work are never left out"
     )
-    assert "nan" not in mood.doing(state, share)
-    assert "inf" not in mood.doing(state, share)
+    assert "nan" not in status.doing(state, share)
+    assert "inf" not in status.doing(state, share)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_only_calm_robots_need_no_word(state: State, share: float | None) -> Non
         (State(online=False, stopped=True), "offline", "offline", "offline"),
     ],
 )
-def test_what_matters_most_comes_first(state: State, one: Mood, beside_a_sign: str, alone: str) -> None:
-    assert mood.mood(state) == one
-    assert mood.doing(state, 0.4) == beside_a_sign
-    assert mood.words(state) == alone
+def test_what_matters_most_comes_first(state: State, one: Status, beside_a_sign: str, alone: str) -> None:
+    assert status.status_of(state) == one
+    assert status.doing(state, 0.4) == beside_a_sign
+    assert status.words(state) == alone
