@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import pytest
 from textual.widgets import Button, Input, OptionList
@@ -280,6 +280,10 @@ async def test_a_robot_that_vanishes_leaves_its_panel_to_be_read(realm: Realm, o
         await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is off the list")
 
 
+def in_front(page: PanelPage) -> Any:
+    return page._in_front
+
+
 async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
     realm: Realm, operate: Operate
 ) -> None:
@@ -288,11 +292,13 @@ async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
         page = await open_panel(operator, "odd-1")
         await late.close()
         await operator.sees("✗ has gone")
-        await realm.robot(Odd("odd-1"))
-        await operator.until(lambda: not page._gone, "it is back")
         await choose(operator, page, "poke")
-        form = next(form for form in page.query(CommandForm) if form.spec.name == "poke")
-        await fill(operator, form, "bracket", "[bold]")
+        before = in_front(page)
+        await fill(operator, before, "bracket", "[bold]")
+        await realm.robot(Odd("odd-1"))
+        await operator.until(lambda: in_front(page) not in {None, before}, "it is back, with a form anew")
+        await operator.until(lambda: in_front(page).typed == {"bracket": "[bold]"}, "what was typed is kept")
+        assert in_front(page).at == "bracket", "and the cursor is where it was"
         await operator.press("ctrl+r")
         await operator.sees("{[bold]}")
 

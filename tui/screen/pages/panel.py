@@ -48,6 +48,8 @@ class PanelPage(Page):
         super().__init__()
         self.robot = robot
         self._gone = False
+        self._left_off: dict[str, tuple[dict[str, str], str]] = {}
+        """What was typed into forms that are made anew, and the field with the cursor, by command."""
 
     def title_of_page(self) -> str:
         """Return the robot's name."""
@@ -120,6 +122,7 @@ class PanelPage(Page):
             form.display = False  # until all of it is there
             form.border_title = Text(wording.signature(spec))
             await forms.mount(form)
+            form.restore(*self._left_off.pop(spec.name, ({}, "")))
         forms.current = wanted
 
     @on(OptionList.OptionSelected, "#commands")
@@ -248,8 +251,9 @@ class PanelPage(Page):
 
     @work(exclusive=True, exit_on_error=False, group="rebuild")
     async def _rebuild(self) -> None:
-        """Make the forms anew, of the commands that the robot has now."""
+        """Make the forms anew, of the commands that the robot has now; what was typed is kept."""
         forms = self.query_one("#forms", ContentSwitcher)
+        self._left_off |= {form.spec.name: (form.typed, form.at) for form in self.query(CommandForm)}
         forms.current = None
         await forms.remove_children()
         commands = self.query_one("#commands", OptionList)

@@ -139,6 +139,24 @@ class CommandForm(Form, Part, VerticalScroll):
     def _draw_line(self) -> None:
         self.query_one("#as-line", CachedText).show(Text(f"$ {self.line}", tint(self.app, "muted")))
 
+    @property
+    def typed(self) -> dict[str, str]:
+        """What a person typed, by field."""
+        return {row.spec.name: row.text for row in self.query(FieldRow) if row.touched}
+
+    @property
+    def at(self) -> str:
+        """Name of the field with the cursor; empty: it is elsewhere."""
+        return next((row.spec.name for row in self.query(FieldRow) if row.has_focus_within), "")
+
+    def restore(self, typed: Mapping[str, str], at: str) -> None:
+        """Take over what was typed into a form of the same command, and where the cursor was."""
+        for row in self.query(FieldRow):
+            if row.spec.name in typed:
+                row.type_text(typed[row.spec.name])
+            if row.spec.name == at:
+                row.focus_entry()
+
     def follow(self) -> None:
         """Let the field with the cursor, or all of them, follow the robot again."""
         rows = list(self.query(FieldRow))

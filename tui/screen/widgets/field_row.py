@@ -119,6 +119,11 @@ class FieldRow(Part, Vertical):
             self._take(entry.first_text(self.spec, self._readings))
             self.tell_readings(self._readings)
 
+    def type_text(self, text: str) -> None:
+        """Put a text into the field as if a person had typed it."""
+        if not self._options:
+            self.query_one(Input).value = text
+
     def _touch(self, touched: bool) -> None:  # noqa: FBT001 # a setter
         """Mark a field in which a person typed: it follows the robot no more."""
         self.touched = touched
