@@ -11,7 +11,7 @@ arc, lets go and draws back. The arc need not be met to the millimetre: the arm 
 import math
 from typing import Annotated
 
-from robotree.vr import Child, CommandFailed, Unit, VirtualRobot, command
+from robotree.vr import Child, Failed, Unit, VirtualRobot, command
 
 # Where the lever stands, in metres in the frame of the cell (docs/cell.md), and its angles in radians.
 AXLE_X, AXLE_Z = 0.42, 0.08
@@ -56,8 +56,7 @@ class OpenCloseLever(VirtualRobot):
         self.mover.grip(action="close")
         if self.mover.get_info().width < THINNEST:
             self.mover.grip(action="open")
-            detail = f"the handle is not at {start:g} rad; is the lever there already?"
-            raise CommandFailed(robot=self.name, command=self.context.command, detail=detail)
+            raise Failed(f"the handle is not at {start:g} rad; is the lever there already?")
         felt = 0.0
         for point in range(1, ARC + 1):
             self.reach(start + (end - start) * point / ARC, speed=CAREFUL)

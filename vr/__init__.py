@@ -12,11 +12,13 @@ from robotree.vr.command import command
 from robotree.vr.context import CallFuture, CommandContext
 from robotree.vr.errors import (
     BadArgument,
+    ChildCancelled,
     CommandCancelled,
     CommandError,
     CommandFailed,
     CommandInDoubt,
     DeadlineExceeded,
+    Failed,
     SlotEmpty,
     VrError,
 )
@@ -41,8 +43,10 @@ __all__ = [
     # what can go wrong
     "VrError",
     "CommandError",
+    "Failed",
     "BadArgument",
     "CommandCancelled",
+    "ChildCancelled",
     "CommandFailed",
     "CommandInDoubt",
     "DeadlineExceeded",

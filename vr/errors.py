@@ -6,8 +6,8 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
                       NoSuchView
-      CommandError    NoSuchCommand · BadArgument · CommandFailed · CommandCancelled · DeadlineExceeded · Busy
-                      CommandInDoubt · Stopped · StillRunning · KeyReused
+      CommandError    NoSuchCommand · BadArgument · CommandFailed (Failed) · CommandCancelled · ChildCancelled
+                      DeadlineExceeded · Busy · CommandInDoubt · Stopped · StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · GroupFull · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
@@ -29,11 +29,15 @@ class VrError(Exception):
     """Format string; its placeholders are the names of the data that the error carries."""
 
     registry: ClassVar[dict[str, type[VrError]]] = {}
+    trace: tuple[str, ...] = ()
+    """The lines of the authors' pages through which it came, the outermost first, and what caused it: for
+    people."""
 
     def __init_subclass__(cls) -> None:
-        """Enter the class in the registry by which a far side finds it again."""
+        """Enter the class in the registry by which a far side finds it again; not an author's own."""
         super().__init_subclass__()
-        VrError.registry[cls.__name__] = cls
+        if cls.__module__.startswith("robotree."):
+            VrError.registry[cls.__name__] = cls
 
     def __init__(self, **data: Any) -> None:
         """Take exactly the data that the sentence names.
@@ -44,12 +48,17 @@ class VrError(Exception):
         Raises:
             TypeError: a placeholder has no value, or a value has no placeholder.
         """
-        names = {name for _, name, _, _ in string.Formatter().parse(self.sentence) if name}
-        if names != set(data):
+        names = self.names()
+        if set(names) != set(data):
             msg = f"{type(self).__name__} takes {sorted(names)}, not {sorted(data)}"
             raise TypeError(msg)
         self.data = data
         super().__init__(self.sentence.format(**self.words(data)))
+
+    @classmethod
+    def names(cls) -> list[str]:
+        """Return the names of its data, in the order of the sentence."""
+        return [name for _, name, _, _ in string.Formatter().parse(cls.sentence) if name]
 
     @classmethod
     def words(cls, data: dict[str, Any]) -> dict[str, Any]:
@@ -68,9 +77,14 @@ class VrError(Exception):
             An instance of that class, or of `VrError` when this side does not know it or its data.
         """
         try:
-            return cls.registry[name](**data)
+            return cls.registry[name].of_data(data)
         except (KeyError, TypeError, ValueError):  # ValueError: data that does not fit into the sentence
             return VrError(detail=f"{name}: {data.get('detail', data)}")
+
+    @classmethod
+    def of_data(cls, data: dict[str, Any]) -> VrError:
+        """Make one that carries this data."""
+        return cls(**data)
 
 
 # -- addresses -------------------------------------------------------------------------------------
@@ -134,7 +148,41 @@ class NoSuchView(AddressError):
 
 
 class CommandError(VrError):
-    """A command that was not carried out."""
+    """A command that was not carried out.
+
+    An author's code raises it with what its sentence says, in that order, and leaves out the robot and the
+    command: `raise CommandFailed("the shelf is empty")`, `raise BadArgument("x", "is too far")`. They are
+    filled in when the command ends.
+    """
+
+    def __init__(self, *values: Any, **data: Any) -> None:
+        """Take the data of the sentence by name, or, but for `robot` and `command`, in the sentence's order.
+
+        Raises:
+            TypeError: some are missing, too many, or given twice.
+        """
+        names = self.names()
+        rest = [name for name in names if name not in _PLACE]
+        if len(values) > len(rest) or set(rest[: len(values)]) & set(data):
+            raise TypeError(f"{type(self).__name__} takes {', '.join(rest) or 'nothing'}")
+        place = {name: "" for name in _PLACE if name in names}
+        super().__init__(**{**place, **dict(zip(rest, values, strict=False)), **data})
+        self._say()
+
+    def fill_in(self, robot: str, command: str) -> None:
+        """Say which command it was, if its author has not."""
+        place = {"robot": robot, "command": command if "robot" in self.data else f"{robot}.{command}"}
+        for name, value in place.items():
+            if self.data.get(name) == "":
+                self.data[name] = value
+        self._say()
+
+    def _say(self) -> None:
+        self.args = (self.sentence.format(**self.words(self.data)).lstrip(". :"),)
+
+
+_PLACE = ("robot", "command")
+"""What the command itself adds to an error that its author raises."""
 
 
 class NoSuchCommand(CommandError):
@@ -155,6 +203,45 @@ class CommandFailed(CommandError):
     sentence = "{robot}.{command} failed: {detail}"
 
 
+class Failed(CommandFailed):
+    """An author's code says why its command cannot succeed: `raise Failed("the shelf is empty", shelf=3)`.
+
+    Who catches it finds the reason as `detail`, and what else was given under its name: `error.shelf`.
+    """
+
+    sentence = "{robot}.{command} failed: {detail}{values}"
+
+    def __init__(self, detail: str = "no reason was given", /, **values: Any) -> None:
+        """Say why.
+
+        Args:
+            detail: a clause: `the shelf is empty`.
+            **values: plain values (numbers, text, lists, records) for a program that catches it.
+        """
+        super().__init__(detail=detail, values=values)
+
+    @classmethod
+    def words(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """See `VrError.words`."""
+        told = ", ".join(f"{name}={value}" for name, value in data["values"].items())
+        return data | {"values": f" ({told})" if told else ""}
+
+    @classmethod
+    def of_data(cls, data: dict[str, Any]) -> VrError:
+        """See `VrError.of_data`."""
+        error = cls(data["detail"], **data["values"])
+        error.fill_in(data["robot"], data["command"])
+        return error
+
+    def __getattr__(self, name: str) -> Any:
+        data: dict[str, Any] = self.__dict__.get("data", {})
+        known = {"detail": data.get("detail"), **data.get("values", {})}
+        try:
+            return known[name]
+        except KeyError:
+            raise AttributeError(f"this failure has no {name!r}; it has: {', '.join(known)}") from None
+
+
 class CommandInDoubt(CommandError):
     """Nobody knows whether the command was carried out, in part or whole; a person has to look."""
 
@@ -165,6 +252,12 @@ class CommandCancelled(CommandError):
     """The command was ended on request."""
 
     sentence = "{robot}.{command} was cancelled: {reason}"
+
+
+class ChildCancelled(CommandError):
+    """A call of a child was cancelled alone: the command that made it was not asked to end."""
+
+    sentence = "{robot}.{command} was cancelled alone, not the command that called it: {reason}"
 
 
 class DeadlineExceeded(CommandError):

@@ -320,15 +320,20 @@ class Raised(_Message, frozen=True, kw_only=True):
 
     error: str
     data: dict[str, Any] = {}
+    trace: tuple[str, ...] = ()
+    """See `VrError.trace`."""
 
     @classmethod
     def of(cls, error: VrError) -> Raised:
-        """Pack an error for the journey."""
-        return cls(error=type(error).__name__, data=error.data)
+        """Pack an error for the journey; one of an author's own class goes as its base."""
+        known = (kind.__name__ for kind in type(error).__mro__ if VrError.registry.get(kind.__name__) is kind)
+        return cls(error=next(known, "VrError"), data=error.data, trace=error.trace)
 
     def revive(self) -> VrError:
         """Make the error again."""
-        return VrError.revive(self.error, self.data)
+        error = VrError.revive(self.error, self.data)
+        error.trace = self.trace
+        return error
 
 
 # -- published -------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.manual import EVERYWHERE
 from robotree.tui.session.script import read
+from robotree.vr import VirtualRobot
 from robotree.vr.bundle import Bundle
 
 ROOT = Path(__file__).parents[2]
@@ -45,10 +46,14 @@ def test_the_tables_of_verbs_and_keys_are_those_of_the_registry() -> None:
     assert guide.count("made by `python docs/actions.py`") == 1
 
 
-def test_the_guide_s_virtual_robot_loads() -> None:
-    (page,) = blocks(ROOT / "docs" / "virtual-robots.md", "python")
-    robot = Bundle(page, "wave.py").load()
-    assert robot.__name__ == "Wave"
+def test_the_guide_s_virtual_robots_load() -> None:
+    pages = blocks(ROOT / "docs" / "virtual-robots.md", "python")
+    for page in pages:
+        if "class " in page:
+            assert issubclass(Bundle(page, "page.py").load(), VirtualRobot)
+        else:
+            compile(page, "page.py", "exec")
+    assert Bundle(pages[0], "wave.py").load().__name__ == "Wave"
 
 
 def test_the_readme_shows_the_example_as_it_is() -> None:

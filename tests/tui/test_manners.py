@@ -90,16 +90,32 @@ def test_a_session_is_read_from_standard_input(
     assert "-, line 2: no verb 'fly'" in capsys.readouterr().err
 
 
-def test_progress_goes_to_a_log_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
-    now = 100.0
-    people, programs = (Console(as_json=as_json, clock=lambda: now) for as_json in (False, True))
-    for tenth in range(11):
-        now = 100.0 + tenth * PACE / 4
-        people.progress(tenth / 10, "closing")
-    people.progress(float("nan"), "")
-    assert capsys.readouterr().err.splitlines() == ["… 40% closing", "… 80% closing"]
+def test_each_step_of_a_command_is_told_in_a_log_and_the_last_always(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    people, programs = (Console(as_json=as_json, clock=lambda: 100.0) for as_json in (False, True))
+    for step in range(1, 7):
+        people.progress(step / 6, f"{step} of 6")
+    assert capsys.readouterr().err.splitlines() == [f"… {step / 6:.0%} {step} of 6" for step in range(1, 7)]
+    for step in range(1, 7):
+        programs.progress(step / 6, "")
+    assert len(capsys.readouterr().err.splitlines()) == 6
     programs.progress(float("nan"), "closing")
     assert capsys.readouterr().err == '{"progress": null, "text": "closing"}\n'
+
+
+def test_a_motion_that_tells_its_share_often_fills_no_log(capsys: pytest.CaptureFixture[str]) -> None:
+    now = 100.0
+    console = Console(as_json=False, clock=lambda: now)
+    for hundredth in range(100):
+        now += PACE / 100
+        console.progress(hundredth / 100, "closing")
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 10
+    console.settle()
+    assert capsys.readouterr().err.splitlines() == ["… 99% closing"]
+    console.settle()
+    assert capsys.readouterr().err == ""
 
 
 async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: Realm) -> None:

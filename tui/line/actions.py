@@ -120,9 +120,9 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- command
     Action(
-        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach]",
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach] [--trace]",
         help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"
-        " with --detach it goes on by itself.",
+        " with --detach it goes on by itself. --trace shows the way of a failure through the authors' pages.",
         group=COMMAND,
         run="call",
         examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),

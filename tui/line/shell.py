@@ -26,7 +26,9 @@ BAR = 24
 """Width of the progress bar in characters."""
 
 PACE = 2.0
-"""[s] at least between two lines of progress in a log: a person's terminal sees all of it."""
+"""[s] at least between two lines of progress that say the same and differ by less than `STEP`."""
+STEP = 0.1
+"""Share of a command that is worth a line of its own."""
 
 
 class Console:
@@ -36,21 +38,33 @@ class Console:
         """Print plain data, or text for people; `clock` [s] paces the progress in logs."""
         self.as_json, self._clock = as_json, clock
         self._open = False
+        self._told: tuple[float, str] = (math.nan, "")
+        """The last progress that has a line of its own."""
+        self._latest = self._told
         self._told_at = clock()
 
     def progress(self, fraction: float, text: str) -> None:
-        """Redraw the progress line on standard error; where that is no terminal, add a line now and then."""
+        """Redraw the progress line on standard error, a new one for each text; in a log, add a line."""
+        before, self._latest = self._latest, (fraction, text)
         if not sys.stderr.isatty():
-            self._log(fraction, text)
+            if self._worth_a_line(fraction, text):
+                self._log()
             return
+        if self._open and text != before[1]:
+            note("")  # what the command said before stays on the screen
         full = 0 if math.isnan(fraction) else round(min(max(fraction, 0.0), 1.0) * BAR)
         share = "" if math.isnan(fraction) else f"{fraction:4.0%} "
         over(f"{'━' * full}{'╌' * (BAR - full)} {share}{text}")
         self._open = True
 
-    def _log(self, fraction: float, text: str) -> None:
-        if self._clock() - self._told_at < PACE:
-            return
+    def _worth_a_line(self, fraction: float, text: str) -> bool:
+        share, told = self._told
+        if text != told or abs(fraction - share) >= STEP or math.isnan(share) != math.isnan(fraction):
+            return True
+        return self._clock() - self._told_at >= PACE
+
+    def _log(self) -> None:
+        fraction, text = self._told = self._latest
         self._told_at = self._clock()
         share = None if math.isnan(fraction) else round(fraction, 4)
         if self.as_json:
@@ -80,11 +94,22 @@ class Console:
         self.settle()
         complain(error)
 
+    def trace(self, error: Exception) -> None:
+        """Print the way of an error through the authors' pages, the outermost line first."""
+        lines: tuple[str, ...] = getattr(error, "trace", ())
+        if self.as_json and lines:
+            note(json.dumps({"trace": lines}, ensure_ascii=False))
+        else:
+            for row in lines:
+                note(row)
+
     def settle(self) -> None:
-        """Take the progress line away before something else is printed."""
+        """End the progress line before something else is printed; the last progress is always told."""
         if self._open:
-            over("")
+            note("")
             self._open = False
+        elif repr(self._latest) != repr(self._told):  # NaN is like NaN here
+            self._log()
 
 
 async def obey(fleet: Fleet, line: Line, console: Console) -> int:
@@ -96,6 +121,8 @@ async def obey(fleet: Fleet, line: Line, console: Console) -> int:
     outcome = await carry_out(fleet, line, console)
     if isinstance(outcome, Refusal):
         console.error(outcome.error)
+        if line.flag("--trace"):
+            console.trace(outcome.error)
         return exit_codes.code_of(outcome.error)
     console.outcome(outcome)
     if outcome.doubt is None:

@@ -30,7 +30,10 @@ from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.transport import Respond
 
 PROGRESS_PERIOD = 0.05
-"""[s] Least time between two reports of a command's progress to one caller."""
+"""[s] Least time between two messages with a command's progress to one caller."""
+
+MOST_PENDING = 32
+"""Reports that wait for the next message: of more, the middle ones are left out, never the latest."""
 
 _log = logging.getLogger(__name__)
 
@@ -42,13 +45,15 @@ class Caller:
         """Take how to reply and how to end the replies."""
         self._live, self._key, self._respond, self._end = live, key, respond, end
         self._quiet_until = 0.0
-        self._latest: Progress | None = None
+        self._pending: list[Progress] = []
         self._over = False
 
     def note(self, fraction: float, text: str) -> None:
-        """See `Listener.note`: the latest is always told, in between not all."""
-        now, waiting = self._live.process.runner.now(), self._latest is not None
-        self._latest = Progress(key=self._key, fraction=fraction, text=text)
+        """See `Listener.note`."""
+        now, waiting = self._live.process.runner.now(), bool(self._pending)
+        if len(self._pending) >= MOST_PENDING:
+            self._pending.pop()
+        self._pending.append(Progress(key=self._key, fraction=fraction, text=text))
         if now >= self._quiet_until:
             self._tell()
         elif not waiting:
@@ -62,10 +67,11 @@ class Caller:
         self._end()
 
     def _tell(self) -> None:
-        latest, self._latest = self._latest, None
-        if latest is not None and not self._over:
+        pending, self._pending = self._pending, []
+        if pending and not self._over:
             self._quiet_until = self._live.process.runner.now() + PROGRESS_PERIOD
-            self._respond(encode(latest))
+            for progress in pending:
+                self._respond(encode(progress))
 
 
 class OutsideCalls:

@@ -52,6 +52,8 @@ class Slot(msgspec.Struct):
     """Why the last child was lost; empty: it was not."""
     was: str = ""
     """Name of the child that was lost."""
+    released: str = ""
+    """Name of the child that was released last; empty: none since the last one came."""
 
     @property
     def state(self) -> Literal["empty", "asking", "bound"]:
@@ -201,7 +203,8 @@ class Slots(msgspec.Struct):
     def emptiness(self, name: str) -> SlotEmpty:
         """Return the error for an empty slot, with the reason."""
         slot = self[name]
-        reason = slot.lost or ("its child is just being asked" if slot.asked else "no child was bound to it")
+        before = f"{slot.released} was released" if slot.released else "no child was bound to it"
+        reason = slot.lost or ("its child is just being asked" if slot.asked else before)
         return SlotEmpty(robot=self.robot, slot=name, reason=reason, kind=slot.spec.kind)
 
     def begin(self, name: str, child: Address) -> Slot:
@@ -226,7 +229,7 @@ class Slots(msgspec.Struct):
         if slot.asked != bond.child:
             msg = f"{bond.child} was not asked to come into {self.robot}.{name}"
             raise ValueError(msg)
-        slot.asked, slot.bond, slot.lost, slot.was = None, bond, "", ""
+        slot.asked, slot.bond, slot.lost, slot.was, slot.released = None, bond, "", "", ""
 
     def abort(self, name: str) -> None:
         """Take the question back: the child refused or did not answer."""
@@ -266,7 +269,7 @@ class Slots(msgspec.Struct):
             SlotEmpty: nothing was in it.
         """
         bond, slot = self.require(name), self[name]
-        slot.bond, slot.lost = None, ""
+        slot.bond, slot.lost, slot.released = None, "", bond.child.name
         self._tidy(slot.spec.group)
         return bond
 

@@ -27,7 +27,7 @@ from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.errors import NoSuchCommand, VrError
 from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned, encode
 from robotree.vr.robot import Robot
-from robotree.vr.running.outcome import check_result, failed
+from robotree.vr.running.outcome import check_result, raised
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
@@ -434,7 +434,7 @@ class LiveRobot:
             error = refusal
         if command is not None:
             source = inspect.unwrap(command.function).__code__.co_filename
-        return failed(self.robot.name, context, error, source=source)
+        return raised(self.robot.name, context, error, source=source)
 
     # -- calls that go out ------------------------------------------------------------------------
 

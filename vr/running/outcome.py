@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import inspect
 import logging
-import traceback
-from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import msgspec
 
 from robotree.vr.context import CommandContext
-from robotree.vr.errors import CommandFailed, VrError
-from robotree.vr.requests import Raised, Returned
-from robotree.vr.running.naming import authors_file
-from robotree.vr.running.trace import trace, words_of
+from robotree.vr.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
+from robotree.vr.requests import Raised
+from robotree.vr.running.page_trace import PageLine, page_lines, trace_of
+from robotree.vr.running.trace import words_of
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
@@ -70,13 +68,8 @@ def _scalar(value: Any) -> Any:
     return item()
 
 
-def returned(context: CommandContext, value: Any) -> Returned:
-    """Pack the result of a command that succeeded."""
-    return Returned(key=context.key, value=value)
-
-
-def failed(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Raised:
-    """Pack the error of a command that did not.
+def raised(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Raised:
+    """Pack the error of a command that did not succeed, with the trace of its page.
 
     Args:
         robot: its name.
@@ -84,13 +77,38 @@ def failed(robot: str, context: CommandContext, error: BaseException, *, source:
         error: errors of robots go on as they are, all others are the author's.
         source: path of the author's file, to name the line.
     """
-    if isinstance(error, VrError):
-        return Raised.of(error)
-    _log.warning("%s.%s failed\n%s", robot, context.command, trace(error))
-    detail = words_of(error) + _where(error, source)
-    return Raised.of(CommandFailed(robot=robot, command=context.command, detail=detail))
+    label, lines = f"{robot}.{context.command}", page_lines(error, source)
+    trace = trace_of(label, error, source)
+    known = error if isinstance(error, VrError) else None
+    if known is None or (isinstance(known, CommandError) and _is_the_authors(known)):
+        _log.warning("%s failed: %s", label, "\n".join([words_of(error), *trace]))
+    if known is None:
+        where = f" ({lines[-1].place})" if lines else ""
+        known = CommandFailed(robot=robot, command=context.command, detail=words_of(error) + where)
+    elif isinstance(known, (BadArgument, NoSuchCommand)) and lines and not known.trace:
+        known = _refused_by_a_child(known, lines[-1])
+    if isinstance(known, Failed):
+        known.data["values"] = {name: _travelling(value) for name, value in known.data["values"].items()}
+    if isinstance(known, CommandError):
+        known.fill_in(robot, context.command)
+    known.trace = trace
+    return Raised.of(known)
 
 
-def _where(error: BaseException, source: str) -> str:
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == source]
-    return f" ({Path(authors_file(source)).name}, line {lines[-1]})" if lines else ""
+def _is_the_authors(error: CommandError) -> bool:
+    return "" in (error.data.get("robot"), error.data.get("command"))
+
+
+def _refused_by_a_child(error: BadArgument | NoSuchCommand, line: PageLine) -> VrError:
+    """Return the refusal of a call with the line of the page that made it; an author's own stays as it is."""
+    if _is_the_authors(error):
+        return error
+    last = "reason" if isinstance(error, BadArgument) else "known"
+    return type(error)(**error.data | {last: f"{error.data[last]} ({line.place})"})
+
+
+def _travelling(value: Any) -> Any:
+    try:
+        return to_plain(value)
+    except TypeError:
+        return shorten(value)

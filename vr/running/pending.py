@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Protocol, cast
 
 from robotree.vr.child import Record
-from robotree.vr.errors import CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
+from robotree.vr.errors import ChildCancelled, CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import PATIENCE, Accepted, Progress, Raised, Returned, decode_reply
 from robotree.vr.running.worker import Frame, Worker
 
@@ -230,10 +230,12 @@ class PendingCall:
             return Record(cast("dict[str, Any]", value)) if isinstance(value, dict) else value
         assert reply is not None  # noqa: S101 # it is done
         error = reply.revive()
+        frame.worker.check(frame)  # if the caller itself was asked to end, that is what it is told
         if isinstance(error, Unreachable):
             until = self.hangs()
             frame.worker.wait(frame, lambda: False, until - frame.worker.process.runner.now())
-        raise frame.live.meant(self.slot, error)
+        meant = frame.live.meant(self.slot, error)
+        raise ChildCancelled(**meant.data) if isinstance(meant, CommandCancelled) else meant
 
 
 def _nothing(_: str) -> None:

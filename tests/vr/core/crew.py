@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import msgspec
 import pytest
 
-from robotree.vr import Child, CommandCancelled, Range, Robot, Unit, VirtualRobot, VrError, command
+from robotree.vr import Child, ChildCancelled, Range, Robot, Unit, VirtualRobot, VrError, command
 from robotree.vr.errors import CommandFailed
 
 Metres = Annotated[float, Unit("m"), Range(-5, 5), "ahead"]
@@ -86,7 +86,7 @@ class Driver(VirtualRobot):
         with pytest.raises(TimeoutError):
             future.result(timeout=0.0)
         future.cancel()
-        with pytest.raises(CommandCancelled):
+        with pytest.raises(ChildCancelled):
             future.result()
 
     @command
@@ -134,7 +134,7 @@ class Driver(VirtualRobot):
     def persistent(self) -> str:
         try:
             self.left.move(x=5)
-        except CommandCancelled as error:
+        except ChildCancelled as error:
             self.left.move(x=1)
             return str(error)
         return ""

@@ -150,7 +150,9 @@ async def test_a_child_that_is_cancelled_alone_is_an_error_of_its_caller_that_go
     call = asyncio.create_task(realm.client(driver).call("persistent", {}, key="k"))
     await realm.until(lambda: rover.description().busy == "move")
     rover.live.cancel("k/1", "somebody else")
-    assert await call == "rover-left.move was cancelled: somebody else"
+    assert await call == (
+        "rover-left.move was cancelled alone, not the command that called it: somebody else"
+    )
     assert rover.robot.x == pytest.approx(1, abs=0.9), "the second move was carried out"
 
 

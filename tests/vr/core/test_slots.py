@@ -71,13 +71,13 @@ def test_an_old_loss_does_not_touch_a_new_bond() -> None:
     assert children["left"].state == "bound"
 
 
-def test_a_released_child_leaves_no_reason() -> None:
+def test_an_empty_slot_says_that_its_child_was_released() -> None:
     children = slots()
     children.begin("left", ARM)
     children.bind("left", bond())
     assert children.free("left").child == ARM
     assert children["left"].lost == ""
-    with pytest.raises(SlotEmpty, match="no child was bound to it"):
+    with pytest.raises(SlotEmpty, match="arm-1 was released"):
         children.free("left")
 
 
