@@ -19,6 +19,7 @@ from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.news import Listings, News
 from robotree.vr.agents.outside import OutsideCalls
+from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Slots
@@ -72,11 +73,11 @@ class RobotAgent:
         transport: Transport,
         *,
         registrar: Listings | None = None,
-        host: str = "",
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] | None = None,
         obeyed: Callable[[], int | None] = lambda: None,
         process: Process | None = None,
+        shared: Shared | None = None,
     ) -> None:
         """Make the agent, on the event loop; `start` lets it live.
 
@@ -84,12 +85,12 @@ class RobotAgent:
             robot: what it answers for.
             transport: the way to the others.
             registrar: where it is listed while nobody has enslaved it.
-            host: name of the process, for people.
             term: [s] of leases, those it grants and those it asks for.
             unix: returns seconds since 1970, and epochs come from it; None: the clock of the process.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard: its
                 own go above the first.
             process: whose threads carry its commands out; None: one of its own.
+            shared: what it shares with the other agents of its process; None: it is the only one.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -103,18 +104,20 @@ class RobotAgent:
         self._loop = asyncio.get_running_loop()
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
+        self._shared = Shared(transport) if shared is None else shared
+        self._owns_shared = shared is None
         self._unix = unix or self._process.runner.unix
         lessor = Lessor.free(robot.name, term=term, unix=self._unix())
         self.live = LiveRobot(
             robot,
-            RobotCore(_new_state(robot, self.address, host, lessor)),
+            RobotCore(_new_state(robot, self.address, self._shared.host, lessor)),
             self._process,
             way=_Way(self, transport, obeyed),
             on_effect=self._take_effect,
             on_change=self.changed,
         )
         self._hooks = Hooks(robot, self._process.runner)
-        self._news = News(self.live, self._hooks, transport, registrar, host)
+        self._news = News(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
         self._callers = Callers(self.live, transport)
@@ -132,7 +135,7 @@ class RobotAgent:
         """Nothing is declared and nothing watched yet."""
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
-        self._watching_parent: asyncio.Task[None] | None = None
+        self._unwatch_parent: Undo = _nothing
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
         self._farewells: list[Callable[[str], None]] = []
@@ -154,6 +157,7 @@ class RobotAgent:
                 await self.transport.serve(self.address.key, handler, direct=self._outside.take)
             )
             self._declared.append(await self.transport.watch_itself(self._cut_off))
+            await self._shared.presence.start()
             self._presence = await claim(self.transport, self.address)
         except BaseException:
             self.open = False
@@ -227,6 +231,8 @@ class RobotAgent:
             if registration is not None:
                 with contextlib.suppress(VrError):
                     await registration.close()
+        if self._owns_shared:
+            await self._shared.presence.close()
 
     def _close_process(self) -> None:
         if self._owns_process:
@@ -372,8 +378,7 @@ class RobotAgent:
                 key=request.key,
             )
         )
-        self._unwatch_parent()
-        self._watching_parent = self._loop.create_task(self._watch(request.parent.key))
+        self._watch(request.parent)
         description = self.description()
         self._told = description.commands
         return self._granted(description)
@@ -415,27 +420,17 @@ class RobotAgent:
             on.EndLease(parent=request.parent, unix=self._unix(), reason=reason, epoch=request.epoch)
         )
 
-    async def _watch(self, parent: str) -> None:
+    def _watch(self, parent: Address) -> None:
         """End the lease when its parent's presence goes."""
-        gone = asyncio.Event()
-        try:
-            registration = await self.transport.watch(parent, lambda _, there: None if there else gone.set())
-        except VrError:  # then the term alone decides
-            return
-        try:
-            await gone.wait()
-        finally:
-            await registration.close()
-        self._watching_parent = None
-        tenure = self.live.core.state.lease.tenure
-        if tenure is not None and tenure.parent.key == parent:
-            reason = f"{tenure.parent.name} has ended"
-            self.live.post(on.EndLease(parent=tenure.parent, unix=self._unix(), reason=reason))
 
-    def _unwatch_parent(self) -> None:
-        if self._watching_parent is not None:
-            self._watching_parent.cancel()
-            self._watching_parent = None
+        def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+            tenure = self.live.core.state.lease.tenure
+            if not there and tenure is not None and tenure.parent == parent:
+                reason = f"{parent.name} has ended"
+                self.live.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
+
+        self._unwatch_parent()
+        self._unwatch_parent = self._shared.presence.watch(parent.key, look)
 
     # -- whom it commands -------------------------------------------------------------------------
 
@@ -498,6 +493,10 @@ def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> Stat
     home = f"host {host}" if host else f"the process of {robot.name}"
     slots = robot.child_slots if isinstance(robot, VirtualRobot) else Slots(robot.name)
     return State(address=address, home=home, lease=lease, slots=slots, calls=Calls(), stop=Stop())
+
+
+def _nothing() -> None:
+    """Nothing is declared."""
 
 
 class _Way:

@@ -11,9 +11,10 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-from robotree.vr.address import check_name
+from robotree.vr.address import Address, check_name
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.news import Listings
+from robotree.vr.agents.shared import Shared
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.lease import DEFAULT_TERM
@@ -64,6 +65,7 @@ class Host:
         """The robots that live here, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
+        self._shared = Shared(transport, name)
         self._limit = limit
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
@@ -95,6 +97,7 @@ class Host:
         for registration in reversed(declared):
             await registration.close()
         await asyncio.gather(*(agent.close() for agent in list(self.agents.values())))
+        await self._shared.presence.close()
         for watcher in self._watchers:
             watcher.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)
@@ -121,16 +124,16 @@ class Host:
         self._coming.add(name)
         try:
             # before anybody's source is run for nothing
-            await expect_free(self._transport, new_address("robot", name))
+            await expect_free(self._transport, Address("robot", name, ""))
             loop = asyncio.get_running_loop()
             robot = await loop.run_in_executor(self._loaders, partial(bundle.create, name, limit=self._limit))
             agent = RobotAgent(
                 robot,
                 self._transport,
                 registrar=self._registrar,
-                host=self.address.name,
                 term=self._term,
                 process=self._process,
+                shared=self._shared,
             )
             await self._settle(agent)
             await self._begin(agent)

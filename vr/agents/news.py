@@ -1,7 +1,7 @@
 """What a robot shows of itself: description, state and listing.
 
 A change may come from any thread and very often; it only sets a flag. The state is published at once after a
-change, but not more than ten times a second, and slowly while nothing changes.
+change, but not more than ten times a second, and once in each round of its process while nothing changes.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from robotree.vr.address import Address
 from robotree.vr.agents.hooks import Hooks
+from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import BondSpec, Listing, RobotDescription
 from robotree.vr.errors import TransportError, VrError
@@ -24,8 +25,6 @@ from robotree.vr.transport import Transport
 
 QUICK = 0.1
 """[s] Least time between two states, and the period while a command runs."""
-SLOW = 1.0
-"""[s] Period while nothing happens."""
 LISTING_PATIENCE = 5.0
 """[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
 one."""
@@ -49,7 +48,12 @@ class News:
     """What one robot shows. Lives on the event loop; `changed` may be called from any thread."""
 
     def __init__(
-        self, live: LiveRobot, hooks: Hooks, transport: Transport, listings: Listings | None, host: str
+        self,
+        live: LiveRobot,
+        hooks: Hooks,
+        transport: Transport,
+        shared: Shared,
+        listings: Listings | None,
     ) -> None:
         """Prepare; `begin` publishes.
 
@@ -57,11 +61,11 @@ class News:
             live: the robot.
             hooks: of the robot, for its readings.
             transport: where its state is published.
+            shared: its state is published in rounds of its process while nothing changes.
             listings: where it is listed while nobody has enslaved it; None: nowhere.
-            host: name of its host, for people.
         """
         self._live, self._hooks, self._transport = live, hooks, transport
-        self._listings, self._host = listings, host
+        self._listings, self._host = listings, shared.host
         self._address: Address = live.core.state.address
         self._loop = asyncio.get_running_loop()
         self._dirty = True
@@ -70,7 +74,10 @@ class News:
         self._published = 0.0
         """[s] When the state was published last."""
         self._timer: asyncio.TimerHandle | None = None
-        self._stopped = False
+        """For the next state after a change, or while a command runs."""
+        self._rounds = shared.rounds
+        self._leave_rounds: Undo | None = None
+        self._stopped = True
         self._wanted: Listing | None = None
         self._present: Listing | None = None
         self._listing: asyncio.Task[None] | None = None
@@ -82,11 +89,15 @@ class News:
 
     def begin(self) -> None:
         """Publish from now on."""
+        self._stopped = False
+        self._leave_rounds = self._rounds.add(self._repeat)
         self._beat()
 
     def stop(self) -> None:
         """Publish no more."""
         self._stopped = True
+        if self._leave_rounds is not None:
+            self._leave_rounds()
         if self._timer is not None:
             self._timer.cancel()
 
@@ -100,23 +111,26 @@ class News:
 
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
-        if self._timer is None:  # not begun, or stopped
-            return
-        due = self._published + QUICK
-        if self._timer.when() > due:
-            self._timer.cancel()
-            self._timer = self._loop.call_at(due, self._beat)
+        if self._timer is None and not self._stopped:
+            self._timer = self._loop.call_at(self._published + QUICK, self._beat)
+
+    def _repeat(self) -> None:
+        if self._timer is None:
+            self._beat()
 
     def _beat(self) -> None:
+        self._timer = None
         if self._stopped:
             return
         self._hurrying = False
         try:
             busy = self._show()
         except TransportError:  # the transport is closed
+            self.stop()
             return
         self._published = self._loop.time()
-        self._timer = self._loop.call_at(self._published + (QUICK if busy else SLOW), self._beat)
+        if busy:
+            self._timer = self._loop.call_at(self._published + QUICK, self._beat)
 
     def _show(self) -> bool:
         """Publish state and listing if they may have changed, else the same state; return if it is busy."""

@@ -15,6 +15,7 @@ import traceback
 import weakref
 from collections import Counter
 from collections.abc import Callable
+from functools import lru_cache
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
@@ -157,6 +158,7 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
     raise BrokenSource(path=path, reason=_reason(error, file, limit))
 
 
+@lru_cache(32)
 def _compile(source: str, path: str, file: str) -> CodeType:
     try:
         return compile(source, file, "exec", dont_inherit=True)

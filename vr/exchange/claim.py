@@ -81,14 +81,14 @@ async def outlast(transport: Transport, address: Address) -> None:
 
 
 async def _others(transport: Transport, address: Address) -> list[Address]:
-    present = await asyncio.gather(*map(transport.present, _patterns(address)))
-    found = [Address.parse(key) for keys in present for key in keys]
+    keys = [key for pattern in _patterns(address) for key in await transport.present(pattern)]
+    found = map(Address.parse, keys)
     return [other for other in found if other is not None and other != address]
 
 
 async def _silent(transport: Transport, address: Address) -> list[Held]:
-    silent = await asyncio.gather(*map(transport.silent, _patterns(address)))
-    return [one for some in silent for one in some if one.key != address.key]
+    silent = [one for pattern in _patterns(address) for one in await transport.silent(pattern)]
+    return [one for one in silent if one.key != address.key]
 
 
 def _patterns(address: Address) -> list[str]:

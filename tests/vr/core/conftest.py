@@ -13,6 +13,7 @@ import pytest
 
 from robotree.vr import Robot
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.shared import Shared
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import RobotClient
@@ -72,6 +73,8 @@ class Realm:
     async def start(self, robot: Robot, member: MemoryTransport | None = None, **options: Any) -> RobotAgent:
         transport = member or self.network.join(robot.name)
         self.processes.append(process := self.shared or Process(runner_here()))
+        if host := options.pop("host", ""):
+            options["shared"] = Shared(transport, host)
         defaults = {"registrar": Registrar(transport), "unix": lambda: self.unix, "process": process}
         agent = RobotAgent(robot, transport, **defaults | options)
         await agent.start()
