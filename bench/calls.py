@@ -28,9 +28,10 @@ from typing import Any
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.envelope import seal
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import join
-from robotree.vr.requests import Call, encode
+from robotree.vr.requests import Call
 from robotree.vr.running.process import Process
 
 REPEATS = 300
@@ -178,7 +179,8 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     near = RobotClient(transport, agent.address)
     await near.enslave("below", far)
     tops["call of a child in another process"] = near
-    size = len(encode(Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)))
+    call = Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)
+    size = len(seal(call, now=0.0, within=5.0, sender=far.key).body)
 
     def note(name: str, times: list[float]) -> None:
         results.setdefault(name, []).extend(times)

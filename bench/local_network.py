@@ -141,7 +141,7 @@ def ask(mesh: Mesh, key: str, within: float = LONGEST) -> bool:
         else:
             got.append(body)
 
-    mesh.ask(key, BODY, latest=time.monotonic() + within, urgent=True, hear=hear)
+    mesh.ask(key, BODY, urgent=True, hear=hear)
     try:
         return answered.result(within)
     except TimeoutError:

@@ -21,7 +21,7 @@ from collections.abc import Awaitable, Callable
 from robotree.vr.address import Address
 from robotree.vr.agents.run import run_lookup
 from robotree.vr.description import Listing, Template
-from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join

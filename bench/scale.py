@@ -26,7 +26,7 @@ from pathlib import Path
 from robotree.tui.processes.crew import Crew, Member
 from robotree.tui.processes.realm import joined
 from robotree.vr.bundle import Bundle
-from robotree.vr.exchange.host_client import HostClient
+from robotree.vr.exchange.client import HostClient
 from robotree.vr.network.local import join
 from robotree.vr.supervision.fleet import Fleet
 

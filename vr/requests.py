@@ -2,7 +2,8 @@
 
 A request is answered by one reply, except `Call`, which is answered by `Accepted`, any number of
 `Progress` and one `Returned`, and `SafeStop`, by `Accepted` and `Done`; `Raised` may end any of them.
-Decoding never trusts the sender: what cannot be read is `Garbled`.
+Decoding never trusts the sender: what cannot be read is `Garbled`. Each request travels in an envelope
+(`envelope.py`).
 """
 
 from __future__ import annotations
@@ -41,11 +42,9 @@ class Call(_Message, frozen=True, kw_only=True):
     """Epoch of the caller's lease; None: the caller is nobody's parent (an operator, for a free robot)."""
     caller: str = ""
     """Name of the caller, for people to read."""
-    presence: str = ""
-    """Key under which the caller is present while it waits: the command ends when that goes. Empty: it goes
-    on whatever becomes of the caller."""
     deadline: float
-    """[s] from the arrival on, within which the command must be done; inherited down the tree."""
+    """[s] from the moment when it was asked, within which the command must be done; inherited down the
+    tree."""
     oneway: bool = False
     """The caller waits for `Accepted` only."""
     source: str = ""
@@ -197,24 +196,6 @@ class Look(_Message, frozen=True, kw_only=True):
 
 class DescribeView(_Message, frozen=True, kw_only=True):
     """Which cameras, which readings? Answered by `ViewDescribed`."""
-
-
-# -- how they travel -------------------------------------------------------------------------------
-
-Begins = Call | Resume | Enslave | Free | Delete | Create
-"""What must not begin after its asker gave up. All else only tells, ends or prolongs something."""
-
-
-class Timely(_Message, frozen=True, kw_only=True):
-    """A request that is void when it is old. Answered as the request is."""
-
-    request: Begins
-    asked: float
-    """[s] on the asking machine's clock since its boot."""
-    holds: float
-    """[s] from then on in which it may be carried out."""
-    boot: str
-    """Which boot of which machine: elsewhere the clock says nothing."""
 
 
 # -- replies ---------------------------------------------------------------------------------------
@@ -384,23 +365,13 @@ Event = Listed | Unlisted | State
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()
-_requests: msgspec.msgpack.Decoder[Request | Timely] = msgspec.msgpack.Decoder(Request | Timely)
 _replies: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply)
 _events: msgspec.msgpack.Decoder[Event] = msgspec.msgpack.Decoder(Event)
 
 
-def encode(message: Request | Timely | Reply | Event) -> bytes:
-    """Pack any message."""
+def encode(message: Reply | Event) -> bytes:
+    """Pack a reply or an event; a request needs an envelope, see `envelope.seal`."""
     return _encoder.encode(message)
-
-
-def decode_request(body: bytes, *, key: str = "a caller") -> Request | Timely:
-    """Read a request.
-
-    Raises:
-        Garbled: it is none.
-    """
-    return _decode(_requests, body, key)
 
 
 def decode_reply(body: bytes, *, key: str) -> Reply:

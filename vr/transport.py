@@ -61,10 +61,6 @@ class Held(msgspec.Struct, frozen=True):
         return f"{self.where}, {self.how}"
 
 
-Silent = Held
-"""What is held and not seen from here."""
-
-
 class Unlisted(msgspec.Struct, frozen=True):
     """A process of the realm that lives, and that nobody who comes now can reach."""
 
@@ -99,33 +95,35 @@ class Transport(Protocol):
         """
         ...
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
         """Ask the server of a key and iterate over its replies until it has no more.
 
         Args:
             key: as served.
             body: the request.
             timeout: [s] for the whole exchange, from now to the last reply.
-            urgent: ahead of everything else (lease renewals, stops, cancels), and carried out however late: a
-                process that hung obeys a stop when it wakes. Anything else is not begun after `timeout`.
+            urgent: ahead of everything else (lease renewals, stops, cancels).
+            void_at: [s] on the event loop's clock, after which the server does not begin with it any more. If
+                the server's process hangs, the replies do not end before: it may wake and begin. 0: they do.
 
         Raises:
-            Unreachable: it ended without a single reply: not served, or its process died.
+            Unreachable: it ended without a single reply: not served, or its process died or hangs.
             NoAnswer: the time was over (replies that came before were yielded).
             TransportClosed: this transport is closed.
         """
         ...
 
-    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
         """Ask the server of a key without waiting. From any thread, without the event loop if possible.
 
         Args:
             key: as served.
             body: the request.
-            within: [s] for which it may lie unread: later the server does not begin with it. How long to wait
-                for replies is the asker's own matter.
+            void_at: as in `request`. How long to wait for replies the asker decides.
             urgent: as in `request`.
-            hear: takes the replies; None without one: nobody serves the key, or the process died.
+            hear: takes the replies; None without one: nobody serves the key, or the process died or hangs.
         """
         ...
 

@@ -18,8 +18,7 @@ from robotree.proxy.errors import BadController, UnknownKind
 from robotree.sim.serving.server import Server, serving
 from robotree.vr.address import Address
 from robotree.vr.errors import BadName, DuplicateName, VrError
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.exchange.view_client import ViewClient
+from robotree.vr.exchange.client import RobotClient, ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join

@@ -18,6 +18,8 @@ class Recorder:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.transport, name)
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
         self.sent.append(body)
-        return self.transport.request(key, body, timeout=timeout, urgent=urgent)
+        return self.transport.request(key, body, timeout=timeout, urgent=urgent, void_at=void_at)

@@ -17,7 +17,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.bundle import Bundle
 from robotree.vr.command import command
-from robotree.vr.exchange.host_client import HostClient
+from robotree.vr.exchange.client import HostClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process

@@ -8,6 +8,8 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 import robotree.vr.agents.outside
 import robotree.vr.exchange.answering
 import robotree.vr.running.live
@@ -24,7 +26,8 @@ from robotree.vr.agents.stops import Stops
 from robotree.vr.core.calls import Calls
 from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
-from robotree.vr.requests import Call, Timely
+from robotree.vr.envelope import Envelope, Received, opened
+from robotree.vr.requests import Call
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,9 @@ def _counted_from_the_grant(self: Lessee, *, sent: float, now: float, term: floa
     self.confirmed, self.term = now, term
 
 
-def _opened_however_late(request: Any, *_: object) -> Any:
-    return request.request if isinstance(request, Timely) else request
+def _opened_however_late(body: bytes, who: str, now: float) -> Received:
+    envelope = msgspec.msgpack.decode(body, type=Envelope)
+    return opened(msgspec.msgpack.encode(msgspec.structs.replace(envelope, holds=math.inf)), who, now)
 
 
 _receive = GoalServer.receive

@@ -503,12 +503,8 @@ class _Way:
     """See `running.live.Way`."""
 
     def __init__(self, agent: RobotAgent, transport: Transport, obeyed: Callable[[], int | None]) -> None:
-        self._agent, self._transport = agent, transport
+        self._agent = agent
         self.ask, self.obeyed = transport.ask, obeyed
-
-    def hangs(self, key: str) -> bool:
-        """See `Way.hangs`."""
-        return bool(self._agent.wait_for(self._transport.silent(key)))
 
     def describe(self, unknown: NotDescribed) -> None:
         """See `Way.describe`."""

@@ -7,12 +7,14 @@ such as the units behind a text, is handed to a worker.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from functools import partial
 
 from robotree.vr.core import events as on
+from robotree.vr.core.machine import LONGEST_DEADLINE
+from robotree.vr.envelope import Received, opened
 from robotree.vr.errors import Unreachable, VrError
-from robotree.vr.exchange.timely import boot_here, opened
 from robotree.vr.requests import (
     Accepted,
     Call,
@@ -22,7 +24,6 @@ from robotree.vr.requests import (
     Raised,
     Reply,
     Returned,
-    decode_request,
     encode,
 )
 from robotree.vr.running.live import LiveRobot, NotDescribed
@@ -94,19 +95,18 @@ class OutsideCalls:
             attend: ends a call when a caller's presence goes; takes presence and key.
         """
         self._live, self._is_open, self._describe, self._attend = live, is_open, describe, attend
-        self._boot = boot_here()
         self._units = SerialWorker(live.process.runner, f"{live.robot.name} units")
 
     def take(self, body: bytes, respond: Respond, end: Callable[[], None]) -> bool:
         """Take a request if it is a call or a cancel; see `Transport.serve`."""
         try:
-            now = self._live.process.runner.now()
-            request = opened(decode_request(body), self._live.robot.name, now, self._boot)
+            received = opened(body, self._live.robot.name, self._live.process.runner.now())
         except VrError as error:
             self._refuse(error, respond, end)
             return True
+        request = received.request
         if isinstance(request, Call):
-            self._call(request, respond, end)
+            self._call(request, received, respond, end)
         elif isinstance(request, Cancel):
             self._answer(partial(self._cancel, request), respond, end)
         else:
@@ -115,16 +115,26 @@ class OutsideCalls:
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _call(self, call: Call, respond: Respond, end: Callable[[], None]) -> None:
-        stops = self._live.stops
-        admit = partial(self._admit, call, respond, end, self._live.deadline_at(call.deadline), stops)
+    def _call(self, call: Call, received: Received, respond: Respond, end: Callable[[], None]) -> None:
+        seconds = min(call.deadline, LONGEST_DEADLINE) if math.isfinite(call.deadline) else call.deadline
+        # what a parent's bond does for its calls, its presence does for the call of a program that waits
+        attended_by = "" if call.oneway or call.epoch is not None else received.sender
+        admit = partial(
+            self._admit, call, respond, end, received.asked + seconds, self._live.stops, attended_by
+        )
         if self._live.takes_units(call):
             self._units.submit(lambda: admit() is None)  # to load them takes a while
         else:
             admit()
 
     def _admit(
-        self, call: Call, respond: Respond, end: Callable[[], None], deadline_at: float, stops: int
+        self,
+        call: Call,
+        respond: Respond,
+        end: Callable[[], None],
+        deadline_at: float,
+        stops: int,
+        attended_by: str,
     ) -> None:
         live = self._live
         caller = None if call.oneway else Caller(live, call.key, respond, end)
@@ -141,7 +151,7 @@ class OutsideCalls:
 
             def described(error: VrError | None) -> None:
                 if error is None:
-                    self._admit(call, respond, end, deadline_at, stops)
+                    self._admit(call, respond, end, deadline_at, stops, attended_by)
                 else:
                     self._refuse(error, respond, end)
 
@@ -149,8 +159,8 @@ class OutsideCalls:
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, respond, end)
         else:
-            if call.presence:
-                self._attend(call.presence, call.key)
+            if attended_by:
+                self._attend(attended_by, call.key)
 
     def _expect_open(self) -> None:
         """Refuse what is new when the robot ends.

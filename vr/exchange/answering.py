@@ -6,9 +6,9 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 
+from robotree.vr.envelope import opened
 from robotree.vr.errors import Garbled, VrError
-from robotree.vr.exchange.timely import boot_here, opened
-from robotree.vr.requests import Raised, Reply, Request, decode_request, encode
+from robotree.vr.requests import Raised, Reply, Request, encode
 from robotree.vr.transport import RequestHandler, Respond
 
 _log = logging.getLogger(__name__)
@@ -31,8 +31,7 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             respond(encode(reply))
 
         try:
-            now = asyncio.get_running_loop().time()
-            await converse(opened(decode_request(body), who, now, boot_here()), say)
+            await converse(opened(body, who, asyncio.get_running_loop().time()).request, say)
         except VrError as error:
             say(Raised.of(error))
         except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer

@@ -1,32 +1,37 @@
-"""The asking side of a robot: what operators and parents use to reach it, wherever it lives."""
+"""The asking side of agents: how operators and parents reach a robot, a host or a view, wherever it lives."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from robotree.vr.address import Address
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.description import Arguments, RobotDescription
-from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, VrError
-from robotree.vr.exchange.asking import ask
-from robotree.vr.exchange.timely import Question
+from robotree.vr.envelope import seal
+from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import (
     PATIENCE,
     Accepted,
     Call,
     Cancel,
+    Create,
     Delete,
     Describe,
     Described,
+    DescribeHost,
+    DescribeView,
     Done,
     Enslave,
     Free,
     Granted,
+    HostDescribed,
+    Look,
     Petition,
+    Picture,
     Progress,
     Raised,
     Release,
@@ -37,20 +42,69 @@ from robotree.vr.requests import (
     Retract,
     Returned,
     SafeStop,
+    ViewDescribed,
     decode_reply,
 )
 from robotree.vr.running.chance import token
 from robotree.vr.transport import Transport
 
+if TYPE_CHECKING:  # loaded only by what creates something: it loads what reads sources
+    from robotree.vr.bundle import Bundle
+
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
 MARGIN = 5.0
 """[s] after the deadline in which the robot may still say how its command ended."""
+LOADING = 20.0
+"""[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""
 
 _R = TypeVar("_R", bound=Reply)
 
 OnProgress = Callable[[float, str], None]
 """Takes how far a command is: 0 to 1 (NaN: unknown) and a word about it."""
+
+
+async def ask(
+    transport: Transport,
+    key: str,
+    request: Request,
+    answer: type[_R],
+    *,
+    timeout: float,
+    urgent: bool = False,
+    accepted: Callable[[], None] = lambda: None,
+    sender: str = "",
+) -> _R:
+    """Ask the agent that serves a key, and return its answer.
+
+    Args:
+        transport: the way there.
+        key: as served.
+        request: the question.
+        answer: the kind of reply that answers it.
+        timeout: [s] to wait.
+        urgent: ahead of everything else.
+        accepted: called when the agent says that it has the request and that its answer may take a while.
+        sender: key under which the asker is present.
+
+    Raises:
+        TransportError: there is no answer, or one that cannot be read.
+        VrError: the refusal of the agent asked.
+    """
+    sealed = seal(request, now=asyncio.get_running_loop().time(), within=timeout, sender=sender)
+    replies = transport.request(key, sealed.body, timeout=timeout, urgent=urgent, void_at=sealed.void_at)
+    async for body in replies:
+        reply = decode_reply(body, key=key)
+        if isinstance(reply, Raised):
+            raise reply.revive()
+        if isinstance(reply, Accepted):
+            accepted()
+            continue
+        if not isinstance(reply, answer):
+            what = f"{type(reply).__name__} is no answer to {type(request).__name__}"
+            raise Garbled(key=key, detail=what)
+        return reply
+    raise Unreachable(key=key)
 
 
 def fresh_key() -> str:
@@ -84,7 +138,7 @@ class RobotClient:
         deadline: float = DEFAULT_DEADLINE,
         epoch: int | None = None,
         caller: str = "",
-        presence: str = "",
+        sender: str = "",
         key: str | None = None,
         on_progress: OnProgress | None = None,
     ) -> Any:
@@ -96,10 +150,10 @@ class RobotClient:
             deadline: [s] within which it must be done.
             epoch: of the caller's lease; None: an operator's.
             caller: name, for people.
-            presence: key under which the caller is present: the command ends when that goes. Empty: it goes
-                on if this process is killed.
+            sender: key under which the caller is present: a command of an operator ends when that goes.
+                Empty: it goes on if this process is killed.
             key: of the call; None: a fresh one. The same key again asks for the same result.
-            on_progress: told how far it is.
+            on_progress: takes how far it is.
 
         Raises:
             CommandError: it was refused or did not succeed.
@@ -112,10 +166,9 @@ class RobotClient:
             arguments=dict(arguments),
             epoch=epoch,
             caller=caller,
-            presence=presence,
             deadline=deadline,
         )
-        return await self._carry_out(call, on_progress)
+        return await self._carry_out(call, sender, on_progress)
 
     async def tell(
         self,
@@ -137,22 +190,22 @@ class RobotClient:
             deadline=deadline,
             oneway=True,
         )
-        await self._carry_out(call, None)
+        await self._carry_out(call, "", None)
 
-    async def _carry_out(self, call: Call, on_progress: OnProgress | None) -> Any:
-        question = Question(call, within=self._patience)
+    async def _carry_out(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
         try:
-            async with question.outlived(self._transport, self.address.key):
-                return await self._follow(call, question.body, on_progress)
+            return await self._follow(call, sender, on_progress)
         except (asyncio.CancelledError, NoAnswer):
             # It may still be on its way there: it must not begin after we gave up.
             self._bid_farewell(call)
             raise
 
-    async def _follow(self, call: Call, body: bytes, on_progress: OnProgress | None) -> Any:
+    async def _follow(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
         key = self.address.key
         seconds = max(0.0, call.deadline) + MARGIN  # NaN becomes 0; it is the robot that refuses it
-        replies = self._transport.request(key, body, timeout=seconds)
+        now = asyncio.get_running_loop().time()
+        sealed = seal(call, now=now, within=self._patience, sender=sender)
+        replies = self._transport.request(key, sealed.body, timeout=seconds, void_at=sealed.void_at)
         try:
             async with asyncio.timeout(self._patience) as until_accepted:
                 async for reply in replies:
@@ -198,17 +251,17 @@ class RobotClient:
         order: str = "",
         timeout: float | None = None,
         within: float | None = None,
-        heard: Callable[[], None] = lambda: None,
+        accepted: Callable[[], None] = lambda: None,
     ) -> Sequence[str]:
         """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
         Args:
             reason: for those whose commands it ends.
             order: that it is part of; see `SafeStop.order`.
-            timeout: [s] to wait until all below have been told; None: the client's patience.
-            within: [s] in which the robot must answer to be heard in time; None: the way there and back has
-                not been measured.
-            heard: told when the robot says that it has the stop, before it is confirmed.
+            timeout: [s] to wait until all below have answered; None: the client's patience.
+            within: [s] in which the robot must answer to be in time; None: the way there and back has not
+                been measured.
+            accepted: called when the robot says that it has the stop, before it is confirmed.
 
         Returns:
             The names of those that have confirmed it: the robot and all below it.
@@ -219,7 +272,7 @@ class RobotClient:
         """
         patience = self._patience if timeout is None else timeout
         stop = SafeStop(reason=reason, order=order, within=unmeasured(patience) if within is None else within)
-        return (await self._ask(stop, Done, urgent=True, timeout=patience, heard=heard)).told
+        return (await self._ask(stop, Done, urgent=True, timeout=patience, accepted=accepted)).told
 
     async def resume(
         self,
@@ -289,22 +342,26 @@ class RobotClient:
             key: by which `retract` knows it again.
         """
         petition = Petition(parent=parent, slot=slot, kind=kind, lineage=lineage, term=term, key=key)
-        return await self._ask(petition, Granted, urgent=True)
+        return await self._ask(petition, Granted, urgent=True, sender=parent.key)
 
     async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:
-        """Take back a petition whose answer was not heard; `timeout` [s] to wait for the receipt."""
-        await self._ask(Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout)
+        """Take back a petition whose answer did not arrive; `timeout` [s] to wait for the receipt."""
+        await self._ask(
+            Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout, sender=parent.key
+        )
 
     async def renew(
         self, parent: Address, epoch: int, *, lineage: tuple[str, ...], timeout: float = PATIENCE
     ) -> Granted:
         """Prolong the lease; `timeout` [s] is how long an answer is of use."""
         renewal = Renew(parent=parent, epoch=epoch, lineage=lineage)
-        return await self._ask(renewal, Granted, urgent=True, timeout=timeout)
+        return await self._ask(renewal, Granted, urgent=True, timeout=timeout, sender=parent.key)
 
     async def release(self, parent: Address, epoch: int, *, timeout: float = PATIENCE) -> None:
         """Give the lease back; `timeout` [s] to wait for the receipt."""
-        await self._ask(Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout)
+        await self._ask(
+            Release(parent=parent, epoch=epoch), Done, urgent=True, timeout=timeout, sender=parent.key
+        )
 
     async def _ask(
         self,
@@ -313,9 +370,80 @@ class RobotClient:
         *,
         urgent: bool = False,
         timeout: float | None = None,
-        heard: Callable[[], None] = lambda: None,
+        accepted: Callable[[], None] = lambda: None,
+        sender: str = "",
     ) -> _R:
-        seconds = self._patience if timeout is None else timeout
         return await ask(
-            self._transport, self.address.key, request, answer, timeout=seconds, urgent=urgent, heard=heard
+            self._transport,
+            self.address.key,
+            request,
+            answer,
+            timeout=self._patience if timeout is None else timeout,
+            urgent=urgent,
+            accepted=accepted,
+            sender=sender,
         )
+
+
+class HostClient:
+    """Asks one host."""
+
+    def __init__(self, transport: Transport, address: Address) -> None:
+        """Point at a host."""
+        self.address = address
+        self._transport = transport
+
+    async def describe(self, *, timeout: float = PATIENCE) -> HostDescribed:
+        """Ask what it runs; `timeout` [s] to wait.
+
+        Raises:
+            TransportError: it cannot be reached or does not answer.
+        """
+        return await ask(self._transport, self.address.key, DescribeHost(), HostDescribed, timeout=timeout)
+
+    async def create(self, bundle: Bundle, name: str) -> RobotDescription:
+        """Have a virtual robot made of this source.
+
+        Raises:
+            AddressError: the name cannot be one, or is taken.
+            BundleError: the source cannot be used.
+            TransportError: the host cannot be reached or does not answer.
+        """
+        request = Create(name=name, path=bundle.path, source=bundle.source, wanted=bundle.wanted)
+        answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
+        return answer.robot
+
+
+class ViewClient:
+    """Looks at one view, wherever it is."""
+
+    def __init__(self, transport: Transport, address: Address) -> None:
+        """Point at a view."""
+        self.address = address
+        self._transport = transport
+
+    async def describe(self) -> ViewDescribed:
+        """Ask for its cameras and its readings.
+
+        Raises:
+            TransportError: it cannot be reached or does not answer.
+        """
+        return await ask(self._transport, self.address.key, DescribeView(), ViewDescribed, timeout=PATIENCE)
+
+    async def look(
+        self, camera: str = "", *, width: int = 320, height: int = 180, quality: int = 75
+    ) -> Picture:
+        """Take one picture. For a film, ask again when the last one has come.
+
+        Args:
+            camera: empty: the view's first.
+            width: [px]
+            height: [px]
+            quality: of the JPEG, 1 to 100.
+
+        Raises:
+            VrError: there is no such camera, or no picture can be had.
+            TransportError: the view cannot be reached or does not answer.
+        """
+        request = Look(camera=camera, width=width, height=height, quality=quality)
+        return await ask(self._transport, self.address.key, request, Picture, timeout=PATIENCE)

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
-from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import SETTLE
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event

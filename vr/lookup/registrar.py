@@ -18,7 +18,7 @@ import msgspec
 from robotree.vr.address import Address, everyone
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
-from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import REMEMBERED
 from robotree.vr.requests import Register, Registered
 from robotree.vr.running.chance import fraction, token

@@ -14,8 +14,8 @@ from robotree.vr.address import Address, Role, everyone
 from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.answering import answering, not_for
-from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, News
 from robotree.vr.requests import Found, Query, Register, Reply, Request, encode
 from robotree.vr.transport import Registration, Transport

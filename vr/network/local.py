@@ -5,18 +5,14 @@ from __future__ import annotations
 import asyncio
 import atexit
 import logging
-import math
-import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from functools import partial
 from pathlib import Path
 
 from robotree.vr.errors import TransportClosed
-from robotree.vr.network.inbox import Inbox
 from robotree.vr.network.mesh import GREETING, Answer, Mesh
+from robotree.vr.network.on_loop import Inbox, Replies, Turns
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
-from robotree.vr.network.replies import Replies
-from robotree.vr.network.turns import Turns
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
@@ -110,11 +106,11 @@ class LocalTransport:
 
         return _Registration(self, undo)
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
         """See `Transport.request`."""
         self._check(key)
-        # taken first: nothing may begin after the asker has given up; but a stop is obeyed however late
-        latest = math.inf if urgent else time.monotonic() + timeout
         replies = Replies(key, timeout)
         self._asking.add(replies)
 
@@ -122,13 +118,18 @@ class LocalTransport:
             action = partial(self._done, replies) if reply is None else partial(replies.feed, reply)
             self._turns.put(action, urgent=urgent)
 
-        self._ask(key, bytes(body), latest, urgent=urgent, hear=hear)
+        self.ask(key, body, void_at=void_at, urgent=urgent, hear=hear)
         return replies
 
-    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
         """See `Transport.ask`."""
-        latest = math.inf if urgent else time.monotonic() + within
-        self._ask(key, bytes(body), latest, urgent=urgent, hear=hear)
+        answer, body = self._served.get(key), bytes(body)
+        if self._closing is not None:
+            hear(None)
+        elif answer is None:
+            self.mesh.ask(key, body, void_at=void_at, urgent=urgent, hear=hear)
+        else:  # of this process
+            answer(body, urgent, hear, lambda: hear(None))
 
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""
@@ -214,15 +215,6 @@ class LocalTransport:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.wrap_future(self.mesh.close())
-
-    def _ask(self, key: str, body: bytes, latest: float, *, urgent: bool, hear: Hear) -> None:
-        answer = self._served.get(key)
-        if self._closing is not None:
-            hear(None)
-        elif answer is None:
-            self.mesh.ask(key, body, latest=latest, urgent=urgent, hear=hear)
-        else:  # of this process
-            answer(body, urgent, hear, lambda: hear(None))
 
     def _check(self, key: str) -> None:
         if self._closing is not None:

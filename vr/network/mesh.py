@@ -28,7 +28,7 @@ from concurrent.futures import Future
 from typing import Any, Final
 
 from robotree.vr.errors import RealmUnusable
-from robotree.vr.network.frames import (
+from robotree.vr.network.link import (
     VERSION,
     Ask,
     Awake,
@@ -36,14 +36,15 @@ from robotree.vr.network.frames import (
     End,
     Frame,
     Hello,
+    Link,
     News,
     NotAFrame,
+    Overflow,
     Reply,
     Sample,
     Topic,
     pack,
 )
-from robotree.vr.network.link import Link, Overflow
 from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
@@ -84,6 +85,17 @@ OnPresence = Callable[[str, bool], None]
 _log = logging.getLogger(__name__)
 
 
+class _Exchange:
+    """A request that another process has yet to answer."""
+
+    __slots__ = ("hear", "void_at")
+
+    def __init__(self, hear: Hear, void_at: float) -> None:
+        self.hear = hear
+        self.void_at = void_at
+        """[s] until when the other process may begin with it if it hangs and wakes; 0: it has answered."""
+
+
 class _Peer:
     """Another process."""
 
@@ -98,7 +110,7 @@ class _Peer:
         """[s] The last sign of life."""
         self.awake = False
         """Whether it has said who it is and does not hang: only then it is present."""
-        self.exchanges: dict[int, Hear] = {}
+        self.exchanges: dict[int, _Exchange] = {}
         """Requests that it has yet to answer."""
 
     @property
@@ -330,35 +342,31 @@ class Mesh:
             found += [Held(key, where, advice, how) for key in sorted(keys) if matches(pattern, key)]
         return found
 
-    def ask(self, key: str, body: bytes, *, latest: float, urgent: bool, hear: Hear) -> Callable[[], None]:
-        """Ask whoever serves a key.
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, hear: Hear) -> None:
+        """Ask the process that serves a key.
 
         Args:
             key: as served.
             body: the request.
-            latest: [s, CLOCK_MONOTONIC] until when anybody waits: a process that hung meanwhile and wakes
-                later does not begin with it.
+            void_at: [s, CLOCK_MONOTONIC] after which the other process does not begin with it any more: if it
+                hangs it is waited for until then.
             urgent: ahead of everything else.
             hear: takes the replies, and None at the end: at once if nobody serves the key, and when the
-                process that does dies or falls silent.
-
-        Returns:
-            How to hear no more.
+                process that does dies or hangs.
         """
         number = next(self._numbers)
-        packed = pack(Ask(number, key, latest, body))
+        packed = pack(Ask(number, key, body))
         with self._lock:
             peer = None if self.closed else self._where.get(key)
             if peer is not None:
-                peer.exchanges[number] = hear
+                peer.exchanges[number] = _Exchange(hear, void_at)
         if peer is None:
             hear(None)
-            return lambda: None
+            return
         try:
             peer.links[Channel.URGENT if urgent else Channel.BULK].send(packed)
         except Overflow:
             self._end_exchange(peer, number)
-        return lambda: peer.exchanges.pop(number, None) and None
 
     def publish(self, key: str, body: bytes) -> None:
         """Tell all who want the samples of a key; one that is too slow misses older ones."""
@@ -506,7 +514,10 @@ class Mesh:
                 self._count(key, there=True)
 
     def _hide(self, peer: _Peer) -> None:
-        """A process has died or hangs: what was asked of it ends. Under the lock."""
+        """A process has died or hangs: what was asked of it ends. Under the lock.
+
+        What it may still begin with when it wakes ends later: see `_give_up`.
+        """
         if peer.awake:
             peer.awake = False
             self._listeners.clear()
@@ -514,8 +525,18 @@ class Mesh:
                 del self._where[key]
             for key in sorted(peer.known[Topic.HOLDS]):
                 self._count(key, there=False)
-        for number in list(peer.exchanges):
-            self._end_exchange(peer, number)
+        self._give_up(peer, time.monotonic())
+
+    def _give_up(self, peer: _Peer, now: float) -> None:
+        """End what was asked of a process that has died or hangs, if it cannot begin with it any more.
+
+        This is the one place where a partner that hangs is waited for.
+        """
+        for number, exchange in list(peer.exchanges.items()):
+            if peer.tag not in self._peers or exchange.void_at <= now:
+                self._end_exchange(peer, number)
+            else:
+                self._due = min(self._due, exchange.void_at)
 
     def _lose(self, peer: _Peer) -> None:
         """A connection to a process has ended, and with it all. Under the lock."""
@@ -641,8 +662,9 @@ class Mesh:
 
     def _replied(self, link: Link, reply: Reply) -> None:
         peer = self._peers.get(link.member)
-        if peer is not None and (hear := peer.exchanges.get(reply.number)) is not None:
-            hear(reply.body)
+        if peer is not None and (exchange := peer.exchanges.get(reply.number)) is not None:
+            exchange.void_at = 0.0
+            exchange.hear(reply.body)
 
     def _answered(self, link: Link, end: End) -> None:
         if (peer := self._peers.get(link.member)) is not None:
@@ -674,7 +696,7 @@ class Mesh:
         def end() -> None:
             self._say(link, pack(End(number)))
 
-        if answer is None or time.monotonic() > ask.latest:
+        if answer is None:
             end()
         else:
             try:
@@ -699,8 +721,8 @@ class Mesh:
                 link.socket.shutdown(socket.SHUT_RDWR)
 
     def _end_exchange(self, peer: _Peer, number: int) -> None:
-        if (hear := peer.exchanges.pop(number, None)) is not None:
-            hear(None)
+        if (exchange := peer.exchanges.pop(number, None)) is not None:
+            exchange.hear(None)
 
     def _tick(self, now: float) -> None:
         """Give a sign of life, judge the others' signs, and mend what is broken."""

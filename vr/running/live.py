@@ -22,10 +22,11 @@ from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
-from robotree.vr.core.machine import LONGEST_DEADLINE, RobotCore
+from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
+from robotree.vr.envelope import seal
 from robotree.vr.errors import NoSuchCommand, VrError
-from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned, encode
+from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.outcome import check_result, raised
 from robotree.vr.running.pending import Listener, PendingCall
@@ -33,10 +34,6 @@ from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
 from robotree.vr.transport import Hear
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
-
-FRESH = 3.0
-"""[s] for which a call may lie unread at a child in another process: after that the child must not begin
-it."""
 
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""
@@ -56,12 +53,8 @@ class NotDescribed(Exception):
 class Way(Protocol):
     """What a robot at work needs of its agent: the way to other processes, and to what is behind it."""
 
-    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
         """Ask the server of a key without waiting: see `Transport.ask`."""
-        ...
-
-    def hangs(self, key: str) -> bool:
-        """Whether the process that serves a key lives and does not answer. In a worker's thread only."""
         ...
 
     def describe(self, unknown: NotDescribed) -> None:
@@ -303,10 +296,6 @@ class LiveRobot:
             accepted=accepted,
         )
 
-    def deadline_at(self, seconds: float) -> float:
-        """Return when a call must be done that is given `seconds` [s]; what is no time stays none."""
-        return self._runner.now() + (min(seconds, LONGEST_DEADLINE) if math.isfinite(seconds) else seconds)
-
     def cancel(self, key: str, reason: str) -> None:
         """End a call in the name of its caller."""
         self.post(on.Cancel(key=key, reason=reason, entitled=True))
@@ -536,7 +525,6 @@ class LiveRobot:
         )
         pending.key_of_child, pending.accept_by = key, now + PATIENCE
         pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
-        pending.hangs = lambda: now + FRESH if self.way.hangs(key) else -math.inf
         pending.oneway = oneway
         if not oneway:
             self._calling.setdefault(pending.slot, set()).add(pending)
@@ -546,12 +534,14 @@ class LiveRobot:
             self._calling.get(pending.slot, set()).discard(pending)
 
         pending.ended = ended
-        self.way.ask(key, encode(call), within=FRESH, hear=pending.hear)
+        sealed = seal(call, now=now, within=PATIENCE, sender=self.key)
+        self.way.ask(key, sealed.body, void_at=sealed.void_at, hear=pending.hear)
 
     def _withdraw(self, key: str, call: str, epoch: int, reason: str) -> None:
         """Tell a child in another process that nobody wants a call any more."""
         cancel = Cancel(key=call, epoch=epoch, reason=reason)
-        self.way.ask(key, encode(cancel), within=PATIENCE, hear=lambda _: None, urgent=True)
+        sealed = seal(cancel, now=self._runner.now(), within=PATIENCE, sender=self.key)
+        self.way.ask(key, sealed.body, hear=lambda _: None, urgent=True)
 
     def _end_calls_of(self, slot: str) -> None:
         """A child is gone: whoever waits for it waits no longer."""

@@ -51,8 +51,6 @@ class PendingCall:
         """[s] when the child must have accepted it."""
         self.withdraw: Callable[[str], None] = _nothing
         """Tells the child that nobody wants the call any more, and why."""
-        self.hangs: Callable[[], float] = _at_once
-        """Returns until when [s] a child that does not answer may still begin with it."""
         self.ended: Callable[[], None] = _no_more
         """Called once it has ended."""
         self.frame = frame
@@ -224,17 +222,13 @@ class PendingCall:
         return self.reply is not None or self.run_here is not None or self.accepted != before
 
     def _value(self) -> Any:
-        reply, frame = self.reply, self.frame
+        reply = self.reply
         if isinstance(reply, Returned):
             value = reply.value
             return Record(cast("dict[str, Any]", value)) if isinstance(value, dict) else value
         assert reply is not None  # noqa: S101 # it is done
-        error = reply.revive()
-        frame.worker.check(frame)  # if the caller itself was asked to end, that is what it is told
-        if isinstance(error, Unreachable):
-            until = self.hangs()
-            frame.worker.wait(frame, lambda: False, until - frame.worker.process.runner.now())
-        meant = frame.live.meant(self.slot, error)
+        self.frame.worker.check(self.frame)  # if the caller itself was asked to end, that is what it is told
+        meant = self.frame.live.meant(self.slot, reply.revive())
         raise ChildCancelled(**meant.data) if isinstance(meant, CommandCancelled) else meant
 
 
@@ -244,7 +238,3 @@ def _nothing(_: str) -> None:
 
 def _no_more() -> None:
     """Do nothing."""
-
-
-def _at_once() -> float:
-    return -math.inf

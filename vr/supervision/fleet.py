@@ -13,9 +13,7 @@ from typing import Any, TypeVar
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.description import Listing, RobotDescription, Template
 from robotree.vr.errors import NoAnswer, NoHost, Unreachable, VrError
-from robotree.vr.exchange.client import DEFAULT_DEADLINE, RobotClient
-from robotree.vr.exchange.host_client import HostClient
-from robotree.vr.exchange.view_client import ViewClient
+from robotree.vr.exchange.client import DEFAULT_DEADLINE, HostClient, RobotClient, ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
 from robotree.vr.running.chance import token
@@ -179,7 +177,7 @@ class Fleet:
                 arguments,
                 deadline=deadline,
                 caller=CALLER,
-                presence=presence,
+                sender=presence,
                 on_progress=on_progress,
             ),
         )

@@ -137,7 +137,7 @@ class Stop:
         while (left := until - _now()) > LEAST:
             try:
                 told.answer = await client.safe_stop(
-                    self._reason, order=self._order, timeout=left, heard=told.hear
+                    self._reason, order=self._order, timeout=left, accepted=told.hear
                 )
             except Unreachable as error:  # its process has ended, or is on its way
                 if told.address in self._held:

@@ -11,7 +11,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import VrError
-from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.requests import (
     DescribeHost,

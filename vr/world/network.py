@@ -23,14 +23,13 @@ import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from functools import partial
-from math import inf
 from typing import Protocol, TypeVar
 
 import msgspec
 
 from robotree.vr.errors import TransportClosed
+from robotree.vr.network.on_loop import Replies
 from robotree.vr.network.pattern import matches
-from robotree.vr.network.replies import Replies
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
@@ -182,7 +181,9 @@ class _Way:
         agenda, target = self.network.agenda, self.target
         when = max(agenda.now() + self.network.delay, *self.last)
         for exchange in target.exchanges.pop(self.source, {}):
-            agenda.at(when, partial(target.take, exchange.end))
+            # a source that is only silent may still begin with it
+            later = exchange.void_at + self.network.longest_way if self.silent else 0.0
+            agenda.at(max(when, later), partial(target.take, exchange.end))
 
     def break_off(self) -> None:
         """Lose it, and what is under way with it."""
@@ -228,6 +229,11 @@ class MemoryNetwork:
         self._frozen: set[MemoryTransport] = set()
         self._cut: set[tuple[MemoryTransport, MemoryTransport]] = set()
         self._listeners: dict[str, list[MemoryTransport]] = {}
+
+    @property
+    def longest_way(self) -> float:
+        """[s] that a request and its first reply take together at most."""
+        return 2 * (self.delay + self.weather.jitter)
 
     @property
     def agenda(self) -> Agenda:
@@ -412,14 +418,17 @@ class _Entry:
 class _Exchange:
     """A request whose replies somebody waits for."""
 
-    __slots__ = ("asker", "hear", "server")
+    __slots__ = ("asker", "hear", "server", "void_at")
 
-    def __init__(self, asker: MemoryTransport, server: MemoryTransport, hear: Hear) -> None:
+    def __init__(self, asker: MemoryTransport, server: MemoryTransport, hear: Hear, void_at: float) -> None:
         self.asker, self.server = asker, server
         self.hear: Hear | None = hear
+        self.void_at = void_at
+        """[s] until when the server may begin with it; 0: it has answered."""
 
     def reply(self, body: bytes) -> None:
         """Hear a reply, if anybody still does."""
+        self.void_at = 0.0
         if self.hear is not None:
             self.hear(body)
 
@@ -479,7 +488,9 @@ class MemoryTransport:
         self._let_know(lambda other: other.learn_server(self, key, there=True))
         return _Entry(partial(self._end_serving, key))
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
         """See `Transport.request`."""
         self._check(key)
         replies = Replies(key, timeout)
@@ -492,23 +503,15 @@ class MemoryTransport:
         def hear(reply: bytes | None) -> None:
             self._soon(done if reply is None else partial(replies.feed, reply))
 
-        self._ask(key, bytes(memoryview(body)), timeout, hear, urgent=urgent)
+        self._ask(key, bytes(memoryview(body)), void_at, hear, urgent=urgent)
         return replies
 
-    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
-        """Ask without waiting, from any thread.
-
-        Args:
-            key: as served.
-            body: the request.
-            within: [s] after which it is not begun any more, unless it is urgent.
-            urgent: see `Transport.request`.
-            hear: takes each reply, and None at the end; in any thread, and must not block.
-        """
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+        """See `Transport.ask`."""
         packed = bytes(memoryview(body))
-        self.network.inside(lambda: self._ask(key, packed, within, hear, urgent=urgent))
+        self.network.inside(lambda: self._ask(key, packed, void_at, hear, urgent=urgent))
 
-    def _ask(self, key: str, body: bytes, within: float, hear: Hear, *, urgent: bool) -> None:
+    def _ask(self, key: str, body: bytes, void_at: float, hear: Hear, *, urgent: bool) -> None:
         if self.closed:
             hear(None)
             return
@@ -517,10 +520,9 @@ class MemoryTransport:
         if server is None:
             network.agenda.at(network.agenda.now(), lambda: hear(None))
             return
-        exchange = _Exchange(self, server, hear)
-        latest = inf if urgent else network.agenda.now() + within
+        exchange = _Exchange(self, server, hear, void_at)
         channel = URGENT if urgent else BULK
-        arrive = partial(server.asked, self, exchange, key, body, latest, channel)
+        arrive = partial(server.asked, self, exchange, key, body, channel)
         if server is self:
             network.agenda.at(network.agenda.now(), partial(self.take, arrive))
             return
@@ -529,7 +531,7 @@ class MemoryTransport:
         if way is not None:
             way.send(arrive, channel)
             if network.weather.duplication and network.chance() < network.weather.duplication:
-                way.send(partial(server.asked, self, None, key, body, latest, channel), channel)
+                way.send(partial(server.asked, self, None, key, body, channel), channel)
 
     def asked(
         self,
@@ -537,7 +539,6 @@ class MemoryTransport:
         exchange: _Exchange | None,
         key: str,
         body: bytes,
-        latest: float,
         channel: int,
     ) -> None:
         """Take a request that has arrived."""
@@ -561,7 +562,7 @@ class MemoryTransport:
                 network.inside(lambda: send(ended))
 
         handler, direct = self.served.get(key), self._direct.get(key)
-        if handler is None or network.agenda.now() > latest:
+        if handler is None:
             end()
         elif direct is None or not direct(body, respond, end):
             self._soon(partial(self._handle, handler, key, body, respond, end))

@@ -22,8 +22,8 @@ from collections.abc import Awaitable, Callable, Coroutine
 from types import TracebackType
 from typing import Any, Self
 
+from robotree.vr.envelope import on_clock
 from robotree.vr.errors import VrError
-from robotree.vr.exchange.timely import on_machine
 from robotree.vr.running import chance
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
@@ -141,7 +141,7 @@ class World:
             gc.disable()
             self._stack.callback(gc.enable)
         self._stack.enter_context(chance.drawn_from(self._keys.getrandbits))
-        self._stack.enter_context(on_machine("the World"))
+        self._stack.enter_context(on_clock("the World"))
         return self
 
     def __exit__(

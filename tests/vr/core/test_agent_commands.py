@@ -11,6 +11,7 @@ import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
 from robotree.vr.core.calls import LONGEST_QUEUE
+from robotree.vr.envelope import seal
 from robotree.vr.errors import (
     BadArgument,
     Busy,
@@ -24,7 +25,7 @@ from robotree.vr.errors import (
     NotVirtual,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.requests import DescribeHost, Raised, decode_reply, encode
+from robotree.vr.requests import DescribeHost, Raised, decode_reply
 
 
 class Where(msgspec.Struct):
@@ -287,7 +288,8 @@ async def test_a_robot_that_has_children_by_nature_alone_can_be_deleted_or_bound
 
 async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm: Any) -> None:
     rover = await realm.start(Rover("rover"))
-    for body in (b"\xff\x00garbage", b"", encode(DescribeHost())):
+    of_a_host = seal(DescribeHost(), now=asyncio.get_running_loop().time(), within=5.0).body
+    for body in (b"\xff\x00garbage", b"", of_a_host):
         replies = [reply async for reply in realm.operator.request(rover.address.key, body, timeout=5.0)]
         failed = decode_reply(replies[0], key="rover")
         assert isinstance(failed, Raised)

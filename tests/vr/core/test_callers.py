@@ -97,7 +97,7 @@ async def test_a_caller_that_was_never_there_is_not_obeyed_for_long(realm: Any) 
     rover = await realm.start(Rover("rover"))
     client = RobotClient(realm.operator, rover.address)
     with pytest.raises(CommandCancelled, match="its caller has gone"):
-        await client.call("move", {"x": 5}, presence="caller/nobody")
+        await client.call("move", {"x": 5}, sender="caller/nobody")
     assert rover.robot.x < 1
 
 
@@ -116,7 +116,7 @@ async def test_a_command_that_both_of_two_have_called_ends_with_the_second(realm
     for number, member in enumerate(members):
         await member.announce(f"caller/{number}")
         client = RobotClient(member, rover.address)
-        calls.append(asyncio.create_task(client.call("move", {"x": 5}, key="k", presence=f"caller/{number}")))
+        calls.append(asyncio.create_task(client.call("move", {"x": 5}, key="k", sender=f"caller/{number}")))
     await realm.until(lambda: running(rover) == ["move"])
     await asyncio.sleep(0.1)
     realm.network.kill(members[0])

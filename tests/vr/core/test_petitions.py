@@ -10,8 +10,9 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.children import REUNION
+from robotree.vr.envelope import opened
 from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.requests import Petition, decode_request
+from robotree.vr.requests import Petition
 from robotree.vr.world.network import MemoryTransport
 
 
@@ -26,9 +27,12 @@ class Pair(VirtualRobot):
 class Forgetful(MemoryTransport):
     """Loses the answers to petitions on their way back."""
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
-        replies = super().request(key, body, timeout=timeout, urgent=urgent)
-        return self._lose(key, replies, timeout) if isinstance(decode_request(body), Petition) else replies
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
+        replies = super().request(key, body, timeout=timeout, urgent=urgent, void_at=void_at)
+        asked = opened(body, "it", self.loop.time()).request
+        return self._lose(key, replies, timeout) if isinstance(asked, Petition) else replies
 
     async def _lose(self, key: str, replies: AsyncIterator[bytes], timeout: float) -> AsyncIterator[bytes]:
         self.lost = [reply async for reply in replies]

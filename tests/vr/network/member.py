@@ -14,8 +14,10 @@ from functools import partial
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
+from robotree.vr.exchange.answering import answering
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
+from robotree.vr.requests import Done, Reply, Request
 from robotree.vr.transport import Respond
 
 
@@ -45,13 +47,13 @@ async def serve(transport: LocalTransport, name: str) -> None:
 
 
 async def count(transport: LocalTransport, name: str) -> None:
-    """Answer each request with how many there were."""
+    """Answer each request that has not expired with how many there were."""
     numbers = itertools.count(1)
 
-    async def answer(_: bytes, respond: Respond) -> None:
-        respond(b"%d" % next(numbers))
+    async def answer(_: Request) -> Reply:
+        return Done(note=str(next(numbers)))
 
-    await transport.serve(f"robot/{name}/1", answer)
+    await transport.serve(f"robot/{name}/1", answering(answer, name))
     await transport.announce(f"robot/{name}/1")
     say("ready")
     await until_the_end()

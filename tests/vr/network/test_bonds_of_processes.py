@@ -18,11 +18,11 @@ from robotree.vr import Child, VirtualRobot
 from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.core.lease import DEFAULT_TERM
+from robotree.vr.envelope import seal
 from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
-from robotree.vr.exchange.asking import ask
-from robotree.vr.exchange.client import RobotClient
+from robotree.vr.exchange.client import RobotClient, ask
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.requests import Call, Describe, Described, encode
+from robotree.vr.requests import Call, Describe, Described
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
 from tests.vr.network.member import BRIEF
@@ -155,7 +155,8 @@ async def test_what_a_killed_parent_has_begun_ends_at_once(
 def flood(transport: LocalTransport, key: str) -> Iterator[None]:
     """Keep thousands of small calls waiting for a robot."""
     enough, room = threading.Event(), threading.Semaphore(WAITING)
-    body = encode(Call(key="k", command="fly", arguments={"text": "x" * 1000}, deadline=5.0))
+    call = Call(key="k", command="fly", arguments={"text": "x" * 1000}, deadline=5.0)
+    body = seal(call, now=time.monotonic(), within=60.0).body
 
     def hear(reply: bytes | None) -> None:
         if reply is None:
@@ -164,7 +165,7 @@ def flood(transport: LocalTransport, key: str) -> Iterator[None]:
     def send() -> None:
         while not enough.is_set():
             if room.acquire(timeout=0.1):
-                transport.mesh.ask(key, body, latest=time.monotonic() + 60, urgent=False, hear=hear)
+                transport.mesh.ask(key, body, urgent=False, hear=hear)
 
     thread = threading.Thread(target=send)
     thread.start()
@@ -216,7 +217,8 @@ async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
     transport = await join_realm()
     (key,) = await transport.present("robot/rover/*")
     rover.signal(signal.SIGSTOP)
-    body = encode(Call(key="k", command="fly", arguments={"text": "x" * 3_000_000}, deadline=5.0))
+    call = Call(key="k", command="fly", arguments={"text": "x" * 3_000_000}, deadline=5.0)
+    body = seal(call, now=time.monotonic(), within=60.0).body
     with ticking() as ticks:
         longest, last = 0, len(ticks)
         replies = transport.request(key, body, timeout=3.0)

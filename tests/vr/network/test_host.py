@@ -22,9 +22,7 @@ from robotree.vr.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.exchange.asking import ask
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.exchange.host_client import HostClient
+from robotree.vr.exchange.client import HostClient, RobotClient, ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService

@@ -10,8 +10,8 @@ import pytest
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import NoSuchHost, NoSuchRobot, NoSuchView
-from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.claim import new_address
+from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService

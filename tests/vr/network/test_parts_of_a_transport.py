@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
-from robotree.vr.network.inbox import Inbox
+from robotree.vr.network.on_loop import Inbox, Replies, Turns
 from robotree.vr.network.pattern import Handlers, Keys, matches
-from robotree.vr.network.replies import Replies
-from robotree.vr.network.turns import Turns
 from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.promises import replies_of

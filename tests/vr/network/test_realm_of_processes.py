@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 
 from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.exchange.client import ask
 from robotree.vr.network.local import LocalTransport
+from robotree.vr.network.mesh import HANGS, TICK
+from robotree.vr.requests import Delete, Describe, Done, Request, SafeStop
 from robotree.vr.world.promises import replies_of, until
 
 Start = Callable[..., Awaitable[Any]]
@@ -151,23 +154,42 @@ async def test_a_process_that_slept_is_whole_again_within_a_second(
     assert time.perf_counter() - woken < 1.0  # measured: at most 0.05 s, on a machine at load 5
 
 
-@pytest.mark.parametrize(("urgent", "count"), [(False, b"1"), (True, b"2")])
-async def test_of_what_was_asked_of_a_sleeper_only_what_is_urgent_is_begun_after_its_time(
-    start: Start, join_realm: Enter, *, urgent: bool, count: bytes
+@pytest.mark.parametrize(("request_", "count"), [(Delete(), "1"), (Describe(), "1"), (SafeStop(), "2")])
+async def test_of_what_was_asked_of_a_sleeper_only_what_ends_something_is_begun_after_its_time(
+    start: Start, join_realm: Enter, request_: Request, count: str
 ) -> None:
-    """A stop counts whenever it is heard."""
+    """A stop counts however late it comes."""
     process = await start("count", "arm")
     await process.ready()
     transport = await join_realm()
     await arrived(transport, "arm")
     await process.freeze()
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.2, urgent=urgent))
-    assert isinstance(got[1], NoAnswer)
+    with pytest.raises(NoAnswer):
+        await ask(transport, "robot/arm/1", request_, Done, timeout=0.2)
     process.signal(signal.SIGCONT)
-    assert await replies_of(transport.request("robot/arm/1", b"", timeout=5, urgent=urgent)) == (
-        [count],
-        None,
+    assert (await ask(transport, "robot/arm/1", request_, Done, timeout=5)).note == count
+
+
+async def test_a_process_that_hangs_is_waited_for_as_long_as_it_may_still_begin(
+    start: Start, join_realm: Enter
+) -> None:
+    process = await start("serve", "arm")
+    await process.ready()
+    transport = await join_realm()
+    await arrived(transport, "arm")
+    await process.freeze()
+    began = time.monotonic()
+    asking, given_up = (
+        asyncio.ensure_future(
+            replies_of(transport.request("robot/arm/1", b"hi", timeout=60, void_at=began + seconds))
+        )
+        for seconds in (60.0, 0.5)
     )
+    assert isinstance((await given_up)[1], Unreachable)
+    assert time.monotonic() - began > HANGS - 2 * TICK
+    assert not await transport.present("robot/arm/1")
+    process.signal(signal.SIGCONT)
+    assert await asking == ([b"ack", b"hi"], None)
 
 
 @pytest.mark.parametrize("times", range(3))

@@ -6,8 +6,7 @@ from functools import partial
 
 import pytest
 
-from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.turns import SHARE, Turns
+from robotree.vr.network.on_loop import SHARE, Inbox, Turns
 
 
 async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:

@@ -13,8 +13,7 @@ from robotree.vr.agents.jpeg import jpeg_size
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.description import Template
 from robotree.vr.errors import BadArgument, DuplicateName, VrError
-from robotree.vr.exchange.asking import ask
-from robotree.vr.exchange.view_client import ViewClient
+from robotree.vr.exchange.client import ViewClient, ask
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.requests import DescribeHost, HostDescribed

@@ -45,14 +45,12 @@ async def pair(delay: float = 0.01) -> tuple[MemoryNetwork, Echo, MemoryTranspor
 
 
 @in_virtual_time
-async def test_a_paused_process_reads_what_waits_when_it_goes_on_but_begins_nothing_that_is_over() -> None:
+async def test_a_paused_process_reads_what_waits_when_it_goes_on() -> None:
     network, server, caller, seen = await pair()
     network.pause(server.transport)
     late = asyncio.create_task(replies_of(caller.request(KEY, b"late", timeout=0.5)))
-    urgent = asyncio.create_task(replies_of(caller.request(KEY, b"urgent", timeout=0.5, urgent=True)))
     await asyncio.sleep(1.0)
     assert isinstance((await late)[1], NoAnswer)
-    assert isinstance((await urgent)[1], NoAnswer)
     assert seen == [(KEY, True)]
     await asyncio.sleep(network.lease)
     assert seen[1:] == [(KEY, False)]
@@ -61,7 +59,28 @@ async def test_a_paused_process_reads_what_waits_when_it_goes_on_but_begins_noth
     network.resume(server.transport)
     await asyncio.sleep(0.1)
     assert seen[2:] == [(KEY, True)]
-    assert server.asked == [b"urgent"]
+    assert server.asked == [b"late"]
+
+
+@pytest.mark.parametrize(("wakes_after", "ends_after", "answered"), [(10.0, 3.0, False), (2.5, 2.5, True)])
+@in_virtual_time
+async def test_a_server_that_hangs_is_waited_for_as_long_as_it_may_still_begin(
+    wakes_after: float, ends_after: float, *, answered: bool
+) -> None:
+    loop = asyncio.get_running_loop()
+    network, server, caller, _ = await pair()
+    network.pause(server.transport)
+    began = loop.time()
+    loop.call_later(wakes_after, network.resume, server.transport)
+    got = await replies_of(caller.request(KEY, b"x", timeout=60.0, void_at=began + 3.0))
+    assert loop.time() - began == pytest.approx(ends_after, abs=0.1)
+    assert got == ([b"x"], None) if answered else isinstance(got[1], Unreachable)
+    began = loop.time()
+    network.kill(server.transport)
+    assert isinstance(
+        (await replies_of(caller.request(KEY, b"x", timeout=60.0, void_at=began + 3.0)))[1], Unreachable
+    )
+    assert loop.time() - began < 0.1, "one that has ended is not waited for"
 
 
 @in_virtual_time
@@ -172,10 +191,10 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     await server.serve(KEY, slowly, direct=directly)
     await asyncio.sleep(0.1)
     for body in (b"d", b"s"):
-        caller.ask(KEY, body, within=1.0, hear=heard.append)
+        caller.ask(KEY, body, hear=heard.append)
         await asyncio.sleep(0.1)
     assert heard == [b"direct d", None, b"slow s", None]
-    caller.ask("nobody", b"d", within=1.0, hear=heard.append)
+    caller.ask("nobody", b"d", hear=heard.append)
     await asyncio.sleep(0.1)
     assert heard[4:] == [None]
 
@@ -187,7 +206,7 @@ async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
     heard: list[bytes | None] = []
     await server.serve(KEY, lambda _body, _respond: asyncio.sleep(100.0), direct=lambda *_: True)
     await asyncio.sleep(0.1)
-    caller.ask(KEY, b"", within=10.0, hear=heard.append)
+    caller.ask(KEY, b"", hear=heard.append)
     await asyncio.sleep(0.1)
     assert heard == []
     network.kill(server)

@@ -19,10 +19,7 @@ from typing import TypeVar
 import zenoh
 
 from robotree.vr.errors import TransportClosed
-from robotree.vr.network.inbox import Inbox
-from robotree.vr.network.on_loop import FOREVER, directly, relay
-from robotree.vr.network.replies import Replies
-from robotree.vr.network.turns import Turns
+from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
 from robotree.vr.network.zenoh.making import made
 from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
@@ -128,8 +125,11 @@ class ZenohTransport:
             lambda: session.declare_queryable(key, _direct(take)), zenoh.Queryable.undeclare, undo
         )
 
-    def request(self, key: str, body: bytes, *, timeout: float, urgent: bool = False) -> AsyncIterator[bytes]:
-        """See `Transport.request`."""
+    def request(
+        self, key: str, body: bytes, *, timeout: float, urgent: bool = False, void_at: float = 0.0
+    ) -> AsyncIterator[bytes]:
+        """See `Transport.request`: Zenoh cannot tell a process that hangs from one that has ended."""
+        del void_at
         session = self._open(key)
         replies = Replies(key, timeout)
         self._asking.add(replies)
@@ -164,9 +164,9 @@ class ZenohTransport:
             self._spawn(self._send(send, replies))
         return replies
 
-    def ask(self, key: str, body: bytes, *, within: float, urgent: bool = False, hear: Hear) -> None:
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
         """See `Transport.ask`: here every request goes by the event loop."""
-        del within
+        del void_at
 
         def begin() -> None:
             if self.closed:

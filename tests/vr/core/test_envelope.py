@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr import Child, Robot, VirtualRobot, command, envelope
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import NoAnswer, Unreachable, VrError
-from robotree.vr.exchange import timely
+from robotree.vr.envelope import FRESH, on_clock, opened, seal
+from robotree.vr.errors import Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.exchange.timely import FRESH, opened
-from robotree.vr.requests import Call, Raised, Reply, Request, Timely, decode_reply, decode_request
+from robotree.vr.requests import Call, Cancel, Describe, Raised, Reply, SafeStop, decode_reply
 from tests.vr.recorder import Recorder
 
 LEASE = 2.0
@@ -33,6 +35,22 @@ class Rover(Robot):
 
 class Carrier(VirtualRobot):
     rover = Child("Rover")
+
+
+class Sleeper(Robot):
+    """Waits until it is ended."""
+
+    @command
+    def wait(self) -> None:
+        self.sleep(60)
+
+
+class Waiting(VirtualRobot):
+    below = Child("Sleeper")
+
+    @command
+    def wait(self) -> None:
+        self.below.wait()
 
 
 async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
@@ -98,24 +116,60 @@ async def test_nobody_waits_longer_for_who_has_ended(realm: Any, asker: Any) -> 
     assert asyncio.get_running_loop().time() - began < 0.1
 
 
-async def test_on_another_machine_a_request_is_as_new_as_its_arrival(
+def sealed_at(asked: float, within: float = 5.0) -> bytes:
+    return seal(Call(key="k", command="move", deadline=5.0), now=asked, within=within).body
+
+
+def test_on_another_machine_a_request_is_as_new_as_its_arrival() -> None:
+    with on_clock("one machine"):
+        body = sealed_at(100.0)
+        assert opened(body, "rover", 100.0 + FRESH - 0.1).asked == 100.0
+        with pytest.raises(NoAnswer):
+            opened(body, "rover", 100.0 + FRESH)
+    with on_clock("another machine"):
+        assert opened(body, "rover", 7000.0).asked == 7000.0
+
+
+def test_a_system_that_does_not_name_its_clock_counts_from_the_arrival(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    call = Call(key="k", command="move", deadline=5.0)
-    now = asyncio.get_running_loop().time()
+    monkeypatch.setattr(envelope, "this_clock", lambda: "")
+    assert opened(sealed_at(100.0), "rover", 7000.0).asked == 7000.0
 
-    def asked(seconds_ago: float, boot: str) -> Request:
-        return opened(
-            Timely(request=call, asked=now - seconds_ago, holds=FRESH, boot=boot),
-            "rover",
-            now,
-            timely.boot_here(),
-        )
 
-    assert asked(FRESH - 0.1, timely.boot_here()) == call
+@pytest.mark.parametrize("asked", [math.nan, math.inf, 1e300])
+def test_a_moment_that_has_not_come_yet_counts_as_now(asked: float) -> None:
+    assert opened(sealed_at(asked), "rover", 100.0).asked == 100.0
+
+
+def test_only_what_ends_something_holds_for_ever() -> None:
+    for request in (SafeStop(), Cancel()):
+        assert opened(seal(request, now=0.0, within=1.0).body, "rover", 1e6).request == request
     with pytest.raises(NoAnswer):
-        asked(FRESH, timely.boot_here())
-    assert asked(1000.0, "another") == call
-    assert opened(call, "rover", now, "") == call
-    monkeypatch.setattr(timely, "boot_here", lambda: "")  # a system that does not tell it
-    assert decode_request(timely.Question(call, within=5.0).body) == call
+        opened(seal(Describe(), now=0.0, within=1.0).body, "rover", 1.0)
+
+
+def test_the_envelope_says_who_asks() -> None:
+    body = seal(Describe(), now=0.0, within=1.0, sender="robot/parent/1").body
+    assert opened(body, "rover", 0.5).sender == "robot/parent/1"
+
+
+@given(st.binary(max_size=200))
+def test_what_is_no_envelope_is_garbled(body: bytes) -> None:
+    with pytest.raises((Garbled, NoAnswer)):
+        opened(body, "rover", 0.0)
+
+
+async def test_a_deadline_does_not_grow_by_the_way(realm: Any) -> None:
+    """Operator, carrier and rover are 0.2 s apart; the rover's command still ends by the operator's clock."""
+    rover, carrier = await realm.start(Sleeper("sleeper")), await realm.start(Waiting("waiting"))
+    client = RobotClient(realm.operator, carrier.address)
+    await client.enslave("below", rover.address)
+    realm.network.delay = 0.2
+    began = asyncio.get_running_loop().time()
+    call = asyncio.create_task(client.call("wait", {}, deadline=1.5))
+    await realm.until(lambda: rover.description().busy == "wait")
+    deadline_at = rover.live.look(lambda core: [call.deadline_at for call in core.state.calls.live.values()])
+    assert deadline_at == [pytest.approx(began + 1.5, abs=0.01)]
+    with pytest.raises(VrError, match="deadline"):
+        await call
