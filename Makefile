@@ -11,7 +11,7 @@ LOCK := requirements.lock
 STAMP := $(VENV)/.ready
 INTEROP := .venv-interop
 INTEROP_LOCK := requirements-interop.lock
-SUBPACKAGES := files protocol sim vr proxy tui
+SUBPACKAGES := files protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test interpreters check soak interop lock format clean

@@ -69,6 +69,11 @@ def commands_of(cls: type[Any]) -> Mapping[str, Command]:
     return known
 
 
+def give_commands(cls: type[Any], commands: Mapping[str, Command]) -> None:
+    """Say which commands a class has that marks no methods, because it was made from a description."""
+    setattr(cls, _CACHE, dict(commands))
+
+
 def _collect(cls: type[Any]) -> dict[str, Command]:
     found: dict[str, Command] = {}
     for base in reversed(cls.__mro__):

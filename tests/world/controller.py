@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from robotree.protocol.endpoint import Endpoint
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkRefused
-from robotree.protocol.links.link import Accept, Handler, Link, LinkStatistics, Unsent, encoded
+from robotree.protocol.errors import LinkBroken, LinkError, LinkRefused
+from robotree.protocol.links.link import Accept, Link
 from robotree.protocol.messages import MavType, SetpointKind, Verb
 from robotree.protocol.services.fence import Fence
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Firmware
 from robotree.sim.firmware.description import Identity
 from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, planned
+from robotree.testing.cable import Cable, CableEnd
 from robotree.vr.world.virtual_runner import BEGINNING, VirtualRunner
 from robotree.vr.world.world import SimulatedProcess, World
 
@@ -99,96 +100,6 @@ class Cell:
 
     def advance(self) -> None:
         """Nothing moves by itself."""
-
-
-class CableEnd:
-    """One end of a cable."""
-
-    congested = False
-
-    def __init__(self, cable: Cable, name: str, soon: Callable[[Callable[[], None]], None]) -> None:
-        self.address = f"cable:{name}"
-        self.handler: Handler | None = None
-        self.other: CableEnd | None = None
-        self.gone = False
-        """Whether nobody is there any more, and nobody was told."""
-        self._cable, self._soon = cable, soon
-        self._sent = self._received = 0
-
-    @property
-    def statistics(self) -> LinkStatistics:
-        return LinkStatistics(sent=self._sent, received=self._received, waiting=0, superseded=0, dropped=0)
-
-    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
-        del topic
-        data = encoded(frame)
-        self._sent += len(data)
-        if self.other is not None:
-            self._cable.carry(data, self, self.other)
-
-    def close(self) -> None:
-        self._cable.end(LinkClosed(self.address, by_us=True), self)
-
-    def take(self, data: bytes) -> None:
-        self._received += len(data)
-        if self.handler is not None and not self.gone:
-            self._soon(lambda: self.handler and self.handler.received(data))
-
-    def finish(self, reason: LinkError) -> None:
-        handler, self.handler = self.handler, None
-        if handler is not None and not self.gone:
-            self._soon(lambda: handler.closed(reason))
-
-
-class Cable:
-    """A way for bytes between a proxy and its controller: late, or cut."""
-
-    def __init__(self, world: World, controller: CartController, process: SimulatedProcess) -> None:
-        self._world, self._controller = world, controller
-        self.open = True
-        self._last = {True: 0.0, False: 0.0}
-        self.near = CableEnd(self, controller.name, process.loop.call_soon_threadsafe)
-        self.far = CableEnd(self, process.name, lambda action: action())
-        self.near.other, self.far.other = self.far, self.near
-
-        def leave() -> None:
-            self.near.gone = True
-            if not process.vanished:
-                self.end(LinkClosed(self.near.address, by_us=True), self.near)
-
-        process.on_exit.append(leave)
-
-    def carry(self, data: bytes, source: CableEnd, target: CableEnd) -> None:
-        if not self.open:
-            return
-        world, near = self._world, source is self.near
-        delay = self._controller.delay + self._controller.jitter * world.network.chance()
-        self._last[near] = when = max(world.runner.now() + delay, self._last[near])
-
-        def arrive() -> None:
-            if self.open:
-                target.take(data)
-
-        world.runner.at(when, arrive)
-
-    def end(self, reason: LinkError, mine: CableEnd | None = None) -> None:
-        """End it: for the end that closes it at once, for the other one when what is under way has come."""
-        if not self.open:
-            return
-        if mine is None:
-            self.open = False
-            self.near.finish(reason)
-            self.far.finish(reason)
-            return
-        other = self.far if mine is self.near else self.near
-        mine.finish(reason)
-        when = max(self._world.runner.now() + self._controller.delay, self._last[mine is self.near])
-
-        def told() -> None:
-            self.open = False
-            other.finish(LinkClosed(other.address, by_us=False))
-
-        self._world.runner.at(when, told)
 
 
 class CartController:

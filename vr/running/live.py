@@ -421,6 +421,7 @@ class LiveRobot:
                 return Returned(key=context.key, value=value)
         except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
             error = refusal
+        self.process.on_raise(self.robot.name, error)
         if command is not None:
             source = inspect.unwrap(command.function).__code__.co_filename
         return raised(self.robot.name, context, error, source=source)

@@ -41,6 +41,8 @@ class Process:
         self.journal: Journal = NoJournal() if journal is None else journal
         self.robots: dict[str, Any] = {}
         """The robots that live here (`LiveRobot`), by the key of their address."""
+        self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
+        """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False
         self._idle: list[Worker] = []
         self._lock = self.runner.lock()

@@ -37,6 +37,8 @@ class _Fiber(greenlet):
     """A greenlet that knows its process."""
 
     process: VirtualProcess | None = None
+    thrown = 0
+    """How often it has caught its end."""
 
 
 class VirtualRunner:
@@ -174,11 +176,25 @@ class VirtualRunner:
         if threading.get_ident() != self._thread:
             raise RuntimeError("a thread of its own cannot wait in virtual time")
         if self._closed:
-            raise GreenletExit
+            self._leave()
         self._hub.switch()
         if self._error is not None and getcurrent() is self._main:
             error, self._error = self._error, None
             raise error
+
+    def _leave(self) -> None:
+        """End the greenlet that is at work though nothing runs any more; one that catches its end stays here.
+
+        Raises:
+            GreenletExit: always.
+        """
+        one = getcurrent()
+        if isinstance(one, _Fiber) and one.parent is not None:
+            one.thrown += 1
+            if one.thrown > THROWS:
+                one.thrown = 0
+                one.parent.switch()
+        raise GreenletExit
 
     def resume(self, one: greenlet) -> None:
         """Have a greenlet go on when it is chosen."""

@@ -14,6 +14,7 @@ import asyncio
 import contextlib
 import gc
 import hashlib
+import logging
 import random
 import sys
 import warnings
@@ -151,6 +152,8 @@ class World:
             process.alive = False
         # what is dropped in the middle of its work may not end in order, which is the fault of nobody
         told, sys.unraisablehook = sys.unraisablehook, _ignore
+        level = logging.root.manager.disable
+        logging.disable(logging.CRITICAL)
         try:
             self._stack.enter_context(warnings.catch_warnings(action="ignore"))
             self.runner.close()
@@ -160,6 +163,7 @@ class World:
             gc.collect(0)  # what was made meanwhile: it was off
         finally:
             sys.unraisablehook = told
+            logging.disable(level)
         self._stack.close()
 
     def start(self, name: str, main: Main, *, skew: float = 0.0, rate: float = 1.0) -> SimulatedProcess:

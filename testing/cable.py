@@ -1,0 +1,128 @@
+"""A cable between a proxy and its controller, in the virtual time of a World: late, or cut."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Protocol
+
+from robotree.protocol.errors import LinkClosed, LinkError
+from robotree.protocol.links.link import Handler, LinkStatistics, Unsent, encoded
+from robotree.vr.world.world import SimulatedProcess, World
+
+
+class Socket(Protocol):
+    """Where a cable is plugged in at the controller."""
+
+    name: str
+    delay: float
+    """[s] that each frame takes."""
+    jitter: float
+    """[s] that a frame takes longer at most."""
+
+
+class CableEnd:
+    """One end of a cable: a `Link`."""
+
+    congested = False
+
+    def __init__(self, cable: Cable, name: str, soon: Callable[[Callable[[], object]], object]) -> None:
+        """Made by `Cable`; `soon` calls the handler back where that may be done."""
+        self.address = f"cable:{name}"
+        self.handler: Handler | None = None
+        self.other: CableEnd | None = None
+        self.gone = False
+        """Whether nobody is there any more, and nobody was told."""
+        self._cable, self._soon = cable, soon
+        self._sent = self._received = 0
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """See `Link.statistics`."""
+        return LinkStatistics(sent=self._sent, received=self._received, waiting=0, superseded=0, dropped=0)
+
+    def send(self, frame: bytes | Unsent, topic: Hashable | None = None) -> None:
+        """See `Link.send`."""
+        del topic
+        data = encoded(frame)
+        self._sent += len(data)
+        if self.other is not None:
+            self._cable.carry(data, self, self.other)
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        self._cable.end(LinkClosed(self.address, by_us=True), self)
+
+    def take(self, data: bytes) -> None:
+        """Hand over what has arrived."""
+        self._received += len(data)
+        if self.handler is not None and not self.gone:
+            self._soon(lambda: self._hand_over(data))
+
+    def _hand_over(self, data: bytes) -> None:
+        if self.handler is not None:  # it may have ended meanwhile
+            self.handler.received(data)
+
+    def finish(self, reason: LinkError) -> None:
+        """Say that it has ended."""
+        handler, self.handler = self.handler, None
+        if handler is not None and not self.gone:
+            self._soon(lambda: handler.closed(reason))
+
+
+class Cable:
+    """See the module; `near` is the proxy's end, `far` the controller's."""
+
+    def __init__(self, world: World, socket: Socket, process: SimulatedProcess) -> None:
+        """Lay it.
+
+        Args:
+            world: whose time it takes.
+            socket: at the controller.
+            process: of the proxy; when that is gone, the controller's end closes.
+        """
+        self._world, self._socket = world, socket
+        self.open = True
+        self._last = {True: 0.0, False: 0.0}
+        self.near = CableEnd(self, socket.name, process.loop.call_soon_threadsafe)
+        self.far = CableEnd(self, process.name, lambda action: action())
+        self.near.other, self.far.other = self.far, self.near
+
+        def leave() -> None:
+            self.near.gone = True
+            if not process.vanished:
+                self.end(LinkClosed(self.near.address, by_us=True), self.near)
+
+        process.on_exit.append(leave)
+
+    def carry(self, data: bytes, source: CableEnd, target: CableEnd) -> None:
+        """Bring a frame to the other end, after those before it."""
+        if not self.open:
+            return
+        world, near = self._world, source is self.near
+        delay = self._socket.delay + self._socket.jitter * world.network.chance()
+        self._last[near] = when = max(world.runner.now() + delay, self._last[near])
+
+        def arrive() -> None:
+            if self.open:
+                target.take(data)
+
+        world.runner.at(when, arrive)
+
+    def end(self, reason: LinkError, mine: CableEnd | None = None) -> None:
+        """End it: for the end that closes it at once, for the other one when what is under way has come."""
+        if not self.open:
+            return
+        if mine is None:
+            self.open = False
+            self.near.finish(reason)
+            self.far.finish(reason)
+            return
+        other = self.far if mine is self.near else self.near
+        mine.finish(reason)
+        when = max(self._world.runner.now() + self._socket.delay, self._last[mine is self.near])
+
+        def told() -> None:
+            self.open = False
+            other.finish(LinkClosed(other.address, by_us=False))
+
+        self._world.runner.at(when, told)

@@ -1,0 +1,100 @@
+"""What a fake needs to know of a kind of robot: its names, its commands, and what they return.
+
+Three sources: a class (of a proxy, of a page, or an interface with `@command` methods), a description as a
+living robot gives it, or a file that holds such a description as JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from robotree.vr.command import Command, commands_of
+from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.robot import Robot
+
+Source = type[Any] | RobotDescription | str | Path
+"""Where a kind is described: a class, a description, or the path of a file with one."""
+
+
+class Kind(msgspec.Struct, frozen=True):
+    """One kind of robot."""
+
+    names: tuple[str, ...]
+    """Of its classes, most special first, as in `RobotDescription.kinds`."""
+    doc: str
+    commands: Mapping[str, CommandSpec]
+    returns: Mapping[str, Any]
+    """The annotation of each command's result; a description has none, its results are checked by parts."""
+    units: Mapping[str, str]
+    """Symbol of the unit of each reading."""
+
+
+def kind_of(source: object) -> Kind:
+    """Return the kind that a class, a description or a file describes.
+
+    Raises:
+        TypeError: it describes no robot, or declares a command in a way that cannot be called from afar.
+        OSError: the file cannot be read.
+        ValueError: the file holds no description.
+    """
+    if isinstance(source, RobotDescription):
+        return _from_description(source)
+    if isinstance(source, str | Path):
+        return _from_description(_read(Path(source)))
+    if isinstance(source, type) and issubclass(source, Robot):
+        return _from_class(source)
+    raise TypeError(
+        f"{source!r} describes no robot: give a class with commands, such as robotree.proxy.arm.Arm, "
+        "a RobotDescription, or the path of a file with one as JSON"
+    )
+
+
+def _read(path: Path) -> RobotDescription:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=RobotDescription)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"{path} holds no description of a robot: {error}") from None
+
+
+def _from_description(description: RobotDescription) -> Kind:
+    known = {spec.name: msgspec.structs.replace(spec, through="") for spec in description.commands}
+    return Kind(description.kinds, description.doc, known, {}, description.units)
+
+
+def _from_class(cls: type[Robot]) -> Kind:
+    commands: Mapping[str, Command] = commands_of(cls)
+    return Kind(
+        cls.kinds(),
+        (cls.__doc__ or "").strip(),
+        {name: each.spec for name, each in commands.items()},
+        {name: each.returns for name, each in commands.items()},
+        dict(cls.reading_units),
+    )
+
+
+def blank(fields: tuple[FieldSpec, ...]) -> Any:
+    """Return a result of zeros, no, empty texts and first choices; None when there is none."""
+    if not fields:
+        return None
+    if len(fields) == 1 and not fields[0].name:
+        return _nothing(fields[0])
+    return {field.name: _nothing(field) for field in fields}
+
+
+def _nothing(field: FieldSpec) -> Any:
+    match field.type:
+        case "float" | "int":
+            low = float("-inf") if field.lower is None else field.lower
+            high = float("inf") if field.upper is None else field.upper
+            number = min(max(0.0, low), high)
+            return number if field.type == "float" else int(number)
+        case "bool":
+            return False
+        case "choice":
+            return field.choices[0]
+        case _:
+            return ""

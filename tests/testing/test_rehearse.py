@@ -1,0 +1,256 @@
+"""A page under `rehearse`: what an author can ask of a fake, and what a fake refuses as a robot does."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from robotree.proxy.arm import Arm
+from robotree.proxy.rover import Rover
+from robotree.testing import Fake, Page, in_turn, rehearse, watch
+from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
+from robotree.vr.errors import NoSuchCommand, NotInControl, Stopped, WrongKind
+from tests.testing.pages import Hoist, Lift, Spinning, Swallowing
+
+
+def test_what_was_commanded_can_be_asserted_on() -> None:
+    team = rehearse(Lift, arm=Fake(Arm, get_info={"z": 0.3}))
+    assert team.call("lift", height="12 cm") == pytest.approx(0.3)
+    assert team.commanded == [
+        ("arm", "grip", {"action": "close"}),
+        ("arm", "go_to", {"x": 0, "y": 0, "z": 0.42, "twist": 0}),
+    ]
+    assert team.progress == [(0.0, "gripping"), (0.5, "lifting"), (1.0, "lifted")]
+
+
+def test_a_rehearsal_takes_no_time() -> None:
+    rehearse(Lift, arm=Fake(Arm)).close()
+    began = time.process_time()
+    with rehearse(Lift, arm=Fake(Arm, takes=30.0)) as team:
+        team.call("lift", within=100)
+    assert team.now > 60
+    assert time.process_time() - began < 0.1
+
+
+def test_a_fake_remembers_what_it_was_commanded() -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team:
+        height = team.call("lift", height=0.2)
+        assert height == pytest.approx(0.025 + 0.2)
+        assert team.call("get_info").z == height
+        assert team.describe("arm").readings["z"] == height
+
+
+def test_results_can_be_a_value_a_function_or_a_sequence() -> None:
+    def lowered(**_: Any) -> dict[str, float]:
+        return {"z": 0.2}
+
+    for canned, expected in (
+        ({"z": 0.1}, [0.1, 0.1]),
+        (lowered, [0.2, 0.2]),
+        (in_turn({"z": 0.1}, {"z": 0.1}, {"z": 0.4}), [0.1, 0.4]),
+    ):
+        with rehearse(Lift, arm=Fake(Arm, get_info=canned)) as team:
+            assert [team.call("lift", height=0.1), team.call("lift", height=0.1)] == expected
+
+
+def test_a_function_sees_the_arguments_and_its_own_mistake_is_raised_in_the_test() -> None:
+    speeds: list[float] = []
+
+    def go_to(x: float, speed: float) -> None:
+        assert x == 0
+        speeds.append(speed)
+
+    with rehearse(Lift, arm=Fake(Arm, go_to=go_to)) as team:
+        team.call("lift")
+        assert speeds == [0.15]
+
+    def wrong(x: float) -> None:
+        assert x == 7
+
+    team = rehearse(Lift, arm=Fake(Arm, go_to=wrong))
+    with pytest.raises(AssertionError, match="assert"):
+        team.call("lift")
+
+
+def test_a_fake_refuses_what_its_kind_refuses() -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team:
+        with pytest.raises(
+            BadArgument, match=r"x: 5 m is out of range; give a number in m from -0.65 to 0.65"
+        ):
+            team.call("go_too_far")
+        with pytest.raises(BadArgument, match=r"height: .*kg"):
+            team.call("lift", height="3 kg")
+        with pytest.raises(NoSuchCommand):
+            team.call("fly")
+        assert team.commanded == []
+
+
+def test_a_fake_obeys_its_parent_alone() -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team, pytest.raises(NotInControl):
+        team.call_robot("arm", "grip", action="open")
+
+
+def test_a_slot_takes_only_a_fake_of_its_kind() -> None:
+    with pytest.raises(WrongKind):
+        rehearse(Lift, arm=Fake(Rover))
+    with pytest.raises(TypeError, match="Lift has no child slot 'arms'; it has: arm"):
+        rehearse(Lift, arms=Fake(Arm))
+    with pytest.raises(TypeError, match=r"arm: 3 cannot be in a slot; give Fake\(KIND\)"):
+        rehearse(Lift, arm=3)  # type: ignore[arg-type] # that is the mistake
+
+
+def test_a_result_that_the_kind_could_not_give_is_refused() -> None:
+    with pytest.raises(ValueError, match="the result of get_info has no part 'height'; it has: busy, fx"):
+        Fake(Arm, get_info={"height": 0.3})
+    with pytest.raises(ValueError, match="Arm has no command 'lift'; it has"):
+        Fake(Arm, lift=3)
+    with rehearse(Lift, arm=Fake(Arm, get_info={"z": "high"})) as team, pytest.raises(VrError, match="high"):
+        team.call("lift")
+
+
+def test_a_page_that_makes_a_mistake_shows_its_own_error() -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team:
+        with pytest.raises(CommandFailed, match=r"KeyError: 'shelf' \(pages.py, line") as caught:
+            team.call("stumble")
+        cause = caught.value.__cause__
+        assert isinstance(cause, KeyError)
+        assert cause.__traceback__ is not None
+
+
+def test_a_page_can_be_the_child_of_a_page() -> None:
+    with rehearse(Hoist, lift=Page(Lift, arm=Fake(Arm))) as team:
+        assert team.call("twice", height="10 cm") == pytest.approx(0.225)
+        assert team.commanded.of("lift").names == ["lift.lift"] * 2
+        assert team.commanded.of("lift.arm").names == ["lift.arm.grip", "lift.arm.go_to"] * 2
+
+
+def test_a_page_can_be_named_by_its_file(tmp_path: Path) -> None:
+    page = tmp_path / "wave.py"
+    page.write_text(
+        "from robotree.vr import Child, VirtualRobot, command\n"
+        "class Wave(VirtualRobot):\n"
+        "    arm = Child('Arm')\n"
+        "    @command\n"
+        "    def wave(self) -> None:\n"
+        "        self.arm.hold()\n"
+    )
+    with rehearse(page, arm=Fake(Arm)) as team:
+        team.call("wave")
+        assert team.commanded == [("arm", "hold", {})]
+
+
+def test_a_kind_can_be_a_description_of_a_living_robot(tmp_path: Path) -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team:
+        description = team.describe("arm")
+    path = tmp_path / "arm.json"
+    path.write_bytes(msgspec.json.encode(description))
+    for source in (description, path):
+        with rehearse(Lift, arm=Fake(source, get_info={"z": 0.3})) as team:
+            assert team.call("lift") == 0.3
+            with pytest.raises(BadArgument):
+                team.call("go_too_far")
+
+
+# -- faults ----------------------------------------------------------------------------------------
+
+
+def test_a_child_can_refuse_at_a_call() -> None:
+    arm = Fake(Arm).refuse("go_to", at=2, why="the way is blocked")
+    with rehearse(Lift, arm=arm) as team:
+        team.call("lift")
+        with pytest.raises(CommandFailed, match="the way is blocked"):
+            team.call("lift")
+        team.call("lift")
+
+
+def test_a_child_can_be_late() -> None:
+    with rehearse(Lift, arm=Fake(Arm).delay("go_to", by=50.0)) as team:
+        with pytest.raises(DeadlineExceeded):
+            team.call("lift", within=10)
+        assert team.now < 12
+
+
+def test_a_child_can_be_lost_at_a_step() -> None:
+    with rehearse(Lift, arm=Fake(Arm).lose("go_to", after=0.4)) as team:
+        with pytest.raises(SlotEmpty):
+            team.call("lift")
+        assert not team.page.child_slots["arm"].bond
+        team.fill("arm", Fake(Arm))
+        team.call("lift")
+
+
+def test_a_child_that_stands_still_for_a_moment_is_waited_for() -> None:
+    with rehearse(Lift, arm=Fake(Arm).freeze("go_to", lasts=0.5)) as team:
+        team.call("lift")
+        assert team.now > 2.5
+
+
+def test_an_operator_can_cancel_at_a_step() -> None:
+    with rehearse(Lift, arm=Fake(Arm, takes=2.0)) as team:
+        team.cancel(at=2, after=0.5)
+        with pytest.raises(CommandCancelled):
+            team.call("lift")
+        team.wait(1.0)
+        assert [(step.command, step.error) for step in team.steps if step.robot and not step.reads] == [
+            ("grip", ""),
+            ("go_to", "CommandCancelled"),
+        ]
+
+
+def test_a_stop_ends_the_command_and_holds_until_it_is_released() -> None:
+    with rehearse(Lift, arm=Fake(Arm).stop("grip", after=0.2)) as team:
+        with pytest.raises(CommandCancelled):
+            team.call("lift")
+        with pytest.raises(Stopped):
+            team.call("lift")
+        team.resume()
+        team.call("lift")
+
+
+def test_time_can_be_let_pass_by_hand() -> None:
+    with rehearse(Lift, arm=Fake(Arm)) as team:
+        going = team.start("lift")
+        team.wait(1.5)
+        assert not going.done
+        assert team.commanded.names == ["arm.grip", "arm.go_to"]
+        team.cancel()
+        with pytest.raises(CommandCancelled):
+            going.result()
+
+
+def test_a_page_that_ignores_every_interruption_is_abandoned() -> None:
+    with rehearse(Swallowing, arm=Fake(Arm, takes=100.0)) as team:
+        team.cancel(after=1.0)
+        with pytest.raises(CommandCancelled):
+            team.call("lift", within=300)
+        assert team.describe().abandoned == ("lift",)
+
+
+def test_a_page_that_computes_without_waiting_is_ended_with_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch, "LIMIT", 0.3)
+    with (
+        rehearse(Spinning, arm=Fake(Arm).lose("grip")) as team,
+        pytest.raises(RuntimeError, match=r"spinning computes without waiting for 0.3 s") as caught,
+    ):
+        team.call("lift")
+    assert ".py" in str(caught.value)
+
+
+def test_the_same_seed_gives_the_same_story() -> None:
+    def story(seed: int) -> str:
+        with rehearse(Lift, arm=Fake(Arm).lose("go_to", after=0.3), seed=seed) as team:
+            with pytest.raises(VrError):
+                team.call("lift")
+            return team.world.digest
+
+    assert story(3) == story(3)
+    assert story(3) != story(4)
+
+
+def test_a_fault_of_a_command_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ValueError, match="there is no command 'lift' to refuse"):
+        Fake(Arm).refuse("lift")
