@@ -1,17 +1,19 @@
 """The one place where arguments are read, checked and refused: for the callee, the command line and the form.
 
-A number is taken as it is in the declared unit; text may name another unit. What is refused is refused in
-one sentence that names the parameter, its unit and its range.
+A number is taken as it is in the declared unit; text may name another unit. Lists and records are taken as
+they are, or as people type them (`literal.py`). What is refused is refused in one sentence that names the
+parameter or the part of it (`points[3].x`), its unit and its range.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
 
 from robotree.vr.description import Arguments, CommandSpec, FieldSpec, ParameterType
 from robotree.vr.errors import BadArgument
+from robotree.vr.literal import read_list, read_record
 from robotree.vr.units import in_unit, read_quantity, shorten
 
 _ROUNDING = 1e-9
@@ -70,27 +72,93 @@ def check_argument(field: FieldSpec, value: object, *, command: str) -> Any:
     Raises:
         BadArgument: it is of the wrong type or dimension, not finite or out of range.
     """
-    if value is None and not field.required and field.default is None:
-        return None
     try:
-        return _READERS[field.type](field, value)
-    except (TypeError, ValueError) as error:
-        raise BadArgument(command=command, parameter=field.name, reason=str(error)) from None
+        return _read(field, value, field.name)
+    except _Refused as error:
+        raise BadArgument(command=command, parameter=error.path, reason=error.reason) from None
 
 
 def expected(field: FieldSpec) -> str:
     """Return what a parameter takes, for people: `a number in m from -0.7 to 0.7`."""
+    return _EXPECTED[field.type](field)
+
+
+def _expected_number(field: FieldSpec) -> str:
+    kind = "a whole number" if field.type == "int" else "a number"
+    return f"{kind}{in_unit(field.unit)}{_span(field)}"
+
+
+def _expected_list(field: FieldSpec) -> str:
+    return f"a list [value, value …], each value {expected(field.items[0])}"
+
+
+def _expected_tuple(field: FieldSpec) -> str:
+    return f"{len(field.items)} values: ({', '.join(map(expected, field.items))})"
+
+
+def _expected_record(field: FieldSpec) -> str:
+    return f"{{{', '.join(f'{part.name}: {expected(part)}' for part in field.items)}}}"
+
+
+_EXPECTED: dict[ParameterType, Callable[[FieldSpec], str]] = {
+    "choice": lambda field: f"one of {', '.join(field.choices)}",
+    "bool": lambda _: "true or false",
+    "str": lambda _: "text",
+    "int": _expected_number,
+    "float": _expected_number,
+    "list": _expected_list,
+    "tuple": _expected_tuple,
+    "record": _expected_record,
+    "bytes": lambda _: "bytes",
+}
+
+
+class _Refused(Exception):
+    """A value, or one of those in it, cannot be taken."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        """Say which one and why."""
+        super().__init__(path, reason)
+        self.path, self.reason = path, reason
+
+
+def _read(field: FieldSpec, value: object, path: str) -> Any:
+    optional = field.nullable or (not field.required and field.default is None)
+    if optional and (value is None or _is_none(field, value)):
+        return None
+    try:
+        if isinstance(value, str) and field.nested:
+            value = read_record(value) if field.type == "record" else read_list(value)
+        found = _READERS[field.type](field, value)
+    except (TypeError, ValueError) as error:
+        raise _Refused(path, str(error)) from None
     match field.type:
-        case "choice":
-            return f"one of {', '.join(field.choices)}"
-        case "bool":
-            return "true or false"
-        case "str":
-            return "text"
-        case "int":
-            return f"a whole number{in_unit(field.unit)}{_span(field)}"
-        case "float":
-            return f"a number{in_unit(field.unit)}{_span(field)}"
+        case "list":
+            (item,) = field.items
+            return [_read(item, part, f"{path}[{index}]") for index, part in enumerate(found)]
+        case "tuple":
+            parts = zip(field.items, found, strict=True)
+            return [_read(item, part, f"{path}[{index}]") for index, (item, part) in enumerate(parts)]
+        case "record":
+            return _read_parts(field, found, path)
+        case _:
+            return found
+
+
+def _read_parts(field: FieldSpec, given: Mapping[str, object], path: str) -> dict[str, Any]:
+    parts = {part.name: part for part in field.items}
+    for name in given:
+        if name not in parts:
+            raise _Refused(f"{path}.{name}", f"there is no such part; it has {', '.join(parts)}")
+    for name, part in parts.items():
+        if part.required and name not in given:
+            raise _Refused(f"{path}.{name}", f"is missing; give {expected(part)}")
+    return {name: _read(parts[name], value, f"{path}.{name}") for name, value in given.items()}
+
+
+def _is_none(field: FieldSpec, value: object) -> bool:
+    """Whether a person has typed that there is no value; of a text that cannot be told."""
+    return field.type != "str" and isinstance(value, str) and value.strip().lower() in {"none", "null"}
 
 
 def _span(field: FieldSpec) -> str:
@@ -153,10 +221,39 @@ def _choice(field: FieldSpec, value: object) -> str:
     return value
 
 
+def _list(field: FieldSpec, value: object) -> Sequence[object]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise TypeError(f"{shorten(value)} is not {expected(field)}")
+    return cast("Sequence[object]", value)
+
+
+def _tuple(field: FieldSpec, value: object) -> Sequence[object]:
+    values = _list(field, value)
+    if len(values) != len(field.items):
+        raise ValueError(f"{shorten(value)} has {len(values)} values; give {expected(field)}")
+    return values
+
+
+def _record(field: FieldSpec, value: object) -> Mapping[str, object]:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{shorten(value)} is not {expected(field)}")
+    return cast("Mapping[str, object]", value)
+
+
+def _bytes(field: FieldSpec, value: object) -> bytes:
+    if not isinstance(value, bytes):
+        raise TypeError(f"{shorten(value)} is not {expected(field)}")
+    return value
+
+
 _READERS: dict[ParameterType, Callable[[FieldSpec, object], Any]] = {
     "float": _number,
     "int": _whole,
     "bool": _truth,
     "str": _text,
     "choice": _choice,
+    "list": _list,
+    "tuple": _tuple,
+    "record": _record,
+    "bytes": _bytes,
 }

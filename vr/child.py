@@ -15,12 +15,13 @@ An array of children of one kind is `rovers = Children("Rover", least=1, most=4)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, cast, overload
 
 from robotree.vr.context import CallFuture, activity_here, running
 from robotree.vr.description import LARGEST_GROUP, SlotSpec
 from robotree.vr.errors import BadArgument
+from robotree.vr.plain import plain_arguments
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
@@ -42,6 +43,16 @@ class Record(dict[str, Any]):
             return self[name]
         except KeyError:
             raise AttributeError(f"the result has no {name!r}; it has: {', '.join(self)}") from None
+
+
+def readable(value: Any) -> Any:
+    """Return a plain result with each mapping in it as a `Record`."""
+    if isinstance(value, dict):
+        parts = cast("dict[str, Any]", value)
+        return Record({name: readable(part) for name, part in parts.items()})
+    if isinstance(value, list):
+        return [readable(part) for part in cast("Sequence[Any]", value)]
+    return value
 
 
 class Child:
@@ -252,11 +263,19 @@ class ChildCommand:
         running().tell(self._slot, self._command, self._named(values, arguments))
 
     def _named(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Mapping[str, Any]:
+        label = f"{self._slot}.{self._command}"
+        try:
+            arguments = plain_arguments(arguments)
+            values = tuple(
+                plain_arguments({str(number): value for number, value in enumerate(values, 1)}).values()
+            )
+        except TypeError as error:
+            name, _, reason = str(error).partition(": ")
+            raise BadArgument(command=label, parameter=name, reason=reason) from None
         if not values:
             return arguments
         spec = self._slots.require(self._slot).description.command(self._command)
         names = [] if spec is None else [field.name for field in spec.parameters]
-        label = f"{self._slot}.{self._command}"
         if len(values) > len(names):
             takes = f"{len(names)} ({', '.join(names)})"
             raise BadArgument(

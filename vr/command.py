@@ -15,9 +15,10 @@ from typing import Any, TypeVar, overload
 
 import msgspec
 
-from robotree.vr.description import CommandSpec, Effect
+from robotree.vr.description import Arguments, CommandSpec, Effect
+from robotree.vr.errors import BadArgument
 from robotree.vr.robot import Robot
-from robotree.vr.signature import returned_by, spec_of
+from robotree.vr.signature import built_for, returned_by, spec_of
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
@@ -32,6 +33,33 @@ class Command(msgspec.Struct, frozen=True):
     """Takes the robot and the arguments by name."""
     returns: Any
     """Annotation of the result; `Any` where there is none."""
+    builds: Mapping[str, Any] = {}
+    """Annotations of the parameters that the function takes in another form than they travel in."""
+
+    def run(self, robot: Robot, arguments: Arguments) -> Any:
+        """Call the function, in the thread of the command.
+
+        Args:
+            robot: whose command it is.
+            arguments: plain and checked.
+
+        Raises:
+            BadArgument: a class of the author's refuses to be made of them.
+            Exception: what the author's code raises.
+        """
+        if not self.builds:
+            return self.function(robot, **arguments)
+        built = {
+            name: self._build(name, value) if name in self.builds else value
+            for name, value in arguments.items()
+        }
+        return self.function(robot, **built)
+
+    def _build(self, name: str, value: Any) -> Any:
+        try:
+            return msgspec.convert(value, self.builds[name], strict=False)
+        except (TypeError, ValueError) as error:
+            raise BadArgument(command=self.spec.name, parameter=name, reason=str(error)) from None
 
 
 @overload
@@ -86,5 +114,5 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
                     f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
                 )
             else:
-                found[name] = Command(spec_of(value, effect), value, returned_by(value))
+                found[name] = Command(spec_of(value, effect), value, returned_by(value), built_for(value))
     return found

@@ -13,7 +13,8 @@ import msgspec
 
 from robotree.vr.address import Address
 
-ParameterType = Literal["float", "int", "bool", "str", "choice"]
+ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "record", "bytes"]
+"""Of one value. list: values of one kind; tuple: so and so many; record: values by name; bytes: a picture."""
 LARGEST_GROUP = 1000
 """Children of one group, at most."""
 
@@ -37,9 +38,19 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     lower: float | None = None
     upper: float | None = None
     choices: tuple[str, ...] = ()
+    nullable: bool = False
+    """None is a value of it, too."""
+    items: tuple[FieldSpec, ...] = ()
+    """What is in it. list: one, for all values; tuple: one for each; record: its parts."""
     required: bool = True
-    default: float | int | bool | str | None = None
+    default: Any = None
+    """A plain value."""
     doc: str = ""
+
+    @property
+    def nested(self) -> bool:
+        """Whether there are values in it."""
+        return self.type in {"list", "tuple", "record"}
 
 
 class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -1,24 +1,23 @@
-"""From Python annotations to typed values that travel: `Annotated[float, Unit("m"), Range(0, 1), "far"]`.
+"""From a method to a command that callers can see: its parameters, its result, and what their types are.
 
 Mistakes of an author are `TypeError`s whose sentence names the class, the command and the parameter.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import types
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 
 from robotree.vr.arguments import check_argument
-from robotree.vr.description import CommandSpec, Effect, FieldSpec, ParameterType
+from robotree.vr.description import CommandSpec, Effect, FieldSpec
 from robotree.vr.errors import BadArgument
-from robotree.vr.units import Range, Unit
+from robotree.vr.plain import to_plain
+from robotree.vr.typed import USABLE, field_of, needs_building, parts_of
 
-_SIMPLE: dict[object, ParameterType] = {float: "float", int: "int", bool: "bool", str: "str"}
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
@@ -54,6 +53,16 @@ def returned_by(function: Callable[..., Any]) -> Any:
     return _hints(function).get("return", Any)
 
 
+def built_for(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of those parameters that the author's code takes in a form of its own.
+
+    Raises:
+        TypeError: one names something that is not there.
+    """
+    hints = _hints(function)
+    return {name: hint for name, hint in hints.items() if name != "return" and needs_building(hint)}
+
+
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     try:
         return get_type_hints(function, include_extras=True)
@@ -70,77 +79,40 @@ def _parameter(
     if parameter.kind not in _NAMED:
         raise TypeError(f"{where}: a command takes named parameters only")
     if parameter.name not in hints:
-        raise TypeError(f"{where} needs a type: float, int, bool, str or Literal of texts")
-    field = _field(parameter.name, hints[parameter.name], where)
+        raise TypeError(f"{where} needs a type: {USABLE}")
+    field = field_of(parameter.name, hints[parameter.name], where)
+    if _holds_bytes(field):
+        raise TypeError(f"{where} cannot be bytes: only a result can")
     if parameter.default is inspect.Parameter.empty:
         return field
-    field = msgspec.structs.replace(field, required=False, default=parameter.default)
+    return _with_default(field, parameter.default, function.__qualname__)
+
+
+def _holds_bytes(field: FieldSpec) -> bool:
+    return field.type == "bytes" or any(map(_holds_bytes, field.items))
+
+
+def _with_default(field: FieldSpec, default: Any, command: str) -> FieldSpec:
+    """Return a parameter with its default.
+
+    Raises:
+        TypeError: the command would refuse it.
+    """
     try:
-        check_argument(field, parameter.default, command=function.__qualname__)
+        field = msgspec.structs.replace(field, required=False, default=to_plain(default))
+        check_argument(field, field.default, command=command)
+    except TypeError as error:
+        raise TypeError(f"default of {command}: {field.name}: {error}") from None
     except BadArgument as error:
         raise TypeError(f"default of {error}") from None
     return field
 
 
-def _field(name: str, annotation: Any, where: str, other: str = "") -> FieldSpec:
-    extras: tuple[Any, ...] = ()
-    if get_origin(annotation) is Annotated:
-        annotation, *rest = get_args(annotation)
-        extras = tuple(rest)
-    annotation, inner = _without_none(annotation)
-    extras = inner + extras
-    kind, choices = _type(annotation, where, other)
-    limits = _last(Range, extras, Range())
-    if kind not in {"float", "int"} and any(isinstance(extra, Range | Unit) for extra in extras):
-        raise TypeError(f"{where}: only numbers have a unit or a range")
-    return FieldSpec(
-        name=name,
-        type=kind,
-        unit=_last(Unit, extras, Unit("")).symbol,
-        lower=limits.lower,
-        upper=limits.upper,
-        choices=choices,
-        doc=inspect.cleandoc(_last(str, extras, "")),
-    )
-
-
-def _last(kind: type[Any], extras: tuple[Any, ...], otherwise: Any) -> Any:
-    return next((extra for extra in reversed(extras) if isinstance(extra, kind)), otherwise)
-
-
-def _without_none(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Unwrap `X | None` and an `Annotated` inside of it."""
-    if get_origin(annotation) in {Union, types.UnionType}:
-        inner = [part for part in get_args(annotation) if part is not types.NoneType]
-        if len(inner) == 1:
-            annotation = inner[0]
-    if get_origin(annotation) is Annotated:
-        annotation, *extras = get_args(annotation)
-        return annotation, tuple(extras)
-    return annotation, ()
-
-
-def _type(annotation: Any, where: str, other: str) -> tuple[ParameterType, tuple[str, ...]]:
-    if get_origin(annotation) is Literal:
-        choices = get_args(annotation)
-        if all(isinstance(choice, str) for choice in choices):
-            return "choice", choices
-    elif annotation in _SIMPLE:
-        return _SIMPLE[annotation], ()
-    raise TypeError(f"{where} cannot be {annotation!r}: use float, int, bool, str or Literal of texts{other}")
-
-
 def _result(annotation: Any, where: str) -> Iterator[FieldSpec]:
-    if annotation is None or annotation is types.NoneType:
+    if annotation is None or annotation is types.NoneType or annotation is Any:
         return
-    if inspect.isclass(annotation) and _has_parts(cls := cast("type[Any]", annotation)):
-        for name, part in get_type_hints(cls, include_extras=True).items():
-            if not name.startswith("_"):
-                yield _field(name, part, f"{where}: its result's {name!r}")
-        return
-    if annotation is not Any:
-        yield _field("", annotation, f"{where}: its result", ", or a dataclass of such")
-
-
-def _has_parts(cls: type[Any]) -> bool:
-    return issubclass(cls, msgspec.Struct) or dataclasses.is_dataclass(cls)
+    parts = parts_of(annotation, f"{where}: its result") if isinstance(annotation, type) else {}
+    if not parts:
+        yield field_of("", annotation, f"{where}: its result")
+    for name, part in parts.items():
+        yield field_of(name, part.annotation, f"{where}: its result's {name!r}", above=(annotation,))

@@ -21,6 +21,11 @@ class Unit(msgspec.Struct, frozen=True):
     symbol: str
     """As people write it: `m`, `rad`, `N`, `m/s`, `in`."""
 
+    def __post_init__(self) -> None:
+        """Refuse a unit that nobody knows, and name the nearest one."""
+        if self.symbol not in _USUAL:
+            _expect_known(self.symbol)
+
 
 class Range(msgspec.Struct, frozen=True):
     """Says in an annotation which numbers are taken, bounds included: `Range(-0.7, 0.7)`."""
@@ -39,6 +44,28 @@ _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 _FACTOR = r"[^\W\d_]+[°%]?(?:(?:\*\*|\^)-?\d)?|[°%]"
 _UNIT = re.compile(rf"(?:{_FACTOR})(?:\s*[*/·]\s*(?:{_FACTOR})){{0,3}}")
 _LONGEST = 80
+_USUAL = {
+    "", "m", "cm", "mm", "km", "in", "m/s", "mm/s", "m/s**2", "m/s^2", "rad", "deg", "°", "rad/s", "deg/s",
+    "°/s", "s", "ms", "min", "h", "N", "N*m", "N m", "kg", "g", "l", "Hz", "V", "A", "W", "K", "°C", "Pa",
+    "bar", "%",
+}  # fmt: skip
+"""Known without `pint`, which takes 0.4 s to load."""
+_WORDS = {
+    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
+    **dict.fromkeys(("centimetres", "centimeters"), "cm"),
+    **dict.fromkeys(("millimetres", "millimeters"), "mm"),
+    **dict.fromkeys(("second", "seconds", "sec"), "s"),
+    **dict.fromkeys(("minute", "minutes"), "min"),
+    **dict.fromkeys(("radian", "radians"), "rad"),
+    **dict.fromkeys(("degree", "degrees"), "deg"),
+    **dict.fromkeys(("newton", "newtons"), "N"),
+    **dict.fromkeys(("Nm", "newtonmetres"), "N*m"),
+    **dict.fromkeys(("inch", "inches"), "in"),
+    **dict.fromkeys(("kilogram", "kilograms", "kgs"), "kg"),
+    **dict.fromkeys(("gram", "grams"), "g"),
+    **dict.fromkeys(("percent",), "%"),
+}
+"""Words that people write, and the symbols that are meant: to name the nearest unit."""
 
 
 def read_quantity(text: str, unit: str) -> float:
@@ -76,6 +103,29 @@ def shorten(value: object) -> str:
     """Return what somebody wrote, quoted and not longer than a line."""
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _expect_known(symbol: str) -> None:
+    """Refuse a unit that nobody knows.
+
+    Raises:
+        ValueError: names the nearest one.
+    """
+    import pint
+
+    readable = _UNIT.fullmatch(symbol.removeprefix("1/"))
+    try:
+        if readable and symbol != "Nm":  # pint reads it as a number of metres
+            _registry().parse_units(symbol)
+            return
+    except (pint.PintError, AttributeError, TypeError, ValueError, ArithmeticError):
+        pass
+    import difflib
+
+    known = {**{one: one for one in _USUAL}, **_WORDS}
+    near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.5)
+    nearest = f"; the nearest is {known[near[0]]!r}" if near else "; write for example 'm', 'rad', 's' or 'N'"
+    raise ValueError(f"the unit {symbol!r} is not known{nearest}")
 
 
 def _convert(number: float, given: str, wanted: str) -> float:

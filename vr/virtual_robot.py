@@ -9,6 +9,7 @@ from typing import Any, cast
 from robotree.vr.child import Child, Children, Exposed
 from robotree.vr.core.bonds import Slots
 from robotree.vr.robot import Robot
+from robotree.vr.units import Unit
 
 
 class VirtualRobot(Robot):
@@ -23,8 +24,11 @@ class VirtualRobot(Robot):
 
         Raises:
             TypeError: a hook is `async def`, or an attribute is a list of `Child`.
+            ValueError: a unit of a reading is not known.
         """
         super().__init_subclass__()
+        for symbol in cls.reading_units.values():
+            Unit(symbol)
         for name, value in vars(cls).items():
             if kinds := _listed(value):
                 count = len(kinds)

@@ -120,9 +120,10 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- command
     Action(
-        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach] [--trace]",
+        usage="call ROBOT.COMMAND [PARAMETER=VALUE …] [--within TIME] [--detach | --save FILE] [--trace]",
         help="Have a command carried out: progress on stderr, result on stdout. It ends with this program;"
-        " with --detach it goes on by itself. --trace shows the way of a failure through the authors' pages.",
+        " with --detach it goes on by itself. --save: write the picture in its result into a file."
+        " --trace shows the way of a failure through the authors' pages.",
         group=COMMAND,
         run="call",
         examples=("call lever.close", "call mover.move x=0.4 y=0 z='30 cm' twist='90 deg' --within 30s"),

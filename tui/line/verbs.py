@@ -302,9 +302,23 @@ async def call(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         text = f"{robot}.{command} has begun and goes on by itself; `robotree cancel {robot}` ends it"
         return Outcome({"detached": f"{robot}.{command}"}, text)
     thing = await fleet.call(robot, command, given, deadline=limit, on_progress=teller.progress)
+    if line.text("--save"):
+        return await _saved(thing, Path(line.text("--save")))
     rows = wording.result(await _spec(fleet, robot, command) if thing is not None else None, thing)
     text = wording.columns([row if row[0] else row[1:] for row in rows])
     return Outcome(plain(thing), text or f"{robot}.{command} is done")
+
+
+async def _saved(thing: Any, path: Path) -> Outcome:
+    """Write the picture in a result into a file."""
+    import asyncio
+
+    parts = cast("dict[str, Any]", thing).values() if isinstance(thing, dict) else (thing,)
+    picture = next((part for part in parts if isinstance(part, bytes)), None)
+    if picture is None:
+        raise ValueRefused("--save", "there is no picture in the result")
+    await asyncio.to_thread(overwrite, path, picture)
+    return Outcome({"file": str(path), "bytes": len(picture)}, f"{path}  {wording.value(picture)}")
 
 
 async def _limit(fleet: Fleet, robot: str, command: str) -> float:

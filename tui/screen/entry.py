@@ -122,7 +122,8 @@ def complaint(field: FieldSpec, text: str) -> str:
     try:
         check_argument(field, text, command="")
     except BadArgument as error:
-        return str(error.data["reason"])
+        reason, part = str(error.data["reason"]), str(error.data["parameter"]).removeprefix(field.name)
+        return f"{part.removeprefix('.')}: {reason}" if part else reason
     return ""
 
 

@@ -43,7 +43,9 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def span(spec: FieldSpec) -> str:
-    """Return the range of a value in its unit: `-0.7 … 0.7 m`, `≥ 0 m/s`, or only the unit."""
+    """Return the range of a value in its unit: `-0.7 … 0.7 m`, `≥ 0 m/s`, the unit, or the form of a list."""
+    if spec.nested:
+        return form(spec)
     match spec.lower, spec.upper:
         case None, None:
             return spec.unit
@@ -58,9 +60,11 @@ def span(spec: FieldSpec) -> str:
 
 def typed(thing: object) -> str:
     """Write a value as a person would type it: so that it is read back as it was."""
-    if isinstance(thing, bool):
-        return "yes" if thing else "no"
-    return repr(thing) if isinstance(thing, float) else str(thing)
+    if isinstance(thing, str):
+        return thing
+    from robotree.vr.literal import write  # help must not wait for the agents
+
+    return write(thing)
 
 
 def wanted(spec: FieldSpec) -> str:
@@ -72,9 +76,22 @@ def wanted(spec: FieldSpec) -> str:
 
 def parameter(spec: FieldSpec) -> str:
     """Return one parameter as in a signature: `x: m`, `action: open|close`, `speed: m/s = 0.1`."""
-    kind = "|".join(spec.choices) if spec.choices else (spec.unit or spec.type)
     default = "" if spec.required else f" = {value(spec.default)}"
-    return f"{spec.name}: {kind}{default}"
+    return f"{spec.name}: {form(spec)}{default}"
+
+
+def form(spec: FieldSpec) -> str:
+    """Return how a value is written: `m`, `open|close`, `[m, …]`, `{x: m}`; `m?` may be none."""
+    match spec.type:
+        case "list":
+            text = f"[{form(spec.items[0])}, …]"
+        case "tuple":
+            text = f"({', '.join(map(form, spec.items))})"
+        case "record":
+            text = f"{{{', '.join(f'{part.name}: {form(part)}' for part in spec.items)}}}"
+        case _:
+            text = "|".join(spec.choices) if spec.choices else (spec.unit or spec.type)
+    return f"{text}?" if spec.nullable else text
 
 
 def signature(command: CommandSpec) -> str:
@@ -94,18 +111,60 @@ def value(thing: Any) -> str:
         case Mapping():
             return ", ".join(f"{key} {value(part)}" for key, part in cast("dict[str, Any]", thing).items())
         case list() | tuple():
-            return ", ".join(value(part) for part in cast("list[Any]", thing))
+            return ", ".join(_within(part) for part in cast("Sequence[Any]", thing))
         case _:
-            return str(thing)
+            return _size(thing) if isinstance(thing, bytes) else str(thing)
+
+
+def _size(picture: bytes) -> str:
+    kind = "JPEG, " if picture.startswith(_JPEG) else ""
+    return f"{kind}{len(picture) / 1000:.1f} kB"
+
+
+_JPEG = b"\xff\xd8\xff"
+
+
+def _within(thing: Any) -> str:
+    """Write a value that lies in a list: another list or a record keeps its brackets."""
+    match thing:
+        case Mapping():
+            return f"{{{value(thing)}}}"
+        case list() | tuple():
+            return f"[{value(thing)}]"
+        case _:
+            return value(thing)
+
+
+def measured(spec: FieldSpec | None, thing: Any) -> str:
+    """Write a value with the units that its description knows."""
+    if spec is None or thing is None:
+        return value(thing)
+    if spec.type == "record" and isinstance(thing, Mapping):
+        parts = {part.name: part for part in spec.items}
+        named = cast("dict[str, Any]", thing).items()
+        return ", ".join(f"{name} {measured(parts.get(name), part)}" for name, part in named)
+    if spec.type == "tuple" and isinstance(thing, list):
+        pairs = zip(spec.items, cast("Sequence[Any]", thing), strict=False)
+        return ", ".join(measured(part, one) for part, one in pairs)
+    unit = spec.items[0].unit if spec.type == "list" else spec.unit
+    return f"{value(thing)} {unit}".rstrip()
 
 
 def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
     """Return a result as rows of name and text with unit; empty when there is none."""
     if thing is None:
         return []
-    units = {part.name: part.unit for part in spec.result} if spec else {}
+    known = {part.name: part for part in spec.result} if spec else {}
+    rows: list[tuple[str, str]] = []
     parts = cast("dict[str, Any]", thing) if isinstance(thing, Mapping) else {"": thing}
-    return [(str(name), f"{value(part)} {units.get(name, '')}".rstrip()) for name, part in parts.items()]
+    for name, part in parts.items():
+        told = known.get(name)
+        if told and told.type == "list" and told.items[0].nested and isinstance(part, list):
+            each = enumerate(cast("Sequence[Any]", part))
+            rows += [(f"{name}[{index}]", measured(told.items[0], one)) for index, one in each]
+        else:
+            rows.append((str(name), measured(told, part)))
+    return rows
 
 
 _ORIGINS = {"yes": "sim", "no": "real"}

@@ -8,6 +8,7 @@
     expect mover idle                          no command runs or waits
     expect reading cell.lever_angle > 0.75     a view's or a robot's reading
     expect result.z >= 0.29                    of the last `call`; `result` alone for a single value
+    expect result.points[0].x > 0.1            of what lies in it
     expect refused                             the last `try …` was refused; also with the error's name
     expect done                                the last `try …` was not
 
@@ -208,13 +209,13 @@ def _reading(found: re.Match[str]) -> Condition:
     return Condition(found[0], judge, readings=(name,))
 
 
-@_form(rf"result((?:\.\w+)*){_COMPARED}")
+@_form(rf"result((?:\.\w+|\[\d+])*){_COMPARED}")
 def _result(found: re.Match[str]) -> Condition:
     path, sign, text = found.groups()
     compare, wanted = _comparison(sign), values.scalar(text.strip())
 
     def judge(scene: Scene) -> Verdict:
-        thing = _inside(scene.result, path.split(".")[1:])
+        thing = _inside(scene.result, re.findall(r"\w+", path))
         if thing is None:
             return Verdict(holds=False, seen=f"the result is {wording.value(scene.result)}")
         try:
@@ -249,7 +250,11 @@ def _comparison(sign: str) -> Callable[[Any, Any], bool]:
 
 def _inside(thing: Any, path: Sequence[str]) -> Any:
     for name in path:
-        if not isinstance(thing, Mapping):
+        if isinstance(thing, Mapping):
+            thing = cast("dict[str, Any]", thing).get(name)
+        elif isinstance(thing, list) and name.isdigit():
+            values = cast("Sequence[Any]", thing)
+            thing = values[int(name)] if int(name) < len(values) else None
+        else:
             return None
-        thing = cast("dict[str, Any]", thing).get(name)
     return thing

@@ -352,8 +352,10 @@ class LiveRobot:
     def takes_units(self, call: Call) -> bool:
         """Whether an argument is a text where a number is wanted, so that units have to be looked up."""
         if command := self._commands.get(call.command):
-            numbers = (field.name for field in command.spec.parameters if field.type in {"float", "int"})
-            return any(isinstance(call.arguments.get(name), str) for name in numbers)
+            numbers = (
+                field for field in command.spec.parameters if field.nested or field.type in {"float", "int"}
+            )
+            return any(isinstance(call.arguments.get(one.name), str | list | dict) for one in numbers)
         return call.command in self._exposures and any(
             isinstance(value, str) for value in call.arguments.values()
         )
@@ -574,4 +576,4 @@ def _nothing() -> None:
 
 
 def _author(command: Command, robot: Robot, arguments: Arguments) -> Any:
-    return command.function(robot, **arguments)
+    return command.run(robot, arguments)

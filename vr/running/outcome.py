@@ -10,29 +10,13 @@ import msgspec
 
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
+from robotree.vr.plain import to_plain
 from robotree.vr.requests import Raised
 from robotree.vr.running.page_trace import PageLine, page_lines, trace_of
 from robotree.vr.running.trace import words_of
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
-
-
-def to_plain(value: Any) -> Any:
-    """Return a command's result as plain values.
-
-    Args:
-        value: None, number, text, a Struct or dataclass of such, or what a child returned.
-
-    Raises:
-        TypeError: it cannot travel.
-    """
-    try:
-        plain = msgspec.to_builtins(value, enc_hook=_scalar)
-        msgspec.msgpack.encode(plain)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise TypeError(f"the result cannot travel: {error}") from None
-    return plain
 
 
 def check_result(value: Any, declared: Any, *, robot: str, command: str) -> Any:
@@ -48,7 +32,10 @@ def check_result(value: Any, declared: Any, *, robot: str, command: str) -> Any:
         CommandFailed: it is of another type; names both.
         TypeError: it cannot travel.
     """
-    plain = to_plain(value)
+    try:
+        plain = to_plain(value)
+    except TypeError as error:
+        raise TypeError(f"the result {error}") from None
     if declared is not Any:
         try:
             msgspec.convert(plain, declared, strict=True)
@@ -59,13 +46,6 @@ def check_result(value: Any, declared: Any, *, robot: str, command: str) -> Any:
             detail = f"it promises {promised} but returned {got}: {error}"
             raise CommandFailed(robot=robot, command=command, detail=detail) from None
     return plain
-
-
-def _scalar(value: Any) -> Any:
-    item = getattr(value, "item", None)  # numpy's numbers
-    if item is None:
-        raise TypeError(f"{type(value).__name__} is neither number, text, dataclass nor Struct")
-    return item()
 
 
 def raised(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Raised:

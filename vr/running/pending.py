@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
-from robotree.vr.child import Record
+from robotree.vr.child import readable
 from robotree.vr.errors import ChildCancelled, CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import PATIENCE, Accepted, Progress, Raised, Returned, decode_reply
 from robotree.vr.running.worker import Frame, Worker
@@ -224,8 +224,7 @@ class PendingCall:
     def _value(self) -> Any:
         reply = self.reply
         if isinstance(reply, Returned):
-            value = reply.value
-            return Record(cast("dict[str, Any]", value)) if isinstance(value, dict) else value
+            return readable(reply.value)
         assert reply is not None  # noqa: S101 # it is done
         self.frame.worker.check(self.frame)  # if the caller itself was asked to end, that is what it is told
         meant = self.frame.live.meant(self.slot, reply.revive())

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -9,6 +11,7 @@ import pytest
 from robotree.vr import Child, Range, Robot, Unit, VirtualRobot, command
 from robotree.vr.command import commands_of
 from robotree.vr.description import FieldSpec
+from robotree.vr.typed import USABLE
 from robotree.vr.virtual_robot import exposures_of, slots_of
 
 Metres = Annotated[float, Unit("m")]
@@ -70,7 +73,7 @@ def test_what_callers_see_of_a_method() -> None:
     assert go_to.doc == "Go to a point.\n\nIn a straight line."
     assert go_to.parameters == (
         FieldSpec(name="x", type="float", unit="m", lower=-0.7, upper=0.7, doc="ahead of the base"),
-        FieldSpec(name="speed", type="float", unit="m/s", required=False),
+        FieldSpec(name="speed", type="float", unit="m/s", nullable=True, required=False),
         FieldSpec(name="elbow", type="choice", choices=("up", "down"), required=False, default="up"),
     )
     assert go_to.result == ()
@@ -130,6 +133,15 @@ def test_slots_and_exposures_are_declared_in_the_class() -> None:
     assert [spec.doc for spec in cube.child_slots.specs()] == ["what drives", ""]
 
 
+@dataclass
+class Tree:
+    below: list[Tree]
+
+
+class Side(Enum):
+    LEFT = 1
+
+
 def declare(function: Any) -> type[Robot]:
     function.__qualname__ = f"Odd.{function.__name__}"
     return type("Odd", (Robot,), {function.__name__: command(function)})
@@ -138,7 +150,10 @@ def declare(function: Any) -> type[Robot]:
 def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901 # a list of examples
     def untyped(self: Any, x) -> None: ...  # type: ignore[no-untyped-def]  # noqa: ANN001
 
-    def listy(self: Any, x: list[float]) -> None: ...
+    def listy(self: Any, x: list) -> None: ...  # type: ignore[type-arg]
+    def recursive(self: Any, x: Tree) -> None: ...
+    def numbered(self: Any, x: Side) -> None: ...
+    def picture(self: Any, x: bytes) -> None: ...
     def starry(self: Any, *x: float) -> None: ...
     def ranged(self: Any, x: Annotated[str, Range(0, 1)]) -> None: ...
     def defaulted(self: Any, x: Annotated[float, Range(0, 1)] = 2.0) -> None: ...
@@ -149,14 +164,16 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901
     def _hidden(self: Any) -> None: ...
 
     sentences = {
-        untyped: "Odd.untyped: parameter 'x' needs a type: float, int, bool, str or Literal of texts",
-        listy: "Odd.listy: parameter 'x' cannot be list[float]: "
-        "use float, int, bool, str or Literal of texts",
+        untyped: "Odd.untyped: parameter 'x' needs a type: " + USABLE,
+        listy: "Odd.listy: parameter 'x' does not say what is in it: write for example list[float]",
+        recursive: "Odd.recursive: parameter 'x': its 'below': a value of it contains itself: a Tree cannot "
+        "lie in a Tree",
+        numbered: "Odd.numbered: parameter 'x': Side.LEFT is 1; write a text: LEFT = \"left\"",
+        picture: "Odd.picture: parameter 'x' cannot be bytes: only a result can",
         starry: "Odd.starry: parameter 'x': a command takes named parameters only",
         ranged: "Odd.ranged: parameter 'x': only numbers have a unit or a range",
         defaulted: "default of Odd.defaulted: x: 2 is out of range; give a number from 0 to 1",
-        complicated: "Odd.complicated: its result cannot be dict[str, float]: "
-        "use float, int, bool, str or Literal of texts, or a dataclass of such",
+        complicated: "Odd.complicated: its result cannot be dict[str, float]: use " + USABLE,
         unknown: "Odd.unknown: name 'Metre' is not defined; define it in the file, outside of functions",
         later: "Odd.later: a command is a plain function; it may block as it likes",
         readings: "Odd.readings: a command cannot have this name; every robot uses it itself",

@@ -1,0 +1,234 @@
+"""From an annotation to the description of a value: `Annotated[float, Unit("m"), Range(0, 1), "far"]`.
+
+Numbers, truth values and texts; choices (Literal or Enum of texts); lists and tuples; records (a dataclass, a
+TypedDict or a Struct); any of them or None; bytes as a result. A unit or a range of a list is that of its
+numbers. Mistakes of an author are `TypeError`s.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import dataclasses
+import inspect
+import types
+from enum import Enum
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    NotRequired,
+    Required,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
+
+import msgspec
+
+from robotree.vr.description import FieldSpec, ParameterType
+from robotree.vr.plain import to_plain
+from robotree.vr.units import Range, Unit
+
+USABLE = (
+    "float, int, bool, str, a Literal or Enum of texts, list[…], tuple[…], a dataclass or TypedDict, "
+    "or one of these | None"
+)
+_SIMPLE: dict[object, ParameterType] = {float: "float", int: "int", bool: "bool", str: "str", bytes: "bytes"}
+_LISTS = frozenset({list, collections.abc.Sequence})
+
+
+class Part(NamedTuple):
+    """One value of a record."""
+
+    annotation: Any
+    required: bool = True
+    default: Any = None
+
+
+def field_of(
+    name: str,
+    annotation: Any,
+    where: str,
+    *,
+    above: tuple[type[Any], ...] = (),
+    measures: tuple[Range | Unit, ...] = (),
+) -> FieldSpec:
+    """Return how a value of a type is described.
+
+    Args:
+        name: of the value.
+        annotation: its type.
+        where: for messages: `Arm.go_to: parameter 'x'`.
+        above: the records in which it lies.
+        measures: units and ranges of the list in which it lies.
+
+    Raises:
+        TypeError: such a value cannot travel.
+    """
+    annotation, extras, nullable = _bare(annotation)
+    own = tuple(extra for extra in extras if isinstance(extra, Range | Unit))
+    kind, items, choices = _content(annotation, where, above, (*measures, *own))
+    if kind not in {"float", "int", "list", "tuple"} and (own or measures):
+        raise TypeError(f"{where}: only numbers have a unit or a range")
+    unit, limits = "", Range()
+    if kind in {"float", "int"}:
+        unit = _last(Unit, (*measures, *own), Unit("")).symbol
+        limits = _last(Range, (*measures, *own), Range())
+    return FieldSpec(
+        name=name,
+        type=kind,
+        unit=unit,
+        lower=limits.lower,
+        upper=limits.upper,
+        choices=choices,
+        nullable=nullable,
+        items=items,
+        doc=inspect.cleandoc(_last(str, extras, "")),
+    )
+
+
+def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
+    """Return the values of a record by name; empty: the class is none.
+
+    Raises:
+        TypeError: an annotation names something that is not there.
+    """
+    if not is_record(cls):
+        return {}
+    try:
+        hints = get_type_hints(cls, include_extras=True)
+    except NameError as error:
+        raise TypeError(
+            f"{where}: {cls.__name__}: {error}; define it in the file, outside of functions"
+        ) from None
+    if is_typeddict(cls):
+        return {name: _key(cls, name, hint) for name, hint in hints.items()}
+    if issubclass(cls, msgspec.Struct):
+        fields = msgspec.structs.fields(cls)
+        return {
+            one.name: Part(hints[one.name], one.required, None if one.required else _default(one.default))
+            for one in fields
+        }
+    return {
+        one.name: Part(hints[one.name], _is_required(one), _default(one.default))
+        for one in dataclasses.fields(cls)
+        if one.init
+    }
+
+
+def is_record(annotation: Any) -> bool:
+    """Whether a type is a record: a dataclass, a TypedDict or a Struct."""
+    if not isinstance(annotation, type):
+        return False
+    cls = cast("type[Any]", annotation)
+    return is_typeddict(cls) or issubclass(cls, msgspec.Struct) or dataclasses.is_dataclass(cls)
+
+
+def needs_building(annotation: Any) -> bool:
+    """Whether an author's code takes a value in another form than that in which it travels.
+
+    Numbers, texts and lists of them are taken as they travel; an Enum, a tuple or a record is built.
+    """
+    if isinstance(annotation, type) and get_origin(annotation) is None:
+        if is_typeddict(annotation):
+            return any(needs_building(part.annotation) for part in parts_of(annotation, "").values())
+        return issubclass(annotation, Enum) or is_record(annotation)
+    origin = get_origin(annotation)
+    return origin is tuple or (origin is not Literal and any(map(needs_building, get_args(annotation))))
+
+
+def _content(
+    annotation: Any, where: str, above: tuple[type[Any], ...], measures: tuple[Range | Unit, ...]
+) -> tuple[ParameterType, tuple[FieldSpec, ...], tuple[str, ...]]:
+    """Return the kind of a type, what is in it, and its choices."""
+    origin, args = get_origin(annotation), get_args(annotation)
+    if annotation in _SIMPLE:
+        return _SIMPLE[annotation], (), ()
+    if origin is Literal and all(isinstance(choice, str) for choice in args):
+        return "choice", (), args
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return "choice", (), _members(annotation, where)
+    if origin in _LISTS or (origin is tuple and args[1:] == (...,)):
+        return "list", (field_of("", args[0], f"{where}: a value of it", above=above, measures=measures),), ()
+    if origin is tuple and args:
+        items = (
+            field_of("", one, f"{where}: value {index}", above=above, measures=measures)
+            for index, one in enumerate(args)
+        )
+        return "tuple", tuple(items), ()
+    if is_record(annotation):
+        return "record", _record(cast("type[Any]", annotation), where, above), ()
+    if annotation in {*_LISTS, tuple}:
+        raise TypeError(f"{where} does not say what is in it: write for example list[float]")
+    raise TypeError(f"{where} cannot be {_spelled(annotation)}: use {USABLE}")
+
+
+def _record(cls: type[Any], where: str, above: tuple[type[Any], ...]) -> tuple[FieldSpec, ...]:
+    if cls in above:
+        raise TypeError(f"{where} contains itself: a {cls.__name__} cannot lie in a {cls.__name__}")
+    fields: list[FieldSpec] = []
+    for name, part in parts_of(cls, where).items():
+        field = field_of(name, part.annotation, f"{where}: its {name!r}", above=(*above, cls))
+        if not part.required:
+            field = msgspec.structs.replace(field, required=False, default=part.default)
+        fields.append(field)
+    return tuple(fields)
+
+
+def _members(kind: type[Enum], where: str) -> tuple[str, ...]:
+    for one in kind:
+        if not isinstance(one.value, str):
+            told = f"{kind.__name__}.{one.name} is {one.value!r}"
+            raise TypeError(f'{where}: {told}; write a text: {one.name} = "{one.name.lower()}"')
+    return tuple(one.value for one in kind)
+
+
+def _bare(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
+    """Unwrap `Annotated` and `X | None`; return the type, what was said of it, and whether it may be None."""
+    extras: tuple[Any, ...] = ()
+    nullable = False
+    while True:
+        if get_origin(annotation) is Annotated:
+            annotation, *said = get_args(annotation)
+            extras = (*said, *extras)
+            continue
+        args = get_args(annotation)
+        if get_origin(annotation) in {Union, types.UnionType} and types.NoneType in args:
+            nullable = True
+            rest = [one for one in args if one is not types.NoneType]
+            annotation = Union[tuple(rest)]  # noqa: UP007 # of a list that is known at run time
+            continue
+        return annotation, extras, nullable
+
+
+def _key(cls: type[Any], name: str, hint: Any) -> Part:
+    """Return one value of a TypedDict; where annotations are texts only the hint tells of `NotRequired`."""
+    if get_origin(hint) in {Required, NotRequired}:
+        return Part(get_args(hint)[0], get_origin(hint) is Required)
+    return Part(hint, name in getattr(cls, "__required_keys__", ()))
+
+
+def _is_required(field: dataclasses.Field[Any]) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def _default(value: Any) -> Any:
+    """Return a default as it is shown; one that is made anew each time is not."""
+    if value is dataclasses.MISSING or value is msgspec.NODEFAULT:
+        return None
+    try:
+        return to_plain(value)
+    except TypeError:
+        return None
+
+
+def _last(kind: type[Any], extras: tuple[Any, ...], otherwise: Any) -> Any:
+    return next((extra for extra in reversed(extras) if isinstance(extra, kind)), otherwise)
+
+
+def _spelled(annotation: Any) -> str:
+    return inspect.formatannotation(annotation)
