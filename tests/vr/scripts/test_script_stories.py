@@ -220,6 +220,11 @@ async def test_who_floods_a_script_is_refused(stage: Stage) -> None:
         from robotree.vr.scripts.happening import Happening
 
         taken = [inbox.offer(Happening(act="go", arguments=("x",))) for _ in range(600)]
+        with pytest.raises(
+            CommandFailed,
+            match=r"guide.go failed: it is flooded: too many messages wait for its rules; send fewer",
+        ):
+            await stage.call("guide", "go", place="hall")
     assert taken.count(False) >= 90
 
 

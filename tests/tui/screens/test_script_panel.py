@@ -1,0 +1,134 @@
+"""What a script knows, live in its panel; and roles, chosen on the screen."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from textual.widgets import OptionList
+
+from robotree.tui.screen.pages import panel as panels
+from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.role import RoleDialog
+from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.vr import command
+from robotree.vr.roles import RolePlayer
+
+from .test_panel_page import open_panel
+
+if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
+    from tui.conftest import Realm
+
+COUNTS = """
+script: doorman
+partners: {robot: Butler}
+hears: {bell: {who: text}}
+facts: {count: {guests: 0}}
+begin with:
+  - count: {guests: 0}
+rules:
+  - rule: greet
+    when:
+      - bell: {who: $who}
+      - count: {guests: $n}
+        as: c
+    then:
+      - update c: {guests: = $n + 1}
+      - do: robot.say
+        with: {text: "Welcome, $who"}
+  - rule: go-on
+    when: [failed: {act: say}]
+    then: [log: nobody spoke]
+"""
+
+
+class Butler(RolePlayer):
+    @command
+    def say(self, text: str) -> str:
+        """Say something."""
+        return self.manner.words(text)
+
+
+async def led(realm: Realm, folder: Path) -> None:
+    """Have a script lead a robot that plays roles."""
+    await realm.robot(Butler("james"))
+    file = folder / "doorman.yaml"
+    await asyncio.to_thread(file.write_text, COUNTS)
+    await realm.fleet.create(str(file), "doorman")
+    await realm.fleet.enslave("doorman", "robot", "james")
+
+
+async def test_the_panel_of_a_script_shows_its_facts_and_firings_live(
+    realm: Realm, operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(panels, "GLANCE", 0.1)
+    await led(realm, tmp_path)
+    async with operate(realm.fleet, size=(130, 50)) as operator:
+        await open_panel(operator, "doorman")
+        await operator.sees("rules", "ready", "it is not started")
+        await realm.fleet.tell("doorman", "start", {}, deadline=60.0)
+        await operator.sees("active", "(count (guests 0))", "fired (0)")
+        await realm.fleet.call("doorman", "bell", {"who": "Anna"})
+        await operator.sees("(count (guests 1))", "greet")
+        await realm.fleet.release("doorman", "robot")
+        await operator.sees("it is not started; it ended", "(it was released)")
+
+
+async def choose_role(operator: Operator, name: str) -> RoleDialog:
+    """Press the key of roles on a robot."""
+    table = operator.one(RobotTable)
+    await operator.until(lambda: name in table.names, name)
+    await operator.press("home")
+    while table.selected != name:
+        await operator.press("down")
+    await operator.until(lambda: name in operator.app.store.descriptions, "its description")
+    await operator.press("p")
+    return await operator.at(RoleDialog)
+
+
+async def test_a_role_is_chosen_on_the_screen_and_the_present_one_is_marked(
+    realm: Realm, operate: Operate
+) -> None:
+    robot = Butler("james")
+    await realm.robot(robot)
+    async with operate(realm.fleet) as operator:
+        dialog = await choose_role(operator, "james")
+        await operator.sees("Which role does james play from its next act on?", "neutral  now", "child")
+        options = dialog.query_one(OptionList)
+        names = [options.get_option_at_index(i).id for i in range(options.option_count)]
+        assert names[0] == "neutral"
+        for _ in range(names.index("butler")):
+            await operator.press("down")
+        await operator.press("enter")
+        await operator.at(MainPage)
+        await operator.sees("james plays butler from its next act on")
+        assert robot.role == "butler"
+        await choose_role(operator, "james")
+        await operator.sees("butler  now")
+        await operator.press("escape")
+        await operator.at(MainPage)
+        assert robot.role == "butler", "escape changes nothing"
+
+
+async def test_the_role_of_a_led_robot_is_changed_through_its_script(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    await led(realm, tmp_path)
+    async with operate(realm.fleet) as operator:
+        await operator.obey("role james child")
+        await operator.sees("james plays child from its next act on")
+        assert (await realm.fleet.describe("james")).attributes["role"] == "child"
+
+
+async def test_a_robot_without_roles_says_so(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        table = operator.one(RobotTable)
+        await operator.until(lambda: "arm-1" in table.names, "arm-1")
+        await operator.press("home")
+        while table.selected != "arm-1":
+            await operator.press("down")
+        await operator.press("p")
+        await operator.sees("arm-1 plays no roles")
