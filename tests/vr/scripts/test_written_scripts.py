@@ -190,12 +190,12 @@ def test_the_listing_has_one_rule_of_clips_for_each_rule_of_yaml() -> None:
     assert len(program.rules) == len(written)
 
 
-SCRIPTS = sorted(path for path in EXAMPLES.iterdir() if path.name.endswith(".test.yaml"))
+SCRIPTS = sorted(EXAMPLES.rglob("*.test.yaml"))
 
 
 def test_each_example_script_has_a_table() -> None:
     scripts = {
-        path for path in EXAMPLES.iterdir() if path.suffix in {".yaml", ".clp"} and ".test." not in path.name
+        path for path in EXAMPLES.rglob("*") if path.suffix in {".yaml", ".clp"} and ".test." not in path.name
     }
     assert {path.parent / read_table(path.read_text(), path.name)[0] for path in SCRIPTS} == scripts
 
