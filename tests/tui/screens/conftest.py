@@ -19,7 +19,7 @@ from robotree.tui.screen import key_guard
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
-from robotree.vr.agents import news
+from robotree.vr.agents import news, shared
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -143,7 +143,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(key_guard, "LOOK", 0.0)
     monkeypatch.setattr(feeding, "PAUSE", 0.05)
     monkeypatch.setattr(news, "QUICK", 0.03)
-    monkeypatch.setattr(news, "SLOW", 0.15)
+    monkeypatch.setattr(shared, "ROUND", 0.15)
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ import pytest
 from robotree.vr.agents.host import Host
 from robotree.vr.bundle import Bundle
 from robotree.vr.errors import BrokenScript
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.exchange.host_client import HostClient
+from robotree.vr.exchange.client import HostClient, RobotClient
 from tests.vr.scripts.stage import EXAMPLES, Stage
 
 ITSELF = """
