@@ -23,7 +23,10 @@ Respond = Callable[[bytes], None]
 RequestHandler = Callable[[bytes, Respond], Awaitable[None]]
 """Answers one request. Runs as its own task; an exception in it is logged and ends the reply."""
 
-DirectHandler = Callable[[bytes, Respond, Callable[[], None]], bool]
+End = Callable[[bytes | None], None]
+"""Ends the replies to a request, with one more or with None."""
+
+DirectHandler = Callable[[bytes, Respond, End], bool]
 """Takes a request in the thread that reads it: its body, how to reply, how to end the replies; both may be
 called from any thread. Must not block. False: it has not taken it."""
 

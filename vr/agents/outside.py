@@ -28,7 +28,7 @@ from robotree.vr.requests import (
 )
 from robotree.vr.running.live import LiveRobot, NotDescribed
 from robotree.vr.running.serial_worker import SerialWorker
-from robotree.vr.transport import Respond
+from robotree.vr.transport import End, Respond
 
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two messages with a command's progress to one caller."""
@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 class Caller:
     """Who waits in another process for the end of a call: a `Listener`."""
 
-    def __init__(self, live: LiveRobot, key: str, respond: Respond, end: Callable[[], None]) -> None:
+    def __init__(self, live: LiveRobot, key: str, respond: Respond, end: End) -> None:
         """Take how to reply and how to end the replies."""
         self._live, self._key, self._respond, self._end = live, key, respond, end
         self._quiet_until = 0.0
@@ -64,8 +64,7 @@ class Caller:
         """See `Listener.settle`."""
         self._tell()
         self._over = True
-        self._respond(encode(reply))
-        self._end()
+        self._end(encode(reply))
 
     def _tell(self) -> None:
         pending, self._pending = self._pending, []
@@ -97,25 +96,25 @@ class OutsideCalls:
         self._live, self._is_open, self._describe, self._attend = live, is_open, describe, attend
         self._units = SerialWorker(live.process.runner, f"{live.robot.name} units")
 
-    def take(self, body: bytes, respond: Respond, end: Callable[[], None]) -> bool:
+    def take(self, body: bytes, respond: Respond, end: End) -> bool:
         """Take a request if it is a call or a cancel; see `Transport.serve`."""
         try:
             received = opened(body, self._live.robot.name, self._live.process.runner.now())
         except VrError as error:
-            self._refuse(error, respond, end)
+            self._refuse(error, end)
             return True
         request = received.request
         if isinstance(request, Call):
             self._call(request, received, respond, end)
         elif isinstance(request, Cancel):
-            self._answer(partial(self._cancel, request), respond, end)
+            self._answer(partial(self._cancel, request), end)
         else:
             return False
         return True
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _call(self, call: Call, received: Received, respond: Respond, end: Callable[[], None]) -> None:
+    def _call(self, call: Call, received: Received, respond: Respond, end: End) -> None:
         seconds = min(call.deadline, LONGEST_DEADLINE) if math.isfinite(call.deadline) else call.deadline
         # what a parent's bond does for its calls, its presence does for the call of a program that waits
         attended_by = "" if call.oneway or call.epoch is not None else received.sender
@@ -131,7 +130,7 @@ class OutsideCalls:
         self,
         call: Call,
         respond: Respond,
-        end: Callable[[], None],
+        end: End,
         deadline_at: float,
         stops: int,
         attended_by: str,
@@ -140,9 +139,7 @@ class OutsideCalls:
         caller = None if call.oneway else Caller(live, call.key, respond, end)
 
         def accepted() -> None:
-            respond(encode(Accepted(key=call.key)))
-            if call.oneway:
-                end()
+            (end if call.oneway else respond)(encode(Accepted(key=call.key)))
 
         try:
             self._expect_open()
@@ -153,11 +150,11 @@ class OutsideCalls:
                 if error is None:
                     self._admit(call, respond, end, deadline_at, stops, attended_by)
                 else:
-                    self._refuse(error, respond, end)
+                    self._refuse(error, end)
 
             self._describe(unknown, described)
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
-            self._refuse(error, respond, end)
+            self._refuse(error, end)
         else:
             if attended_by:
                 self._attend(attended_by, call.key)
@@ -179,18 +176,17 @@ class OutsideCalls:
             self._live.post(on.CancelAll(reason=reason, epoch=request.epoch))
         return Done()
 
-    def _answer(self, answer: Callable[[], Reply], respond: Respond, end: Callable[[], None]) -> None:
+    def _answer(self, answer: Callable[[], Reply], end: End) -> None:
         try:
             self._expect_open()
-            respond(encode(answer()))
+            reply = answer()
         except Exception as error:  # noqa: BLE001 # as above
-            self._refuse(error, respond, end)
+            self._refuse(error, end)
         else:
-            end()
+            end(encode(reply))
 
-    def _refuse(self, error: Exception, respond: Respond, end: Callable[[], None]) -> None:
+    def _refuse(self, error: Exception, end: End) -> None:
         if not isinstance(error, VrError):
             _log.error("%s: an answer failed", self._live.robot.name, exc_info=error)
             error = VrError(detail=f"{self._live.robot.name}: internal error: {error!r}")
-        respond(encode(Raised.of(error)))
-        end()
+        end(encode(Raised.of(error)))

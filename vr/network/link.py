@@ -90,9 +90,11 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, tag=3):
 
 
 class End(msgspec.Struct, frozen=True, array_like=True, tag=4):
-    """The last word on a request."""
+    """The last frame about a request."""
 
     number: int
+    last: bytes | None
+    """One more reply."""
 
 
 class Sample(msgspec.Struct, frozen=True, array_like=True, tag=5):

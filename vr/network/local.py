@@ -16,6 +16,7 @@ from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
+    End,
     Hear,
     Held,
     PresenceHandler,
@@ -90,11 +91,11 @@ class LocalTransport:
         """See `Transport.serve`."""
         self._check(key)
 
-        def answer(body: bytes, urgent: bool, respond: Respond, end: Callable[[], None]) -> None:  # noqa: FBT001 # an Answer
+        def answer(body: bytes, urgent: bool, respond: Respond, end: End) -> None:  # noqa: FBT001 # an Answer
             if direct is not None and direct(body, respond, end):
                 return
             if not self._turns.put(partial(self._answer, key, body, respond, end), urgent=urgent):
-                end()  # the loop is closed
+                end(None)  # the loop is closed
 
         self.mesh.serve(key, answer)
         self._served[key], self._handlers[key] = answer, handler
@@ -129,7 +130,13 @@ class LocalTransport:
         elif answer is None:
             self.mesh.ask(key, body, void_at=void_at, urgent=urgent, hear=hear)
         else:  # of this process
-            answer(body, urgent, hear, lambda: hear(None))
+
+            def end(last: bytes | None) -> None:
+                if last is not None:
+                    hear(last)
+                hear(None)
+
+            answer(body, urgent, hear, end)
 
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""
@@ -229,22 +236,22 @@ class LocalTransport:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _answer(self, key: str, body: bytes, respond: Respond, end: Callable[[], None]) -> None:
+    def _answer(self, key: str, body: bytes, respond: Respond, end: End) -> None:
         handler = self._handlers.get(key)
         if handler is None or self._closing is not None:
-            end()
+            end(None)
         else:
             self._spawn(self._handle(handler, body, respond, end, key))
 
     async def _handle(
-        self, handler: RequestHandler, body: bytes, respond: Respond, end: Callable[[], None], key: str
+        self, handler: RequestHandler, body: bytes, respond: Respond, end: End, key: str
     ) -> None:
         try:
             await handler(body, lambda reply: respond(bytes(reply)))
         except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
             _log.exception("the handler of %s raised", key)
         finally:
-            end()
+            end(None)
 
 
 class _Registration:

@@ -75,8 +75,9 @@ NAMELESS: Final = "it has no name in the folder of the realm, so that nobody who
 """Why a process that lives cannot be told anything."""
 
 Respond = Callable[[bytes], None]
-Answer = Callable[[bytes, bool, Respond, Callable[[], None]], None]
-"""Takes a request: its body, whether it is urgent, how to reply (any number of times), how to end."""
+Answer = Callable[[bytes, bool, Respond, Callable[[bytes | None], None]], None]
+"""Takes a request: its body, whether it is urgent, how to reply (any number of times), and how to end the
+replies, with one more or with None."""
 Hear = Callable[[bytes | None], None]
 """Takes one reply to a request; None: there are no more."""
 OnSample = Callable[[str, bytes], None]
@@ -668,7 +669,7 @@ class Mesh:
 
     def _answered(self, link: Link, end: End) -> None:
         if (peer := self._peers.get(link.member)) is not None:
-            self._end_exchange(peer, end.number)
+            self._end_exchange(peer, end.number, end.last)
 
     def _published(self, _: Link, sample: Sample) -> None:
         with self._lock:
@@ -693,17 +694,17 @@ class Mesh:
         def respond(body: bytes) -> None:
             self._say(link, pack(Reply(number, body)))
 
-        def end() -> None:
-            self._say(link, pack(End(number)))
+        def end(last: bytes | None) -> None:
+            self._say(link, pack(End(number, last)))
 
         if answer is None:
-            end()
+            end(None)
         else:
             try:
                 answer(ask.body, link.channel is Channel.URGENT, respond, end)
             except Exception:  # noqa: BLE001 # the asker must not wait for an answer that never comes
                 _log.exception("the handler of %s raised", ask.key)
-                end()
+                end(None)
 
     def _say_to_all(self, frame: Frame) -> None:
         packed = pack(frame)
@@ -720,8 +721,10 @@ class Mesh:
             with contextlib.suppress(OSError):
                 link.socket.shutdown(socket.SHUT_RDWR)
 
-    def _end_exchange(self, peer: _Peer, number: int) -> None:
+    def _end_exchange(self, peer: _Peer, number: int, last: bytes | None = None) -> None:
         if (exchange := peer.exchanges.pop(number, None)) is not None:
+            if last is not None:
+                exchange.hear(last)
             exchange.hear(None)
 
     def _tick(self, now: float) -> None:

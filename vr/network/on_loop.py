@@ -13,6 +13,7 @@ import contextlib
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from typing import Generic, Self, TypeVar
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable, VrError
@@ -202,11 +203,16 @@ def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:
     async def handle(body: bytes, respond: Respond) -> None:
         loop, over = asyncio.get_running_loop(), asyncio.Event()
 
-        def soon(action: Respond, reply: bytes) -> None:
+        def soon(action: Callable[[], object]) -> None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits
-                loop.call_soon_threadsafe(action, reply)
+                loop.call_soon_threadsafe(action)
 
-        if direct(body, lambda reply: soon(respond, reply), lambda: soon(lambda _: over.set(), b"")):
+        def end(last: bytes | None) -> None:
+            if last is not None:
+                soon(partial(respond, last))
+            soon(over.set)
+
+        if direct(body, lambda reply: soon(partial(respond, reply)), end):
             await over.wait()
         else:
             await handler(body, respond)

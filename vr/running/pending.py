@@ -84,7 +84,7 @@ class PendingCall:
     def hear(self, body: bytes | None) -> None:
         """Take one reply from another process; None: there are no more."""
         if body is None:
-            if self.oneway and self.accepted:
+            if self.reply is not None or (self.oneway and self.accepted):
                 return
             if self.accepted:
                 detail = "it ended in the middle; look where the robot stands before you go on"
@@ -105,7 +105,7 @@ class PendingCall:
             self.accepted, self.accept_by = True, math.inf
             if self.oneway:
                 self.ended()
-            self.frame.worker.waiter.wake()
+                self.frame.wake()
 
     key_of_child = ""
     """Under which a child in another process answers."""
@@ -211,15 +211,16 @@ class PendingCall:
     def _wait(self, timeout: float) -> None:
         frame, worker = self.frame, self.frame.worker
         patience = self.accept_by - worker.process.runner.now()
-        before = self.accepted
-        if not worker.wait(frame, lambda: self._news(before), min(timeout, patience)):
+        if not worker.wait(frame, self._is_news, min(timeout, patience)):
             if patience > timeout:
                 raise TimeoutError
-            self.withdraw("the caller gave up")
-            self.fail(NoAnswer(key=self.key_of_child, seconds=PATIENCE))
+            if not self.accepted:
+                self.withdraw("the caller gave up")
+                self.fail(NoAnswer(key=self.key_of_child, seconds=PATIENCE))
 
-    def _news(self, before: bool) -> bool:  # noqa: FBT001 # whether it was accepted before
-        return self.reply is not None or self.run_here is not None or self.accepted != before
+    def _is_news(self) -> bool:
+        # that it was accepted is looked at when the time for that is over: it wakes nobody
+        return self.reply is not None or self.run_here is not None or (self.oneway and self.accepted)
 
     def _value(self) -> Any:
         reply = self.reply

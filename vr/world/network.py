@@ -33,6 +33,7 @@ from robotree.vr.network.pattern import matches
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
+    End,
     Hear,
     Held,
     PresenceHandler,
@@ -556,32 +557,36 @@ class MemoryTransport:
                 arrive = partial(asker.replied, self, exchange, bytes(memoryview(reply)))
                 network.inside(lambda: send(arrive))
 
-        def end() -> None:
+        def end(last: bytes | None) -> None:
             if exchange is not None and not self.closed:
-                ended = exchange.end
-                network.inside(lambda: send(ended))
+                arrive = partial(asker.ended, self, exchange, last)
+                network.inside(lambda: send(arrive))
 
         handler, direct = self.served.get(key), self._direct.get(key)
         if handler is None:
-            end()
+            end(None)
         elif direct is None or not direct(body, respond, end):
             self._soon(partial(self._handle, handler, key, body, respond, end))
+
+    def ended(self, server: MemoryTransport, exchange: _Exchange, last: bytes | None) -> None:
+        """Take the end of the replies, and the last of them."""
+        if last is not None:
+            self.replied(server, exchange, last)
+        exchange.end()
 
     def replied(self, server: MemoryTransport, exchange: _Exchange, body: bytes) -> None:
         """Take a reply that has arrived."""
         self.network.note(server, self, "reply", body)
         exchange.reply(body)
 
-    def _handle(
-        self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: Callable[[], None]
-    ) -> None:
+    def _handle(self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: End) -> None:
         async def run() -> None:
             try:
                 await handler(body, respond)
             except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
                 _log.exception("the handler of %s raised", key)
             finally:
-                end()
+                end(None)
 
         if not self.closed:
             task = self.loop.create_task(run(), name=f"{self.name} answers {key}")

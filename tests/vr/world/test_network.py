@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr.errors import NoAnswer, Unreachable
 from robotree.vr.testing import in_virtual_time
-from robotree.vr.transport import Respond
+from robotree.vr.transport import End, Respond
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.promises import replies_of
 
@@ -180,12 +180,11 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     async def slowly(body: bytes, respond: Respond) -> None:
         respond(b"slow " + body)
 
-    def directly(body: bytes, respond: Respond, end: object) -> bool:
-        assert callable(end)
+    def directly(body: bytes, respond: Respond, end: End) -> bool:
         if not body.startswith(b"d"):
             return False
         respond(b"direct " + body)
-        end()
+        end(b"last")
         return True
 
     await server.serve(KEY, slowly, direct=directly)
@@ -193,10 +192,10 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     for body in (b"d", b"s"):
         caller.ask(KEY, body, hear=heard.append)
         await asyncio.sleep(0.1)
-    assert heard == [b"direct d", None, b"slow s", None]
+    assert heard == [b"direct d", b"last", None, b"slow s", None]
     caller.ask("nobody", b"d", hear=heard.append)
     await asyncio.sleep(0.1)
-    assert heard[4:] == [None]
+    assert heard[5:] == [None]
 
 
 @in_virtual_time
