@@ -22,6 +22,7 @@ from robotree.vr.errors import (
     SlotEmpty,
     VrError,
 )
+from robotree.vr.fields import state
 from robotree.vr.robot import Robot
 from robotree.vr.units import Range, Unit
 from robotree.vr.virtual_robot import VirtualRobot
@@ -32,6 +33,7 @@ __all__ = [
     "VirtualRobot",
     "Child",
     "Children",
+    "state",
     # its commands
     "command",
     "Unit",

@@ -17,6 +17,7 @@ import msgspec
 
 from robotree.vr.description import Arguments, CommandSpec, Effect
 from robotree.vr.errors import BadArgument
+from robotree.vr.fields import SET, settings_spec
 from robotree.vr.robot import Robot
 from robotree.vr.signature import built_for, returned_by, spec_of
 
@@ -115,4 +116,16 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
                 )
             else:
                 found[name] = Command(spec_of(value, effect), value, returned_by(value), built_for(value))
+    spec = settings_spec(cls)
+    if spec.parameters:
+        if SET in found:
+            raise TypeError(
+                f"{cls.__name__}.{SET}: a robot with settings has a command of this name itself; rename yours"
+            )
+        found[SET] = Command(spec, _set, None)
     return found
+
+
+def _set(robot: Any, **values: Any) -> None:
+    """Change settings; the values have been checked."""
+    robot.field_values.write(values)

@@ -107,6 +107,10 @@ class Activity(Protocol):
         """Read something that may be another thing the next time: the clock, chance, who is in a slot."""
         ...
 
+    def keep(self, change: Callable[[], None]) -> None:
+        """Change what the robot keeps. No cancellation point: a command that ends may still note why."""
+        ...
+
     def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
         """Call a child's command, wait for its end and return the result."""
         ...

@@ -64,6 +64,8 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     """The parts of the result; one part without a name for a single value; empty when there is none."""
     through: str = ""
     """`slot.command` when it is a child's command, exposed; such a command needs the slot filled."""
+    beside: bool = False
+    """It runs beside a command that moves, as one that reads does, though it changes something: `set`."""
     available: bool = True
     """False while the slot it goes through is empty (its parameters are unknown then)."""
 
@@ -151,6 +153,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     """What it reads now, and `progress` of the running command; an author's own are one sample old."""
     units: dict[str, str] = {}
     """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
+    kept: dict[str, Any] = {}
+    """Its declared state, by name; a value that is too large to show is left out."""
     calls: dict[str, int] = {}
     """How often each command was called, over all incarnations of this name."""
 

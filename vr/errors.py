@@ -6,8 +6,9 @@ that a caller on the far side of the network catches the same class with the sam
     VrError
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
                       NoSuchView
-      CommandError    NoSuchCommand · BadArgument · CommandFailed (Failed) · CommandCancelled · ChildCancelled
-                      DeadlineExceeded · Busy · CommandInDoubt · Stopped · StillRunning · KeyReused
+      CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
+                      ChildCancelled · DeadlineExceeded · Busy · CommandInDoubt · Stopped
+                      StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotEmpty · GroupFull · WrongKind · StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
@@ -189,6 +190,15 @@ class NoSuchCommand(CommandError):
     """The robot does not have, or does not expose, this command."""
 
     sentence = "{robot} has no command {command!r}; it has: {known}"
+
+
+class NoSettings(CommandError):
+    """The robot has no settings."""
+
+    sentence = (
+        "{robot} has no settings; in its page a setting is a typed attribute with a default, as in "
+        "speed: float = 0.1"
+    )
 
 
 class BadArgument(CommandError):

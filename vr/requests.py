@@ -150,6 +150,8 @@ class Create(_Message, frozen=True, kw_only=True):
     source: str
     wanted: str = ""
     """Class name; empty: the only virtual robot in the source."""
+    settings: dict[str, Any] = {}
+    """Values of its settings that are not the defaults: numbers in the declared units, or text with units."""
 
 
 class DescribeHost(_Message, frozen=True, kw_only=True):

@@ -72,6 +72,22 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
         ) from None
 
 
+def field_with_default(name: str, annotation: Any, default: Any, where: str, label: str) -> FieldSpec:
+    """Return how a typed value with a default looks to people.
+
+    Args:
+        name: of the value.
+        annotation: as in the source, evaluated.
+        default: its value when none is given.
+        where: what it is, for messages about its type.
+        label: whose it is, for messages about its default.
+
+    Raises:
+        TypeError: it is of a type that cannot travel, or the default is not one that it takes.
+    """
+    return _with_default(field_of(name, annotation, where), default, label)
+
+
 def _parameter(
     function: Callable[..., Any], parameter: inspect.Parameter, hints: dict[str, Any]
 ) -> FieldSpec:

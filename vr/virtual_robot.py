@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import Any, cast
+from typing import Any, Self, cast
 
 from robotree.vr.child import Child, Children, Exposed
 from robotree.vr.core.bonds import Slots
+from robotree.vr.fields import Kept, declare
 from robotree.vr.robot import Robot
 from robotree.vr.units import Unit
 
@@ -19,11 +20,15 @@ class VirtualRobot(Robot):
     their children (`move = rover.exposed("move")`). The agent that runs it binds children to the slots.
     """
 
+    field_values: Kept
+    """Its settings and declared state."""
+
     def __init_subclass__(cls) -> None:
-        """Refuse what cannot work: hooks that nobody could run, and slots that are none.
+        """Find settings and state, and refuse what cannot work: slow hooks, and slots that are none.
 
         Raises:
-            TypeError: a hook is `async def`, or an attribute is a list of `Child`.
+            TypeError: a hook is `async def`, an attribute is a list of `Child`, or a setting or state is
+                declared wrongly.
             ValueError: a unit of a reading is not known.
         """
         super().__init_subclass__()
@@ -39,6 +44,13 @@ class VirtualRobot(Robot):
         for hook in ("readings", "safe_stop", "resume"):
             if inspect.iscoroutinefunction(getattr(cls, hook)):
                 raise TypeError(f"{cls.__name__}.{hook} runs in a thread: write it without async")
+        declare(cls)
+
+    def __new__(cls, *_arguments: Any, **_named: Any) -> Self:
+        """Make a robot whose settings and state can be read from the first line of its constructor on."""
+        robot = super().__new__(cls)
+        robot.field_values = Kept(cls)
+        return robot
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot; all its slots are empty.
@@ -51,6 +63,7 @@ class VirtualRobot(Robot):
             BadName: that cannot be a name.
         """
         super().__init__(name, attributes)
+        self.field_values.robot = name
         self.child_slots = Slots.empty(name, (child.spec() for child in slots_of(type(self)).values()))
 
 

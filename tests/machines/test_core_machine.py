@@ -240,6 +240,20 @@ class CoreMachine(RuleBasedStateMachine):
         self.handle(on.EndLease(parent=tenure.parent, unix=UNIX + self.now, reason="it let go"))
         assert self.core.state.lease.epoch > tenure.epoch
 
+    # -- what it keeps ---------------------------------------------------------------------------
+
+    @rule(value=st.sampled_from([0, 0.5, "a", ["a", {"b": 1}], None]), by=st.sampled_from(["page", "right"]))
+    def a_field_is_set(self, value: object, by: str) -> None:
+        page = by == "page"
+        self.handle(on.Set(values={"seen": value}, entitled=page, epoch=None if page else self.right()))
+        assert self.core.state.fields == {"seen": value}
+
+    @rule()
+    def one_who_has_no_right_sets_a_field(self) -> None:
+        right = self.right()
+        with pytest.raises(StaleEpoch if right is None else NotInControl):
+            self.handle(on.Set(values={"seen": 1}, epoch=7 if right is None else None))
+
     # -- stops -----------------------------------------------------------------------------------
 
     @rule(order=st.sampled_from(["", "a", "b"]))

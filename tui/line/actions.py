@@ -70,14 +70,30 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- shape the tree
     Action(
-        usage="create FILE as NAME [on HOST]",
-        help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp.",
+        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …]",
+        help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp;"
+        " PARAMETER: one of its settings.",
         group=SHAPE,
         run="create",
         where=ANYWHERE,
         key="n",
         label="New",
-        examples=("create examples/move_to.py as mover", "create mine.py:Painter as painter on host-2"),
+        examples=(
+            "create examples/move_to.py as mover",
+            "create mine.py:Painter as painter on host-2",
+            "create team.py as team speed='20 cm/s'",
+        ),
+        alters=True,
+    ),
+    Action(
+        usage="set NAME PARAMETER=VALUE …",
+        help="Change settings of a robot, also while it works; while a parent commands it, only that may.",
+        group=SHAPE,
+        run="set_",
+        where=ANYWHERE,
+        key="s",
+        about=About.ROBOT,
+        examples=("set team speed=0.2", "set team speed='20 cm/s' label=left"),
         alters=True,
     ),
     Action(

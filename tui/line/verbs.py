@@ -232,7 +232,13 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Make a virtual robot from a file."""
     path, wanted = values.source(line.text("FILE"))
-    robot = await fleet.create(str(shipped(path)), line.text("NAME"), host=line.text("HOST"), wanted=wanted)
+    robot = await fleet.create(
+        str(shipped(path)),
+        line.text("NAME"),
+        host=line.text("HOST"),
+        wanted=wanted,
+        settings=values.assignments(line.many("PARAMETER=VALUE")),
+    )
     return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
 
 
@@ -283,6 +289,20 @@ async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     left = await fleet.delete(line.text("NAME"))
     text = f"{line.text('NAME')} is deleted" + (f", but {left}" if left else "")
     return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
+
+
+async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Change settings of a robot."""
+    from robotree.vr.errors import NoSettings, NoSuchCommand
+
+    name, given = line.text("NAME"), values.assignments(line.many("PARAMETER=VALUE"))
+    try:
+        await fleet.call(name, "set", given)
+    except NoSuchCommand:
+        raise NoSettings(robot=name) from None
+    robot = await fleet.describe(name)
+    now = {one.name: one.default for one in wording.settings(robot)}
+    return Outcome({"name": name, "settings": now}, wording.columns(wording.setting_rows(robot)))
 
 
 # -- commanding ------------------------------------------------------------------------------------

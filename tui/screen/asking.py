@@ -18,6 +18,7 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
+from robotree.tui.seen import wording
 from robotree.tui.seen.store import Store
 
 Ask = Callable[[OperatorApp, Place], None]
@@ -61,6 +62,14 @@ def _rebond(app: OperatorApp, parent: str, slot: str, child: str) -> None:
             app.store.decline(parent, slot)
 
     app.push_screen(EnslaveDialog(app.store, places, child), answered)
+
+
+def _set(app: OperatorApp, place: Place) -> None:
+    robot = app.store.descriptions.get(place.name)
+    if robot is None or not wording.settings(robot):
+        app.tell(f"{place.name} has no settings" if place.name else "no robot is selected", "warning")
+    else:
+        app.push_screen(PanelPage(robot, "set"))
 
 
 def _create(app: OperatorApp, _place: Place) -> None:
@@ -328,6 +337,7 @@ def _line(kind: Kind) -> Ask:
 ASK: Mapping[str, Ask] = {
     "panel": _panel,
     "create": _create,
+    "set": _set,
     "enslave": _enslave,
     "release": _release,
     "delete": _delete,

@@ -209,6 +209,10 @@ def portrait(robot: RobotDescription) -> str:
             for one in robot.slots
         ]
         blocks.append("slots\n" + columns(rows))
+    if settings(robot):
+        blocks.append("settings\n" + columns([(f"  {row[0]}", *row[1:]) for row in setting_rows(robot)]))
+    if robot.kept:
+        blocks.append("state\n" + columns([(f"  {name}", value(one)) for name, one in robot.kept.items()]))
     commands = [
         (
             f"  {signature(one)}",
@@ -225,6 +229,20 @@ def portrait(robot: RobotDescription) -> str:
 def vacant(slot: SlotSpec) -> str:
     """Say that a slot is empty, and whether that matters."""
     return "empty, optional" if slot.optional else "empty"
+
+
+def settings(robot: RobotDescription) -> tuple[FieldSpec, ...]:
+    """Return the settings of a robot; the default of each is its present value."""
+    spec = robot.command("set")
+    return spec.parameters if spec is not None and spec.beside and not spec.through else ()
+
+
+def setting_rows(robot: RobotDescription) -> list[tuple[str, str, str, str]]:
+    """Return the settings as rows of name, present value with its unit, range and documentation."""
+    return [
+        (one.name, f"{value(one.default)} {one.unit}".rstrip(), span(one), summary(one.doc))
+        for one in settings(robot)
+    ]
 
 
 def _abandoned(robot: RobotDescription) -> str:

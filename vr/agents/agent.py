@@ -491,8 +491,12 @@ class RobotAgent:
 
 def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> State:
     home = f"host {host}" if host else f"the process of {robot.name}"
-    slots = robot.child_slots if isinstance(robot, VirtualRobot) else Slots(robot.name)
-    return State(address=address, home=home, lease=lease, slots=slots, calls=Calls(), stop=Stop())
+    state = State(
+        address=address, home=home, lease=lease, slots=Slots(robot.name), calls=Calls(), stop=Stop()
+    )
+    if isinstance(robot, VirtualRobot):
+        state.slots, state.fields = robot.child_slots, robot.field_values.values
+    return state
 
 
 def _nothing() -> None:

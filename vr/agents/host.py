@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Any
 
 from robotree.vr.address import Address, check_name
 from robotree.vr.agents.agent import RobotAgent
@@ -103,12 +105,15 @@ class Host:
         self._loaders.shutdown(wait=False, cancel_futures=True)
         self._process.close()
 
-    async def create(self, bundle: Bundle, name: str) -> RobotAgent:
+    async def create(
+        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None
+    ) -> RobotAgent:
         """Make a virtual robot of this source.
 
         Args:
             bundle: its source.
             name: of the robot.
+            settings: values that are not the defaults.
 
         Returns:
             Its agent, when it can be called.
@@ -116,6 +121,7 @@ class Host:
         Raises:
             BadName: the name cannot be one.
             DuplicateName: a living robot has it.
+            BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
         """
         check_name(name)
@@ -126,7 +132,8 @@ class Host:
             # before anybody's source is run for nothing
             await expect_free(self._transport, Address("robot", name, ""))
             loop = asyncio.get_running_loop()
-            robot = await loop.run_in_executor(self._loaders, partial(bundle.create, name, limit=self._limit))
+            make = partial(bundle.create, name, settings=settings, limit=self._limit)
+            robot = await loop.run_in_executor(self._loaders, make)
             agent = RobotAgent(
                 robot,
                 self._transport,
@@ -170,8 +177,8 @@ class Host:
 
     async def _answer(self, request: Request) -> Reply:
         match request:
-            case Create(name=name, path=path, source=source, wanted=wanted):
-                agent = await self.create(Bundle(source, path, wanted), name)
+            case Create(name=name, path=path, source=source, wanted=wanted, settings=settings):
+                agent = await self.create(Bundle(source, path, wanted), name, settings)
                 return Described(robot=agent.description())
             case DescribeHost():
                 return self.description()

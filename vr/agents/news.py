@@ -13,21 +13,28 @@ import logging
 import math
 from typing import Any, Protocol
 
+import msgspec
+
 from robotree.vr.address import Address
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import BondSpec, Listing, RobotDescription
 from robotree.vr.errors import TransportError, VrError
+from robotree.vr.fields import StateField
 from robotree.vr.requests import State, encode
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
+from robotree.vr.virtual_robot import VirtualRobot
 
 QUICK = 0.1
 """[s] Least time between two states, and the period while a command runs."""
 LISTING_PATIENCE = 5.0
 """[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
 one."""
+
+SHOWN = 1000
+"""[bytes] of one value of declared state, encoded, that a description shows."""
 
 _log = logging.getLogger(__name__)
 
@@ -232,6 +239,7 @@ class News:
                 abandoned=tuple(calls.abandoned.values()),
                 readings=readings,
                 units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
+                kept=self._kept(state.fields),
                 calls=dict(calls.counts),
                 doc=self._doc(),
                 **self._identity(),
@@ -283,6 +291,15 @@ class News:
         if not math.isnan(fraction):
             readings["progress"] = fraction
         return readings
+
+    def _kept(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the declared state as far as it is small enough to show to everybody."""
+        robot = self._live.robot
+        if not isinstance(robot, VirtualRobot):
+            return {}
+        declared = robot.field_values.fields
+        names = [name for name in fields if isinstance(declared.get(name), StateField)]
+        return {name: fields[name] for name in names if len(msgspec.msgpack.encode(fields[name])) <= SHOWN}
 
     def _doc(self) -> str:
         return inspect.cleandoc(type(self._live.robot).__doc__ or "")

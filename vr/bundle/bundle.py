@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
 from robotree.files import text
+from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle.choice import choose
-from robotree.vr.bundle.loader import LIMIT, forget, keep_with, load_module, make
+from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make
 from robotree.vr.errors import BrokenSource, NoSuchFile
+from robotree.vr.fields import settings_spec
 from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000
@@ -89,22 +92,32 @@ class Bundle(msgspec.Struct, frozen=True):
             )
         return script_class(read_program(self.source, self.path))
 
-    def create(self, name: str, *, limit: float = LIMIT) -> VirtualRobot:
+    @staticmethod
+    def _checked(page: type[VirtualRobot], name: str, settings: Mapping[str, Any] | None) -> dict[str, Any]:
+        spec = msgspec.structs.replace(settings_spec(page), name="create")
+        return check_arguments(spec, settings or {}, robot=name)
+
+    def create(
+        self, name: str, *, settings: Mapping[str, Any] | None = None, limit: float = LIMIT
+    ) -> VirtualRobot:
         """Load the class and make a virtual robot of it. Blocks, as `load` does.
 
         Args:
             name: of the robot.
+            settings: values that are not the defaults: numbers in the declared units, or text with units.
             limit: [s] for the source to run, and again for the constructor.
 
         Raises:
             BadName: that cannot be a name.
+            BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: see `load`.
         """
         cls = self.load(limit=limit)
         if self.path.lower().endswith(SUFFIXES):
-            return cls(name)
+            return built(cls, name, self._checked(cls, name, settings))
         try:
-            robot = make(cls, lambda: cls(name), name, self.path, limit=limit)
+            given = self._checked(cls, name, settings)
+            robot = make(cls, lambda: built(cls, name, given), name, self.path, limit=limit)
         except BaseException:
             forget(cls.__module__, str(sys.modules[cls.__module__].__file__))
             raise

@@ -14,7 +14,7 @@ import threading
 import traceback
 import weakref
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
@@ -84,6 +84,25 @@ def forget(name: str, file: str) -> None:
         if not _texts[file]:
             del _texts[file]
             linecache.cache.pop(file, None)
+
+
+def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> VirtualRobot:
+    """Return a new robot with settings, which its constructor can read already.
+
+    Args:
+        cls: of the robot.
+        name: of the robot.
+        given: values of settings that are not the defaults, checked.
+
+    Raises:
+        BadName: that cannot be a name.
+    """
+    robot = cls.__new__(cls)
+    robot.field_values.give(given)
+    robot.__init__(name)  # type: ignore[misc] # with its settings in place
+    if hasattr(robot, "name"):
+        robot.field_values.give(given)  # what is asked for comes before what a constructor sets
+    return robot
 
 
 def make(

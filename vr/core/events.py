@@ -192,6 +192,19 @@ class Renewed(_Value, frozen=True, kw_only=True):
     """If it has changed."""
 
 
+# -- events: what it keeps -------------------------------------------------------------------------
+
+
+class Set(_Value, frozen=True, kw_only=True):
+    """Settings or declared state have other values, which have been checked."""
+
+    values: dict[str, Any]
+    epoch: int | None = None
+    """Of the asker's lease."""
+    entitled: bool = False
+    """Whether the right of the asker is known: it is the robot's own code."""
+
+
 # -- events: stops ---------------------------------------------------------------------------------
 
 
@@ -222,7 +235,7 @@ class Release(_Value, frozen=True, kw_only=True):
 
 Event = (
     Invoke | Finish | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed | Reserve
-    | Unreserve | Bind | Free | Lose | Renewing | Renewed | SafeStop | Halted | StopConfirmed | Release
+    | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | SafeStop | Halted | StopConfirmed | Release
 )  # fmt: skip
 
 
@@ -275,4 +288,10 @@ class StopBegun(_Value, frozen=True, kw_only=True):
     generation: int
 
 
-Effect = Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | ChildGone | StopBegun
+class FieldsChanged(_Value, frozen=True, kw_only=True):
+    """Settings or declared state have other values."""
+
+    names: tuple[str, ...]
+
+
+Effect = Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | ChildGone | FieldsChanged | StopBegun

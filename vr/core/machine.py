@@ -21,6 +21,7 @@ from robotree.vr.core.events import (
     ChildGone,
     Effect,
     Event,
+    FieldsChanged,
     Interrupt,
     LeaseChanged,
     LeaseEnded,
@@ -72,6 +73,7 @@ class RobotCore:
             on.Lose: self._lose,
             on.Renewing: self._renewing,
             on.Renewed: self._renewed,
+            on.Set: self._set,
             on.SafeStop: self._safe_stop,
             on.Halted: self._halted,
             on.StopConfirmed: self._stop_confirmed,
@@ -314,6 +316,14 @@ class RobotCore:
             if event.description is not None:
                 bond.description = event.description
         return []
+
+    # -- what it keeps ----------------------------------------------------------------------------
+
+    def _set(self, event: on.Set, now: float) -> Effects:
+        if not event.entitled:
+            self.state.lease.check(event.epoch, now)
+        self.state.fields.update(event.values)
+        return [FieldsChanged(names=tuple(event.values))]
 
     # -- stops ------------------------------------------------------------------------------------
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from robotree.vr.address import Address
@@ -24,6 +26,8 @@ class State(msgspec.Struct, kw_only=True):
     """Which robots it commands."""
     calls: Calls
     stop: Stop
+    fields: dict[str, Any] = {}
+    """Its settings and what its page has declared as state: plain values by name."""
 
 
 _encoder = msgspec.msgpack.Encoder()

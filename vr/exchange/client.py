@@ -401,15 +401,29 @@ class HostClient:
         """
         return await ask(self._transport, self.address.key, DescribeHost(), HostDescribed, timeout=timeout)
 
-    async def create(self, bundle: Bundle, name: str) -> RobotDescription:
+    async def create(
+        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None
+    ) -> RobotDescription:
         """Have a virtual robot made of this source.
+
+        Args:
+            bundle: its source.
+            name: of the robot.
+            settings: values that are not the defaults: numbers in the declared units, or text with units.
 
         Raises:
             AddressError: the name cannot be one, or is taken.
+            BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
             TransportError: the host cannot be reached or does not answer.
         """
-        request = Create(name=name, path=bundle.path, source=bundle.source, wanted=bundle.wanted)
+        request = Create(
+            name=name,
+            path=bundle.path,
+            source=bundle.source,
+            wanted=bundle.wanted,
+            settings=dict(settings or {}),
+        )
         answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
         return answer.robot
 

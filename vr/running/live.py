@@ -26,6 +26,7 @@ from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
 from robotree.vr.errors import NoSuchCommand, VrError
+from robotree.vr.fields import SET
 from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.outcome import check_result, raised
@@ -100,6 +101,8 @@ class LiveRobot:
         self.key = core.state.address.key
         self.isolated = robot.isolated
         """Whether its commands always run on workers of their own."""
+        if isinstance(robot, VirtualRobot):
+            robot.field_values.live(core.state.fields, self._keep)
         self.frames: dict[str, Frame] = {}
         """Its running commands, by key."""
         self.said: dict[str, tuple[float, str]] = {}
@@ -285,7 +288,7 @@ class LiveRobot:
                 deadline_at=deadline_at,
                 epoch=call.epoch,
                 caller=call.caller,
-                reads=spec.effect == "read",
+                reads=spec.effect == "read" or spec.beside,
                 stops_seen=stops,
                 source=call.source,
                 number=call.number,
@@ -338,7 +341,7 @@ class LiveRobot:
             NotDescribed: the child must be asked for it first.
         """
         if command := self._commands.get(name):
-            return command.spec
+            return self._present(command.spec)
         exposed = self._exposures.get(name)
         if exposed is None:
             known = ", ".join([*self._commands, *self._exposures]) or "none"
@@ -362,8 +365,20 @@ class LiveRobot:
 
     def specs(self) -> tuple[CommandSpec, ...]:
         """Describe all commands as they are now."""
-        own = tuple(command.spec for command in self._commands.values())
+        own = tuple(self._present(command.spec) for command in self._commands.values())
         return own + tuple(self._exposed_spec(name, exposed) for name, exposed in self._exposures.items())
+
+    def _present(self, spec: CommandSpec) -> CommandSpec:
+        """Return a spec whose defaults are the present values, if it is that of the settings."""
+        if spec.name != SET or not spec.beside:
+            return spec
+        kept = self.core.state.fields
+        now = (msgspec.structs.replace(one, default=kept.get(one.name)) for one in spec.parameters)
+        return msgspec.structs.replace(spec, parameters=tuple(now))
+
+    def _keep(self, values: dict[str, Any]) -> None:
+        """Keep what the robot's own code, or one who may, has set."""
+        self.post(on.Set(values=values, entitled=True))
 
     def _exposed_spec(self, name: str, exposed: Exposed) -> CommandSpec:
         through = f"{exposed.child.name}.{exposed.command}"
@@ -402,6 +417,11 @@ class LiveRobot:
         del self.frames[key]
         for pending in frame.started:
             pending.drop("the command that started it has ended")
+        if isinstance(self.robot, VirtualRobot):
+            try:
+                self.robot.field_values.settle(key)
+            except TypeError as refusal:
+                error = error or refusal
         reply = self._reply(context, command, value, error)
         if worker.dead:
             _log.warning("%s.%s has ended after all", self.robot.name, context.command)

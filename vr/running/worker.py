@@ -184,6 +184,20 @@ class Frame:
         finally:
             worker.arm(self)
 
+    def keep(self, change: Callable[[], None]) -> None:
+        """See `Activity.keep`."""
+        worker = self.worker
+        if worker.process.runner.here() != worker.thread:  # a thread that the command was handed on to
+            change()
+            return
+        worker.disarm()
+        try:
+            if worker.dead:
+                worker.check(self)
+            change()
+        finally:
+            worker.arm(self)
+
     def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
         """See `Activity.call`."""
         worker = self._leave_author()

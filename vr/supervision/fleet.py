@@ -234,7 +234,14 @@ class Fleet:
 
     # -- who commands whom ------------------------------------------------------------------------
 
-    async def create(self, path: str, name: str, host: str = "", wanted: str = "") -> RobotDescription:
+    async def create(
+        self,
+        path: str,
+        name: str,
+        host: str = "",
+        wanted: str = "",
+        settings: Mapping[str, Any] | None = None,
+    ) -> RobotDescription:
         """Make a virtual robot from a source file.
 
         Args:
@@ -242,8 +249,10 @@ class Fleet:
             name: of the robot.
             host: on which it shall live; empty: the first.
             wanted: name of the class; empty: the only one in the file.
+            settings: values that are not the defaults: numbers in the declared units, or text with units.
 
         Raises:
+            BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the file cannot be used.
             NoSuchHost: there is no such host.
             NoHost: there is none at all.
@@ -254,7 +263,7 @@ class Fleet:
 
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
         client = HostClient(self._transport, await self._choose_host(host))
-        return await self._awake(client.create(bundle, name))
+        return await self._awake(client.create(bundle, name, settings))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""

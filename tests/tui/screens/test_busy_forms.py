@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from textual.widgets import Button, Input
@@ -43,9 +43,9 @@ def slow_host(realm: Realm, monkeypatch: pytest.MonkeyPatch) -> asyncio.Event:
     """Let robots be made only after this is set."""
     go_on, create = asyncio.Event(), realm.fleet.create
 
-    async def wait(path: str, name: str, *, host: str = "", wanted: str = "") -> RobotDescription:
+    async def wait(path: str, name: str, **options: Any) -> RobotDescription:
         await go_on.wait()
-        return await create(path, name, host=host, wanted=wanted)
+        return await create(path, name, **options)
 
     monkeypatch.setattr(realm.fleet, "create", wait)
     return go_on

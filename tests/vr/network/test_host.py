@@ -13,6 +13,7 @@ from robotree.vr.agents.host import Host
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.errors import (
+    BadArgument,
     BadName,
     BrokenSource,
     DuplicateName,
@@ -239,3 +240,44 @@ async def test_a_file_is_read_where_its_author_is(realm: Realm, tmp_path: Path) 
     bundle = Bundle.read(path)
     path.unlink()
     assert (await realm.client().create(bundle, "sum")).kind == "Adder"
+
+
+TEAM = """
+from typing import Annotated
+from robotree.vr import Range, Unit, VirtualRobot, command
+
+class Team(VirtualRobot):
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1
+
+    def __init__(self, name):
+        self.first = self.speed
+        super().__init__(name)
+
+    @command(effect="read")
+    def look(self) -> float:
+        return self.first
+"""
+
+
+async def test_a_robot_is_made_with_settings_which_its_constructor_reads(realm: Realm) -> None:
+    made = await realm.client().create(Bundle(TEAM, "team.py"), "team", {"speed": "20 cm/s"})
+    spec = made.command("set")
+    assert spec is not None
+    assert spec.parameters[0].default == 0.2
+    assert await RobotClient(realm.operator, made.address).call("look", {}) == 0.2
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"speed": 3}, "team.create: speed: 3 m/s is out of range; give a number in m/s from 0.01 to 0.3"),
+        ({"sped": 0.1}, "team.create: sped: there is no such parameter; it takes speed"),
+    ],
+)
+async def test_a_setting_that_cannot_be_meant_makes_no_robot(
+    realm: Realm, given: dict[str, float], says: str
+) -> None:
+    with pytest.raises(BadArgument) as refused:
+        await realm.client().create(Bundle(TEAM, "team.py"), "team", given)
+    assert str(refused.value) == says
+    assert realm.hosts[0].agents == {}

@@ -43,10 +43,10 @@ class PanelPage(Page):
     KEYS_OF: ClassVar[str] = "panel"
     BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
-    def __init__(self, robot: RobotDescription) -> None:
-        """Open the panel of a robot as it described itself."""
+    def __init__(self, robot: RobotDescription, command: str = "") -> None:
+        """Open the panel of a robot as it described itself, at a command or at the first."""
         super().__init__()
-        self.robot = robot
+        self.robot, self._command = robot, command
         self._gone = False
         self._left_off: dict[str, tuple[dict[str, str], str]] = {}
         """What was typed into forms that are made anew, and the field with the cursor, by command."""
@@ -81,7 +81,8 @@ class PanelPage(Page):
         commands = self.query_one("#commands", OptionList)
         commands.border_title, self.query_one("#readings").border_title = "commands", "readings"
         if self.robot.commands:
-            commands.highlighted = 0
+            names = [one.name for one in self.robot.commands]
+            commands.highlighted = names.index(self._command) if self._command in names else 0
         commands.focus()
         if self._leads:
             self.query_one("#rules").border_title = "rules"
@@ -243,10 +244,14 @@ class PanelPage(Page):
                     form.vanish()
                 self.app.tell(f"{self.robot.name} has gone; its panel stays open to be read", "warning")
             return
-        if newest.address != self.robot.address or newest.commands != self.robot.commands:
+        if newest.address != self.robot.address or _forms(newest) != _forms(self.robot):
             self._gone = False
             self.robot = newest
             self._rebuild()
+        elif newest.commands != self.robot.commands:
+            for form in self.query(CommandForm):
+                if (spec := newest.command(form.spec.name)) is not None:
+                    form.follow_settings(spec)
         self.robot = newest
 
     @work(exclusive=True, exit_on_error=False, group="rebuild")
@@ -263,6 +268,14 @@ class PanelPage(Page):
         if self.robot.commands:
             commands.highlighted = min(at, len(self.robot.commands) - 1)
         self.refresh_bindings()
+
+
+def _forms(robot: RobotDescription) -> list[object]:
+    """Return what the forms of a robot are made from: of settings all but their present values."""
+    import msgspec
+
+    plain = [msgspec.structs.replace(one, default=None) for one in wording.settings(robot)]
+    return [plain if one.beside and not one.through else one for one in robot.commands]
 
 
 def _form_id(index: int) -> str:

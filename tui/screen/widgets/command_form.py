@@ -120,6 +120,13 @@ class CommandForm(Form, Part, VerticalScroll):
         for row in self.query(FieldRow):
             row.tell_readings(readings)
 
+    def follow_settings(self, spec: CommandSpec) -> None:
+        """Show the present values of settings in the fields that nobody has touched."""
+        if spec.beside and spec != self.spec:
+            self.spec = spec
+            for row, field in zip(self.query(FieldRow), spec.parameters, strict=False):
+                row.become(field)
+
     # -- the same as a line ------------------------------------------------------------------------
 
     @property
@@ -180,10 +187,17 @@ class CommandForm(Form, Part, VerticalScroll):
         if read.complaints:
             rows[next(iter(read.complaints))].focus_entry()
             return
+        arguments = dict(read.arguments)
+        if self.spec.beside:  # what stays as it is, another person may be changing
+            arguments = {
+                one.name: arguments[one.name]
+                for one in self.spec.parameters
+                if one.name in arguments and arguments[one.name] != one.default
+            }
         self.carrying, self._began = f"{self.spec.name} is running", self.app.now()
         self._came_from = self.screen.focused
         self._enable()
-        self.post_message(self.Run(self, read.arguments))
+        self.post_message(self.Run(self, arguments))
 
     @on(Button.Pressed, "#cancel")
     def _cancel(self) -> None:

@@ -102,6 +102,16 @@ class FieldRow(Part, Vertical):
         if not self._options and not self.touched and entry.follows(self.spec, readings):
             self._take(entry.first_text(self.spec, readings))
 
+    def become(self, spec: FieldSpec) -> None:
+        """Be a field with another default; what a person has typed stays."""
+        self.spec = spec
+        if not self._options:
+            self.tell_readings(self._readings)
+            if not self.touched:
+                self._take(entry.first_text(spec, self._readings))
+        else:
+            self.query_one(Choice).value = entry.first_text(spec, self._readings)
+
     def _take(self, text: str) -> None:
         line = self.query_one(Input)
         if text == line.value:
