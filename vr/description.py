@@ -153,6 +153,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=
     """What it reads now, and `progress` of the running command; an author's own are one sample old."""
     units: dict[str, str] = {}
     """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
+    page: str = ""
+    """Where its author keeps its page: a file, and `:Class` where that was named; empty: it has none."""
     kept: dict[str, Any] = {}
     """Its declared state, by name; a value that is too large to show is left out."""
     calls: dict[str, int] = {}

@@ -29,6 +29,7 @@ from robotree.vr.requests import (
     Enslave,
     Free,
     Release,
+    Reload,
     Request,
     Resume,
     Retract,
@@ -39,7 +40,7 @@ FRESH = 3.0
 """[s] after which a request that begins something has expired at the latest: longer than a slow way takes,
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
-BEGINS = (Call, Resume, Enslave, Free, Delete, Create)
+BEGINS = (Call, Resume, Enslave, Free, Delete, Create, Reload)
 """Requests that begin something: they must not begin after their asker gave up."""
 
 ENDS = (SafeStop, Cancel, Release, Retract)

@@ -10,10 +10,12 @@ that a caller on the far side of the network catches the same class with the sam
                       ChildCancelled · DeadlineExceeded · Busy · CommandInDoubt · Stopped
                       StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
-      BondError       NoSuchSlot · SlotOccupied · SlotEmpty · GroupFull · WrongKind · StillBonded · NotVirtual
+      BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind
+                      StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
                       NetworkUnusable
-      BundleError     NoSuchFile · BrokenSource · NoVirtualRobot · SeveralVirtualRobots · BrokenScript
+      BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
+                      NoVirtualRobot · SeveralVirtualRobots · BrokenScript
       RoleError       NoSuchRole · NoRoles · TwoRoles · TooWide
 """
 
@@ -368,6 +370,15 @@ class SlotOccupied(BondError):
     sentence = "{robot}.{slot} already holds {child}; release it first: `robotree release {robot}.{slot}`"
 
 
+class SlotHeld(BondError):
+    """The page to be loaded lacks a slot that holds a child; the old page goes on."""
+
+    sentence = (
+        "{robot}.{slot} holds {child}, and the new page has no such slot for the kind {kind}; keep the "
+        "slot, or release the child first: `robotree release {robot}.{slot}`"
+    )
+
+
 class SlotEmpty(BondError):
     """The slot holds no child (any more)."""
 
@@ -480,6 +491,29 @@ class BrokenSource(BundleError):
     """The source does not compile, or raises or hangs while it is loaded."""
 
     sentence = "{path} cannot be loaded: {reason}"
+
+
+class OtherKind(BundleError):
+    """The page to be loaded defines another kind of robot; the old page goes on."""
+
+    sentence = (
+        "{path} defines a {given}, and {robot} is a {kind}; keep the name of the class, or create a new robot"
+    )
+
+
+class NoPage(BundleError):
+    """It is not known where the page of a robot is kept."""
+
+    sentence = "it is not known where the page of {robot} is kept; name it: `robotree reload {robot} FILE`"
+
+
+class ReloadWaits(BundleError):
+    """A running command did not end in time; the old page goes on."""
+
+    sentence = (
+        "{robot}.{command} has not ended within {seconds:g} s, so the old page goes on; reload again, or "
+        "cancel the command: `robotree reload {robot} --now`"
+    )
 
 
 class NoVirtualRobot(BundleError):

@@ -198,9 +198,34 @@ class Kept:
         """Have values that come from outside; they are checked."""
         self.values.update(given)
 
+    def taken_over(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+        """Return the values with which a page goes on that was written by another one.
+
+        Args:
+            values: that the other page has kept.
+
+        Returns:
+            A value for each of its fields, and sentences on what could not stay.
+        """
+        notes = [
+            f"{name} is gone, with its value {shorten(values[name])}" for name in values.keys() - self.fields
+        ]
+        kept: dict[str, Any] = {}
+        for name, field in self.fields.items():
+            kept[name] = field.plain(field.default, "")
+            if name not in values:
+                notes.append(f"{name} is new and begins with {shorten(kept[name])}")
+            elif field.fits(values[name]):
+                kept[name] = values[name]
+            else:
+                notes.append(
+                    f"{name} cannot be {shorten(values[name])} any more: it is {shorten(kept[name])}"
+                )
+        return kept, sorted(notes)
+
     def read(self, field: Field) -> Any:
         """Return a value as the page reads it."""
-        plain = self.values[field.name]
+        plain = self.values.get(field.name, field.default)  # a reader of a page that was reloaded meanwhile
         if type(plain) in _AT_ONCE and isinstance(field, Setting):
             return plain
         activity = activity_here()

@@ -152,6 +152,19 @@ class Create(_Message, frozen=True, kw_only=True):
     """Class name; empty: the only virtual robot in the source."""
     settings: dict[str, Any] = {}
     """Values of its settings that are not the defaults: numbers in the declared units, or text with units."""
+    origin: str = ""
+    """Where a reload finds the source again, on the author's machine."""
+
+
+class Reload(_Message, frozen=True, kw_only=True):
+    """Have a robot go on with another page. Answered by `Reloaded`."""
+
+    page: Create
+    """As for a new robot; its name is that of the robot, and its settings do not matter."""
+    now: bool = False
+    """Cancel the command that is running, instead of waiting for its end."""
+    within: float = 10.0
+    """[s] for the command that is running to end."""
 
 
 class DescribeHost(_Message, frozen=True, kw_only=True):
@@ -230,6 +243,14 @@ class Returned(_Message, frozen=True, kw_only=True):
 
     key: str
     value: Any = None
+
+
+class Reloaded(_Message, frozen=True, kw_only=True):
+    """The robot goes on with another page."""
+
+    robot: RobotDescription
+    notes: tuple[str, ...] = ()
+    """What could not stay, and what is new, as sentences."""
 
 
 class Granted(_Message, frozen=True, kw_only=True):
@@ -357,11 +378,11 @@ class State(_Message, frozen=True, kw_only=True):
 
 Request = (
     Describe | Call | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave | Free
-    | Delete | Create | DescribeHost | Register | Query | Look | DescribeView
+    | Delete | Create | Reload | DescribeHost | Register | Query | Look | DescribeView
 )  # fmt: skip
 Reply = (
-    Described | Accepted | Progress | Returned | Granted | HostDescribed | Registered | Found | Picture
-    | ViewDescribed | Done | Raised
+    Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Registered | Found
+    | Picture | ViewDescribed | Done | Raised
 )  # fmt: skip
 Event = Listed | Unlisted | State
 

@@ -97,6 +97,18 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
+        usage="reload NAME [FILE] [--now]",
+        help="Let a robot go on with its page as it is now, from the next boundary between commands on;"
+        " --now cancels the running command.",
+        group=SHAPE,
+        run="reload",
+        where=ANYWHERE,
+        key="u",
+        about=About.ROBOT,
+        examples=("reload team", "reload team team.py --now"),
+        alters=True,
+    ),
+    Action(
         usage="enslave PARENT.SLOT CHILD …",
         help="Put a virtual robot on top of another robot: fill its slot, or several of a group.",
         group=SHAPE,

@@ -291,6 +291,17 @@ async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({"deleted": line.text("NAME")} | ({"left": left} if left else {}), text)
 
 
+async def reload(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Have a virtual robot go on with another page."""
+    path, wanted = values.source(line.text("FILE")) if line.text("FILE") else ("", "")
+    name, now = line.text("NAME"), line.flag("--now")
+    if not now and (busy := (await fleet.describe(name)).busy):
+        teller.warn(f"{name}.{busy} is running: the reload waits for its end, 10 s at most")
+    done = await fleet.reload(name, str(shipped(path)) if path else "", wanted, now=now)
+    lines = [f"{name} goes on with {done.robot.page}", *done.notes]
+    return Outcome({"reloaded": name, "page": done.robot.page, "notes": list(done.notes)}, "\n".join(lines))
+
+
 async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Change settings of a robot."""
     from robotree.vr.errors import NoSettings, NoSuchCommand

@@ -338,6 +338,7 @@ ASK: Mapping[str, Ask] = {
     "panel": _panel,
     "create": _create,
     "set": _set,
+    "reload": _about_robot("reload"),
     "enslave": _enslave,
     "release": _release,
     "delete": _delete,

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from robotree.vr.address import Address
@@ -30,7 +31,15 @@ from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State
 from robotree.vr.core.stop import Stop
 from robotree.vr.description import CommandSpec, RobotDescription
-from robotree.vr.errors import CycleOfBonds, NotVirtual, StillBonded, Unreachable, VrError, WrongKind
+from robotree.vr.errors import (
+    CycleOfBonds,
+    NotVirtual,
+    ReloadWaits,
+    StillBonded,
+    Unreachable,
+    VrError,
+    WrongKind,
+)
 from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.requests import (
@@ -95,7 +104,7 @@ class RobotAgent:
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
         """
-        self.robot, self.transport = robot, transport
+        self.transport = transport
         self.address = new_address("robot", robot.name)
         self.closed = asyncio.Event()
         """Set when it has ended, whoever ended it."""
@@ -127,6 +136,11 @@ class RobotAgent:
         self._told: tuple[CommandSpec, ...] = ()
         """The commands of which the parent knows."""
         self._begin_life()
+
+    @property
+    def robot(self) -> Robot:
+        """What it answers for; another one after a reload."""
+        return self.live.robot
 
     def _new_children(self, term: float) -> Children:
         return Children(self.live, self.transport, lineage=self.lineage, on_change=self.changed, term=term)
@@ -258,6 +272,46 @@ class RobotAgent:
             running
             and f"its {running} ignores every cancel and still runs; restart {self.live.core.state.home}"
         )
+
+    async def reload(self, robot: VirtualRobot, page: str, *, now: bool, within: float) -> list[str]:
+        """Go on with another page at the next boundary between commands; bonds, settings and state stay.
+
+        Args:
+            robot: made of the other page.
+            page: where that is kept.
+            now: whether the running command is cancelled.
+            within: [s] for the running command to end.
+
+        Returns:
+            What could not stay, and what is new, as sentences.
+
+        Raises:
+            ReloadWaits: the running command did not end in time; the old page goes on.
+            SlotHeld: a slot with a child is not there any more; the old page goes on.
+        """
+        turned: asyncio.Future[list[str]] = self._loop.create_future()
+
+        def done(outcome: VrError | list[str] | None) -> None:
+            self._on_loop(partial(_settle, turned, outcome))
+
+        running = self.live.look(lambda core: core.state.calls.running)
+        self.live.reload(robot, done)
+        if now and running:
+            self.live.cancel(running, f"the page of {self.robot.name} is reloaded")
+        try:
+            async with asyncio.timeout(within):
+                notes = await asyncio.shield(turned)
+        except TimeoutError:
+            if self.live.withdraw_page(robot):
+                calls = self.live.core.state.calls
+                call = calls.live.get(calls.running)
+                command = "a command" if call is None else call.command
+                raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
+            notes = await turned
+        self._hooks.become(robot)
+        self.live.page = page
+        self.changed()
+        return notes
 
     # -- changes ----------------------------------------------------------------------------------
 
@@ -487,6 +541,17 @@ class RobotAgent:
         if error is not None:
             raise error
         return value
+
+
+def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | None) -> None:
+    if turned.done():
+        return
+    if outcome is None:
+        turned.set_result(["a later reload has replaced this one"])
+    elif isinstance(outcome, VrError):
+        turned.set_exception(outcome)
+    else:
+        turned.set_result(outcome)
 
 
 def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> State:

@@ -106,6 +106,10 @@ class Hooks:
         """The newest of those that release something."""
         self._reason = "protective stop"
 
+    def become(self, robot: Robot) -> None:
+        """Call the hooks of another page of the robot from now on."""
+        self._robot, self._complained = robot, False
+
     @property
     def own_readings(self) -> bool:
         """Whether the robot reads anything that may change by itself."""

@@ -21,14 +21,24 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.errors import DuplicateName, Unreachable, VrError
+from robotree.vr.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.requests import Create, Described, DescribeHost, HostDescribed, Reply, Request
+from robotree.vr.requests import (
+    Create,
+    Described,
+    DescribeHost,
+    HostDescribed,
+    Reload,
+    Reloaded,
+    Reply,
+    Request,
+)
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 from robotree.vr.transport import Registration, Transport
+from robotree.vr.virtual_robot import VirtualRobot
 
 AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
@@ -148,6 +158,34 @@ class Host:
             self._coming.discard(name)
         return agent
 
+    async def reload(
+        self, bundle: Bundle, name: str, *, origin: str = "", now: bool = False, within: float = 10.0
+    ) -> Reloaded:
+        """Have a robot of this host go on with another page; whatever fails, it goes on with the old one.
+
+        Args:
+            bundle: the other page.
+            name: of the robot.
+            origin: where a later reload finds the page.
+            now: whether the running command is cancelled.
+            within: [s] for the running command to end.
+
+        Raises:
+            NoSuchRobot: it does not live here.
+            BundleError: the page cannot be used, or the running command did not end in time.
+            SlotHeld: the page lacks a slot that holds a child.
+        """
+        agent = self.agents.get(name)
+        if agent is None or not isinstance(agent.robot, VirtualRobot):
+            raise NoSuchRobot(name=name)
+        loop = asyncio.get_running_loop()
+        load = partial(bundle.again, agent.robot, limit=self._limit)
+        robot = await loop.run_in_executor(self._loaders, load)
+        notes = await agent.reload(robot, origin, now=now, within=within)
+        if not agent.live.core.state.calls.running:
+            await self._begin(agent)
+        return Reloaded(robot=agent.description(), notes=tuple(notes))
+
     async def _begin(self, agent: RobotAgent) -> None:
         """Call the command with which a robot begins by itself."""
         command, name = agent.robot.begins, agent.robot.name
@@ -179,7 +217,11 @@ class Host:
         match request:
             case Create(name=name, path=path, source=source, wanted=wanted, settings=settings):
                 agent = await self.create(Bundle(source, path, wanted), name, settings)
+                agent.live.page = request.origin
                 return Described(robot=agent.description())
+            case Reload(page=page, now=now, within=within):
+                bundle = Bundle(page.source, page.path, page.wanted)
+                return await self.reload(bundle, page.name, origin=page.origin, now=now, within=within)
             case DescribeHost():
                 return self.description()
             case _:

@@ -239,6 +239,7 @@ class News:
                 abandoned=tuple(calls.abandoned.values()),
                 readings=readings,
                 units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
+                page=live.page,
                 kept=self._kept(state.fields),
                 calls=dict(calls.counts),
                 doc=self._doc(),

@@ -14,8 +14,8 @@ from robotree.files import text
 from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle.choice import choose
 from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make
-from robotree.vr.errors import BrokenSource, NoSuchFile
-from robotree.vr.fields import settings_spec
+from robotree.vr.errors import BrokenSource, NoSuchFile, OtherKind
+from robotree.vr.fields import Kept, settings_spec
 from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000
@@ -50,6 +50,12 @@ class Bundle(msgspec.Struct, frozen=True):
         except (OSError, RuntimeError) as error:  # RuntimeError: nobody has the home that ~NAME means
             reason = getattr(error, "strerror", None) or str(error)
             raise NoSuchFile(path=str(path), reason=reason) from None
+
+    @property
+    def origin(self) -> str:
+        """Where a reload finds it again on the author's machine: the file, and `:Class` if that was named."""
+        file = str(Path(self.path).expanduser().absolute())
+        return f"{file}:{self.wanted}" if self.wanted else file
 
     @property
     def hash(self) -> str:
@@ -92,10 +98,22 @@ class Bundle(msgspec.Struct, frozen=True):
             )
         return script_class(read_program(self.source, self.path))
 
-    @staticmethod
-    def _checked(page: type[VirtualRobot], name: str, settings: Mapping[str, Any] | None) -> dict[str, Any]:
-        spec = msgspec.structs.replace(settings_spec(page), name="create")
-        return check_arguments(spec, settings or {}, robot=name)
+    def again(self, robot: VirtualRobot, *, limit: float = LIMIT) -> VirtualRobot:
+        """Load the class and make the same robot of it anew, with the settings and the state that it has.
+
+        Args:
+            robot: as it is.
+            limit: [s] for the source to run, and again for the constructor.
+
+        Raises:
+            OtherKind: the class has another name.
+            BundleError: see `load`.
+        """
+        cls, kind = self.load(limit=limit), type(robot).__name__
+        if cls.__name__ != kind:
+            raise OtherKind(path=self.path, given=cls.__name__, robot=robot.name, kind=kind)
+        kept, _ = Kept(cls).taken_over(robot.field_values.values)
+        return self._make(cls, robot.name, kept, limit)
 
     def create(
         self, name: str, *, settings: Mapping[str, Any] | None = None, limit: float = LIMIT
@@ -113,10 +131,15 @@ class Bundle(msgspec.Struct, frozen=True):
             BundleError: see `load`.
         """
         cls = self.load(limit=limit)
+        spec = msgspec.structs.replace(settings_spec(cls), name="create")
+        return self._make(cls, name, check_arguments(spec, settings or {}, robot=name), limit)
+
+    def _make(
+        self, cls: type[VirtualRobot], name: str, given: Mapping[str, Any], limit: float
+    ) -> VirtualRobot:
         if self.path.lower().endswith(SUFFIXES):
-            return built(cls, name, self._checked(cls, name, settings))
+            return built(cls, name, given)
         try:
-            given = self._checked(cls, name, settings)
             robot = make(cls, lambda: built(cls, name, given), name, self.path, limit=limit)
         except BaseException:
             forget(cls.__module__, str(sys.modules[cls.__module__].__file__))

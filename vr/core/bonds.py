@@ -23,7 +23,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.lease import Lessee
 from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import GroupFull, NoSuchSlot, SlotEmpty, SlotOccupied
+from robotree.vr.errors import GroupFull, NoSuchSlot, SlotEmpty, SlotHeld, SlotOccupied
 
 _MEMBER = re.compile(r"(\w+)\[(0|[1-9]\d{0,3})]")
 
@@ -170,6 +170,36 @@ class Slots(msgspec.Struct):
             else:
                 kept[name] = slot
         self.by_name = kept
+
+    def revise(self, specs: Iterable[SlotSpec]) -> None:
+        """Have the slots that another page declares; children stay in those of their name.
+
+        Args:
+            specs: the slots and groups that the other page declares.
+
+        Raises:
+            SlotHeld: a slot with a child is not among them, or takes another kind; nothing has changed.
+        """
+        fresh = Slots.empty(self.robot, specs)
+        stay: dict[str, Slot] = {}
+        for name, slot in self.by_name.items():
+            if slot.child is None and not slot.lost:
+                continue
+            same = name in fresh.by_name or _member(name)[0] in fresh.groups
+            try:
+                same = same and fresh[name].spec.kind == slot.spec.kind
+            except NoSuchSlot:  # the group is shorter now
+                same = False
+            if same:
+                stay[name] = slot
+            elif slot.child is not None:
+                raise SlotHeld(robot=self.robot, slot=name, child=slot.child.name, kind=slot.spec.kind)
+        for name, slot in stay.items():
+            slot.spec = fresh[name].spec
+        declared = {name: stay.get(name, slot) for name, slot in fresh.by_name.items()}
+        self.by_name, self.groups = {**declared, **stay}, fresh.groups
+        for group in self.groups:
+            self._tidy(group)
 
     def specs(self) -> tuple[SlotSpec, ...]:
         """Describe the slots and what is in them."""

@@ -8,7 +8,7 @@ import msgspec
 
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
-from robotree.vr.description import RobotDescription
+from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.requests import Raised, Returned
 
 
@@ -205,6 +205,15 @@ class Set(_Value, frozen=True, kw_only=True):
     """Whether the right of the asker is known: it is the robot's own code."""
 
 
+class Reload(_Value, frozen=True, kw_only=True):
+    """Another page carries out what comes from now on; no command that moves runs at the moment."""
+
+    slots: tuple[SlotSpec, ...]
+    """That the page declares."""
+    fields: dict[str, Any]
+    """Its settings and its state, with their values."""
+
+
 # -- events: stops ---------------------------------------------------------------------------------
 
 
@@ -235,7 +244,8 @@ class Release(_Value, frozen=True, kw_only=True):
 
 Event = (
     Invoke | Finish | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed | Reserve
-    | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | SafeStop | Halted | StopConfirmed | Release
+    | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | Reload | SafeStop | Halted
+    | StopConfirmed | Release
 )  # fmt: skip
 
 
@@ -294,4 +304,18 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
     names: tuple[str, ...]
 
 
-Effect = Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | ChildGone | FieldsChanged | StopBegun
+class PageChanged(_Value, frozen=True, kw_only=True):
+    """Another page carries out what comes from now on."""
+
+
+Effect = (
+    Begin
+    | Interrupt
+    | Settled
+    | LeaseChanged
+    | LeaseEnded
+    | ChildGone
+    | FieldsChanged
+    | PageChanged
+    | StopBegun
+)

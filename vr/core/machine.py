@@ -25,6 +25,7 @@ from robotree.vr.core.events import (
     Interrupt,
     LeaseChanged,
     LeaseEnded,
+    PageChanged,
     Settled,
     StopBegun,
 )
@@ -74,6 +75,7 @@ class RobotCore:
             on.Renewing: self._renewing,
             on.Renewed: self._renewed,
             on.Set: self._set,
+            on.Reload: self._reload,
             on.SafeStop: self._safe_stop,
             on.Halted: self._halted,
             on.StopConfirmed: self._stop_confirmed,
@@ -324,6 +326,13 @@ class RobotCore:
             self.state.lease.check(event.epoch, now)
         self.state.fields.update(event.values)
         return [FieldsChanged(names=tuple(event.values))]
+
+    def _reload(self, event: on.Reload, _: float) -> Effects:
+        state = self.state
+        state.slots.revise(event.slots)
+        state.fields.clear()  # the same object: running readers of the old page look into it
+        state.fields.update(event.fields)
+        return [PageChanged()]
 
     # -- stops ------------------------------------------------------------------------------------
 

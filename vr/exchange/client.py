@@ -35,6 +35,8 @@ from robotree.vr.requests import (
     Progress,
     Raised,
     Release,
+    Reload,
+    Reloaded,
     Renew,
     Reply,
     Request,
@@ -57,6 +59,8 @@ MARGIN = 5.0
 """[s] after the deadline in which the robot may still say how its command ended."""
 LOADING = 20.0
 """[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""
+RELOADING = 10.0
+"""[s] for a running command to end before a page is reloaded."""
 
 _R = TypeVar("_R", bound=Reply)
 
@@ -417,15 +421,40 @@ class HostClient:
             BundleError: the source cannot be used.
             TransportError: the host cannot be reached or does not answer.
         """
-        request = Create(
-            name=name,
-            path=bundle.path,
-            source=bundle.source,
-            wanted=bundle.wanted,
-            settings=dict(settings or {}),
-        )
+        request = _page(bundle, name, settings)
         answer = await ask(self._transport, self.address.key, request, Described, timeout=LOADING)
         return answer.robot
+
+    async def reload(
+        self, bundle: Bundle, name: str, *, now: bool = False, within: float = RELOADING
+    ) -> Reloaded:
+        """Have a robot of the host go on with another page, at the next boundary between commands.
+
+        Args:
+            bundle: the page.
+            name: of the robot.
+            now: whether the running command is cancelled.
+            within: [s] for the running command to end.
+
+        Raises:
+            NoSuchRobot: it does not live there.
+            BundleError: the page cannot be used, or the running command did not end in time.
+            SlotHeld: the page lacks a slot that holds a child.
+            TransportError: the host cannot be reached or does not answer.
+        """
+        request = Reload(page=_page(bundle, name, None), now=now, within=within)
+        return await ask(self._transport, self.address.key, request, Reloaded, timeout=LOADING + within)
+
+
+def _page(bundle: Bundle, name: str, settings: Mapping[str, Any] | None) -> Create:
+    return Create(
+        name=name,
+        path=bundle.path,
+        source=bundle.source,
+        wanted=bundle.wanted,
+        settings=dict(settings or {}),
+        origin=bundle.origin,
+    )
 
 
 class ViewClient:

@@ -34,7 +34,7 @@ from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
 from robotree.vr.transport import Hear
-from robotree.vr.virtual_robot import VirtualRobot, exposures_of
+from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slots_of
 
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""
@@ -115,6 +115,12 @@ class LiveRobot:
         self._lock = process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
+        self.page = ""
+        """Where its author keeps its page, for a reload; empty: nobody knows."""
+        self._coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
+        """The page that waits for a boundary between commands."""
+        self._turned = False
+        """Whether accepted calls may have been checked for another page."""
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
@@ -165,16 +171,64 @@ class LiveRobot:
                     self._listeners.setdefault(event.key, []).append(listener)
                     if turn is not None:
                         self._turns[event.key] = turn
+            turned = self._turn_page(effects, now) if self._coming is not None else _nothing
             due = math.inf if turn is not None else core.due
         if number:
             self._journal.commit(number)
         if refusal is None and accepted is not None:
             accepted()
+        turned()
         self._carry_out(effects)
         if turn is None:  # a turn's deadline is watched over with its caller's
             self._remind_at(due)
         if refusal is not None:
             raise refusal
+
+    def reload(self, robot: VirtualRobot, done: Callable[[VrError | list[str] | None], None]) -> None:
+        """Go on with another page as soon as no command that moves is running.
+
+        Args:
+            robot: made of the other page.
+            done: told what changed, as sentences, or why it is refused; None: a later one has replaced it.
+        """
+        before, self._coming = self._coming, (robot, done)
+        if before is not None:
+            before[1](None)
+        self.pass_time()
+
+    def withdraw_page(self, robot: VirtualRobot) -> bool:
+        """Do not go on with a page that waits for its turn; returns whether it did."""
+        with self._lock:
+            waits = self._coming is not None and self._coming[0] is robot
+            if waits:
+                self._coming = None
+        return waits
+
+    def _turn_page(self, effects: list[Effect], now: float) -> Callable[[], None]:
+        """Go on with the page that waits, if this is a boundary between commands. Under the lock.
+
+        Returns:
+            What is to be called outside of the lock.
+        """
+        coming, calls = self._coming, self.core.state.calls
+        if coming is None or (calls.running and not any(_begins(one, calls.running) for one in effects)):
+            return _nothing
+        (robot, done), self._coming = coming, None
+        state = self.core.state
+        specs = tuple(slot.spec() for slot in slots_of(type(robot)).values())
+        fields, notes = robot.field_values.taken_over(state.fields)
+        slots = set(state.slots.by_name)
+        try:
+            effects += self._handle(on.Reload(slots=specs, fields=fields), now)
+        except VrError as refusal:
+            return partial(done, refusal)
+        gone = sorted(slots - set(state.slots.by_name))
+        notes = [f"the slot {name} is gone" for name in gone] + notes
+        robot.child_slots = state.slots
+        robot.field_values.live(state.fields, self._keep)
+        self.robot, self._commands = robot, commands_of(type(robot))
+        self._exposures, self._turned = exposures_of(type(robot)), True
+        return partial(done, notes)
 
     def pass_time(self) -> None:
         """Have what is due end."""
@@ -404,22 +458,27 @@ class LiveRobot:
         self.frames[key] = frame
         if call.cause is not None:
             frame.cause = call.cause.revive()
-        command = self._commands.get(call.command)
+        with self._lock:  # the page may be another one in a moment, for a command that only reads
+            robot, command = self.robot, self._commands.get(call.command)
+            exposed = self._exposures.get(call.command)
         work: Callable[[], Any]
-        if command is None:
-            exposed = self._exposures[call.command]
+        if command is not None:
+            work = partial(
+                _author, command, robot, call.sent if self._turned else call.arguments, self._turned
+            )
+        elif exposed is not None:
             work = partial(frame.pass_on, exposed.child.name, exposed.command, call.arguments)
-        else:
-            work = partial(_author, command, self.robot, call.arguments)
+        else:  # it was accepted while another page was in force
+            work = partial(self.spec, call.command)
         if not worker.stack:
             self._runner.name_thread(f"{self.robot.name}.{call.command}")
         value, error = worker.run(frame, work)
         del self.frames[key]
         for pending in frame.started:
             pending.drop("the command that started it has ended")
-        if isinstance(self.robot, VirtualRobot):
+        if isinstance(robot, VirtualRobot) and not worker.dead:
             try:
-                self.robot.field_values.settle(key)
+                robot.field_values.settle(key)
             except TypeError as refusal:
                 error = error or refusal
         reply = self._reply(context, command, value, error)
@@ -591,9 +650,15 @@ class _Ledger:
         return self._last, min(self.numbers)
 
 
+def _begins(effect: Effect, key: str) -> bool:
+    return isinstance(effect, Begin) and effect.key == key
+
+
 def _nothing() -> None:
     """Nothing is planned."""
 
 
-def _author(command: Command, robot: Robot, arguments: Arguments) -> Any:
+def _author(command: Command, robot: Robot, arguments: Arguments, turned: bool) -> Any:  # noqa: FBT001 # a fact
+    if turned:  # the arguments were checked for another page, perhaps
+        arguments = check_arguments(command.spec, arguments, robot=robot.name)
     return command.run(robot, arguments)

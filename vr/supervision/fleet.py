@@ -12,10 +12,16 @@ from typing import Any, TypeVar
 
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.description import Listing, RobotDescription, Template
-from robotree.vr.errors import NoAnswer, NoHost, Unreachable, VrError
-from robotree.vr.exchange.client import DEFAULT_DEADLINE, HostClient, RobotClient, ViewClient
+from robotree.vr.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
+from robotree.vr.exchange.client import (
+    DEFAULT_DEADLINE,
+    RELOADING,
+    HostClient,
+    RobotClient,
+    ViewClient,
+)
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.requests import HostDescribed, Picture, State, ViewDescribed, decode_event
+from robotree.vr.requests import HostDescribed, Picture, Reloaded, State, ViewDescribed, decode_event
 from robotree.vr.running.chance import token
 from robotree.vr.supervision.orders import Orders
 from robotree.vr.supervision.stop import OnLate
@@ -264,6 +270,38 @@ class Fleet:
         bundle = await asyncio.to_thread(Bundle.read, path, wanted)
         client = HostClient(self._transport, await self._choose_host(host))
         return await self._awake(client.create(bundle, name, settings))
+
+    async def reload(
+        self, name: str, path: str = "", wanted: str = "", *, now: bool = False, within: float = RELOADING
+    ) -> Reloaded:
+        """Have a virtual robot go on with a page, at the next boundary between its commands.
+
+        Args:
+            name: of the robot.
+            path: of the page, on this machine; empty: the file that it was made of.
+            wanted: name of the class; empty: the only one in the file.
+            now: whether the running command is cancelled.
+            within: [s] for the running command to end.
+
+        Raises:
+            NoPage: no file is named, and none is known.
+            BundleError: the page cannot be used, or the running command did not end in time; the old page
+                goes on.
+            SlotHeld: the page lacks a slot that holds a child; the old page goes on.
+        """
+        robot = await self.describe(name)
+        if not robot.host:
+            raise NotVirtual(robot=name, what="be reloaded; start the process of its proxy again")
+        if not path:
+            if not robot.page:
+                raise NoPage(robot=name)
+            path, colon, wanted = robot.page.rpartition(":")
+            path, wanted = (path, wanted) if colon and wanted.isidentifier() else (robot.page, "")
+        from robotree.vr.bundle import Bundle
+
+        bundle = await asyncio.to_thread(Bundle.read, path, wanted)
+        client = HostClient(self._transport, await self._choose_host(robot.host))
+        return await self._awake(client.reload(bundle, name, now=now, within=within))
 
     async def enslave(self, parent: str, slot: str, child: str) -> RobotDescription:
         """Bind a child to a slot; returns the parent's description."""
