@@ -157,7 +157,7 @@ async def test_what_has_disappeared_or_changed_its_type_is_told(stage: Stage) ->
         "speed is gone, with its value 0.5",
     )
     described = await stage.team.describe()
-    assert [slot.name for slot in described.slots] == ["rover", "spare"]
+    assert [slot.name for slot in described.slots] == ["spare", "rover"]
     assert described.kept == {"picked": "none"}
     assert await stage.reload(SECOND) == (
         "the slot spare is gone",
