@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from robotree.testing.parts import PageSource, Parts
 
 if TYPE_CHECKING:
-    from robotree.testing.cell import Simulated
     from robotree.testing.seeds import Check
+    from robotree.testing.simulated import Simulated
     from robotree.testing.team import Team
 
 
@@ -80,6 +80,6 @@ def cell(kind: str = "arm") -> Simulated:
     Raises:
         ValueError: there is no such kind.
     """
-    from robotree.testing.cell import Simulated
+    from robotree.testing.simulated import Simulated
 
     return Simulated(kind)

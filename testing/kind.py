@@ -86,15 +86,22 @@ def blank(fields: tuple[FieldSpec, ...]) -> Any:
 
 
 def _nothing(field: FieldSpec) -> Any:
+    if field.nullable:
+        return None
     match field.type:
         case "float" | "int":
             low = float("-inf") if field.lower is None else field.lower
             high = float("inf") if field.upper is None else field.upper
             number = min(max(0.0, low), high)
             return number if field.type == "float" else int(number)
-        case "bool":
-            return False
+        case "tuple":
+            return [_nothing(item) for item in field.items]
+        case "record":
+            return {item.name: _nothing(item) for item in field.items}
         case "choice":
             return field.choices[0]
         case _:
-            return ""
+            return _EMPTY[field.type]
+
+
+_EMPTY: dict[str, Any] = {"bool": False, "str": "", "list": [], "bytes": b""}

@@ -17,16 +17,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
+import msgspec
+
 from robotree.testing import watch
 from robotree.testing.journal import Commanded, Journal, Step
 from robotree.testing.parts import Fault, PageSource, Part, Parts
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.loader import built
 from robotree.vr.child import Record
 from robotree.vr.description import RobotDescription
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.fields import settings_spec
 from robotree.vr.robot import Robot
 from robotree.vr.running.process import Process
 from robotree.vr.virtual_robot import VirtualRobot, slots_of
@@ -514,9 +519,8 @@ def _class_of(page: object) -> type[VirtualRobot]:
 
 
 def _made(cls: type[VirtualRobot], name: str, settings: Mapping[str, Any]) -> VirtualRobot:
-    if settings:
-        raise TypeError(f"{cls.__name__} has no settings: {', '.join(settings)}")
-    return cls(name)
+    spec = msgspec.structs.replace(settings_spec(cls), name="create")
+    return built(cls, name, check_arguments(spec, settings, robot=name))
 
 
 def _snake(name: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Annotated
 
-from robotree.vr import Child, CommandFailed, Range, Unit, VirtualRobot, VrError, command
+from robotree.vr import Child, Children, CommandFailed, Range, SlotEmpty, Unit, VirtualRobot, VrError, command
 
 Metres = Annotated[float, Unit("m"), Range(0.0, 0.4), "how far up"]
 
@@ -14,6 +14,7 @@ class Lift(VirtualRobot):
     """Grips what is below the gripper and lifts it."""
 
     arm = Child("Arm")
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.25)] = 0.1
 
     @command
     def lift(self, height: Metres = 0.1) -> Annotated[float, Unit("m")]:
@@ -27,6 +28,11 @@ class Lift(VirtualRobot):
         return float(self.arm.get_info().z)
 
     @command
+    def rise(self) -> None:
+        """Go up at the speed that is set."""
+        self.arm.go_to(x=0.3, y=0.0, z=0.4, twist=0.0, speed=self.speed)
+
+    @command
     def go_too_far(self) -> None:
         """Command what the arm refuses."""
         self.arm.go_to(x=5.0, y=0.0, z=0.3, twist=0.0)
@@ -38,6 +44,22 @@ class Lift(VirtualRobot):
         raise KeyError("shelf")
 
     get_info = arm.exposed()
+
+
+class Crowd(VirtualRobot):
+    """Several arms that do the same."""
+
+    arms = Children("Arm", least=1, most=4)
+
+    @command
+    def hold(self) -> int:
+        """Have all hold still; tell how many did."""
+        held = 0
+        for arm in self.arms:
+            with contextlib.suppress(SlotEmpty):
+                arm.hold()
+                held += 1
+        return held
 
 
 class Hoist(VirtualRobot):

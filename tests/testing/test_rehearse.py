@@ -14,7 +14,7 @@ from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.errors import NoSuchCommand, NotInControl, Stopped, WrongKind
-from tests.testing.pages import Hoist, Lift, Spinning, Swallowing
+from tests.testing.pages import Crowd, Hoist, Lift, Spinning, Swallowing
 
 
 def test_what_was_commanded_can_be_asserted_on() -> None:
@@ -74,6 +74,24 @@ def test_a_function_sees_the_arguments_and_its_own_mistake_is_raised_in_the_test
     team = rehearse(Lift, arm=Fake(Arm, go_to=wrong))
     with pytest.raises(AssertionError, match="assert"):
         team.call("lift")
+
+
+def test_settings_are_given_as_create_takes_them_and_can_be_changed() -> None:
+    with rehearse(Lift, arm=Fake(Arm), settings={"speed": "20 cm/s"}) as team:
+        team.call("rise")
+        team.call("set", speed=0.05)
+        team.call("rise")
+        assert [arguments["speed"] for _, _, arguments in team.commanded] == [0.2, 0.05]
+    with pytest.raises(BadArgument, match="speed"):
+        rehearse(Lift, arm=Fake(Arm), settings={"speed": 3})
+
+
+def test_a_slot_for_several_takes_a_list_of_fakes() -> None:
+    with rehearse(Crowd, arms=[Fake(Arm), Fake(Arm).lose("hold"), Fake(Arm)]) as team:
+        assert team.call("hold") == 2
+        assert team.commanded.names == ["arms[0].hold", "arms[1].hold", "arms[2].hold"]
+        team.fill("arms[1]", Fake(Arm))
+        assert team.call("hold") == 3
 
 
 def test_a_fake_refuses_what_its_kind_refuses() -> None:
