@@ -13,6 +13,7 @@ different machines cannot be compared: there a request is as new as its arrival,
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Generator
 from functools import cache
 from pathlib import Path
@@ -97,7 +98,7 @@ def seal(request: Request, *, now: float, within: float, sender: str = "") -> Se
         sender: key under which the asker is present.
     """
     begins = isinstance(request, BEGINS)
-    holds = float("inf") if isinstance(request, ENDS) else min(within, FRESH) if begins else within
+    holds = min(within, FRESH) if begins else math.inf if isinstance(request, ENDS) else within
     body = _encode(Envelope(request, sender, now, holds, this_clock()))
     return Sealed(body, now + holds if begins else 0.0)
 

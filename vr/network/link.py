@@ -269,10 +269,7 @@ class Link:
             return False
 
     def receive(self) -> Iterator[Frame]:
-        """Read once what has come; read the iterator to its end.
-
-        Yields:
-            The frames that are complete now.
+        """Read once; returns the frames that are complete, as an iterator to be read to its end.
 
         Raises:
             EOFError: the far end has closed, or its process has died.
@@ -287,7 +284,7 @@ class Link:
             data = b""
         if not data:
             raise EOFError
-        yield from self._unpacker.feed(data)
+        return self._unpacker.feed(data)
 
     def close(self) -> None:
         """End the connection; what has left arrives, what waits does not. Twice is once."""
