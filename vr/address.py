@@ -1,8 +1,12 @@
 """Names and addresses of agents.
 
-An address names one *incarnation* of an agent: a robot that is deleted and made again under its old
-name has another address, so nobody talks to it by mistake under rights that were granted before.
-The key doubles as presence token: whoever holds `robot/arm-1/6f2c…` alive is that incarnation.
+Three things are kept apart:
+
+* The *identity* of an agent is its role and its name. Bonds name identities, and are fenced by epochs.
+* An *incarnation* is one life of it: a robot that is deleted and made again under its old name is another
+  one. Requests and presence go to an incarnation (`Address.key`), so that nobody talks by mistake to one
+  that never granted the right.
+* The *location*, which process an incarnation lives in, is written nowhere: the transport looks it up by key.
 """
 
 from __future__ import annotations
@@ -32,12 +36,17 @@ def check_name(name: str) -> str:
 
 
 class Address(msgspec.Struct, frozen=True, order=True):
-    """Where one incarnation of an agent is reached, whatever process it lives in."""
+    """One incarnation of an agent, whatever process it lives in."""
 
     role: Role
     name: str
     incarnation: str
     """Opaque, unique in the realm for ever; made by whoever creates the agent."""
+
+    @property
+    def identity(self) -> str:
+        """Who it is in all its incarnations: `robot/arm-1`."""
+        return f"{self.role}/{self.name}"
 
     @property
     def key(self) -> str:

@@ -439,11 +439,14 @@ class RobotAgent:
 
     def _renew(self, request: Renew) -> Reply:
         renewal = on.Prolong(parent=request.parent, epoch=request.epoch, lineage=request.lineage)
+        tenure = self.live.core.state.lease.tenure
         try:
             self.live.post(renewal)
         except CycleOfBonds as error:
             self._end_lease(request, str(error))
             raise
+        if tenure is None or tenure.parent != request.parent:  # the parent goes on as another incarnation
+            self._watch(request.parent)
         description = self.description()
         news = None if description.commands == self._told else description
         self._told = description.commands

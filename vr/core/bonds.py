@@ -268,23 +268,26 @@ class Slots(msgspec.Struct):
         self._tidy(slot.spec.group)
 
     def held(self, name: str, child: Address, epoch: int) -> Bond | None:
-        """Return the bond in a slot if it is the one with this child and epoch."""
+        """Return the bond in a slot if it is the one with this child, in any incarnation, and epoch."""
         bond = self[name].bond
-        return bond if bond is not None and (bond.child, bond.lease.epoch) == (child, epoch) else None
+        if bond is None or (bond.child.identity, bond.lease.epoch) != (child.identity, epoch):
+            return None
+        return bond
 
     def lose(self, name: str, child: Address, epoch: int, reason: str) -> bool:
         """Empty the slot because the child is lost.
 
         Args:
             name: the slot.
-            child: that is lost.
+            child: the incarnation that is lost.
             epoch: of the bond that is lost; if the slot holds another one by now, nothing happens.
             reason: why, for everybody who uses the slot from now on.
 
         Returns:
             Whether the slot has been emptied.
         """
-        if self.held(name, child, epoch) is None:
+        bond = self.held(name, child, epoch)
+        if bond is None or bond.child != child:
             return False
         slot = self[name]
         slot.bond, slot.lost, slot.was = None, reason, child.name

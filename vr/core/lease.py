@@ -106,6 +106,7 @@ class Lessor(msgspec.Struct, kw_only=True):
             raise Retracted(robot=self.robot, parent=parent.name)
         self._refuse_cycle(parent, lineage)
         held = self._in_force(now)
+        # the same incarnation: a petition of an earlier one that comes late must not take the robot from it
         if held is not None and (held.parent, held.slot) != (parent, slot):
             raise LeaseDenied(robot=self.robot, holder=held.parent.name, slot=held.slot)
         self.term_granted = max(SHORTEST_TERM, min(wanted, self.term))
@@ -136,27 +137,33 @@ class Lessor(msgspec.Struct, kw_only=True):
         self.retracted[key] = None
         while len(self.retracted) > MOST_RETRACTED:
             del self.retracted[next(iter(self.retracted))]
-        if self.tenure is None or (self.tenure.parent, self.tenure.petition) != (parent, key):
+        held = self.tenure
+        if held is None or (held.parent.identity, held.petition) != (parent.identity, key):
             return None
         return self.end(unix)
 
     def renew(self, parent: Address, epoch: int, lineage: tuple[str, ...], *, now: float) -> Tenure:
         """Prolong the lease by the term first granted.
 
+        The parent may be another incarnation than the one that asked for it: who knows the epoch goes on.
+
         Raises:
             StaleEpoch: this is not the lease in force.
             CycleOfBonds: the robot has become an ancestor of its parent; the lease should `end`.
         """
         held = self._in_force(now)
-        if held is None or (held.parent, held.epoch) != (parent, epoch):
+        if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             raise StaleEpoch(robot=self.robot, epoch=epoch, current=self.epoch)
         self._refuse_cycle(parent, lineage)
-        self.tenure = msgspec.structs.replace(held, expires=now + self.term_granted, lineage=lineage)
+        self.tenure = msgspec.structs.replace(
+            held, parent=parent, expires=now + self.term_granted, lineage=lineage
+        )
         return self.tenure
 
     def release(self, parent: Address, epoch: int, *, unix: float) -> Tenure | None:
         """End the lease if it is this one; return it, or None when it was over already."""
-        if self.tenure is None or (self.tenure.parent, self.tenure.epoch) != (parent, epoch):
+        held = self.tenure
+        if held is None or (held.parent.identity, held.epoch) != (parent.identity, epoch):
             return None
         return self.end(unix)
 

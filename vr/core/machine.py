@@ -260,7 +260,7 @@ class RobotCore:
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.tenure
         tenure = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
-        changed = before is None or before.lineage != tenure.lineage
+        changed = before is None or (before.parent, before.lineage) != (tenure.parent, tenure.lineage)
         return [LeaseChanged()] if changed else []
 
     def _end_lease(self, event: on.EndLease, _: float) -> Effects:
@@ -269,7 +269,13 @@ class RobotCore:
             ended = lease.retract(event.parent, event.petition, unix=event.unix)
             return [] if ended is None else self._freed(ended, event.reason)
         tenure = lease.tenure
-        if tenure is None or tenure.parent != event.parent or event.epoch not in {None, tenure.epoch}:
+        if tenure is None or event.epoch not in {None, tenure.epoch}:
+            return []
+        if event.epoch is None:  # an incarnation of the parent has gone
+            same = tenure.parent == event.parent
+        else:  # the parent itself says so, in whatever incarnation
+            same = tenure.parent.identity == event.parent.identity
+        if not same:
             return []
         lease.end(event.unix)
         return self._freed(tenure, event.reason)
@@ -313,6 +319,7 @@ class RobotCore:
 
     def _renewed(self, event: on.Renewed, now: float) -> Effects:
         if bond := self.state.slots.held(event.slot, event.child, event.epoch):
+            bond.child = event.child
             bond.lease.granted(sent=event.sent, now=now, term=event.term)
             bond.depth, bond.ways = event.depth, event.ways
             if event.description is not None:

@@ -33,6 +33,25 @@ def test_a_silent_parent_loses_the_robot_when_the_term_is_over() -> None:
     assert child.tenure is None
 
 
+def test_a_bond_survives_another_incarnation_of_the_parent_that_knows_its_epoch() -> None:
+    child, next_life = lessor(), Address("robot", "lever", "2")
+    epoch = grant(child)
+    with pytest.raises(StaleEpoch):
+        child.renew(next_life, epoch - 1, ("lever",), now=1.0)
+    assert child.renew(next_life, epoch, ("lever",), now=1.0).parent == next_life
+    child.check(epoch, 1.0)
+    with pytest.raises(StaleEpoch):
+        child.renew(OTHER, epoch, ("other",), now=1.0)
+
+
+def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot() -> None:
+    child = lessor()
+    epoch = grant(child, Address("robot", "lever", "2"))
+    with pytest.raises(LeaseDenied):
+        grant(child, LEVER, now=1.0)
+    child.check(epoch, 1.0)
+
+
 def test_a_parent_that_renews_keeps_the_robot() -> None:
     child = lessor()
     epoch = grant(child)

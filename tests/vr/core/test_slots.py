@@ -44,6 +44,19 @@ def test_a_refused_child_leaves_the_slot_as_it_was() -> None:
     children.begin("left", OTHER)
 
 
+def test_a_bond_is_with_a_child_in_any_incarnation_but_only_the_present_one_can_be_lost() -> None:
+    children, before, after = slots(), ARM, Address("robot", "arm-1", "2")
+    children.begin("left", before)
+    children.bind("left", bond(epoch=7))
+    held = children.held("left", after, 7)
+    assert held is not None
+    assert children.held("left", after, 8) is None
+    assert children.held("left", OTHER, 7) is None
+    held.child = after
+    assert not children.lose("left", before, 7, "arm-1 has ended")
+    assert children.lose("left", after, 7, "arm-1 has ended")
+
+
 def test_a_lost_child_leaves_its_reason_until_the_next_one_comes() -> None:
     children, first = slots(), bond()
     children.begin("left", ARM)
