@@ -68,6 +68,8 @@ GENTLE, BRISK = 0.10, 0.25
 """[m/s] of a hand with and without something that it may knock over."""
 LETTERS = 15.0
 """Letters spoken in a second by a role that names no other rate."""
+GLANCE = 0.1
+"""[s] between two looks at the fingers while a hand carries something; two of them must tell of a loss."""
 STALE = 2.0
 """[s] after which what was seen is looked at again."""
 
@@ -197,7 +199,7 @@ class Companion(RolePlayer):
     def go_to(self, place: Where, speed: Speed = 0.5) -> None:
         """Go to a place by its name."""
         there = self.place(place)
-        self.base.drive(x=there.x, y=there.y, heading=there.heading, speed=self.pace(speed))
+        self.carry(self.base.drive, x=there.x, y=there.y, heading=there.heading, speed=self.pace(speed))
 
     @command(effect="repeat")
     def turn_to(self, what: What) -> None:
@@ -208,8 +210,8 @@ class Companion(RolePlayer):
     @command
     def follow(self, who: Who, seconds: Seconds = 20.0, distance: Distance = 1.0) -> None:
         """Go after a person, at a distance, until the time is over."""
-        distance, left = max(self.manner.number("distance", distance), 0.5), seconds
-        while left > 0.0:
+        distance, end = max(self.manner.number("distance", distance), 0.5), self.now() + seconds
+        while self.now() < end:
             x, y, _ = self.point_of(who)
             here = self.base.get_info()
             away, heading = math.dist((x, y), (here.x, here.y)), self.heading_to(x, y)
@@ -221,7 +223,6 @@ class Companion(RolePlayer):
                 self.base.turn(heading=heading)
             self.look_at(who)
             self.sleep(0.3)
-            left -= 0.3 + max(step, 0.0) / 0.4
 
     @command
     def approach(self, who: Who, distance: Distance = 1.1) -> None:
@@ -231,7 +232,7 @@ class Companion(RolePlayer):
         here, heading = self.base.get_info(), self.heading_to(x, y)
         if abs(math.dist((x, y), (here.x, here.y)) - distance) > 0.1:
             at = x - distance * math.cos(heading), y - distance * math.sin(heading)
-            self.base.drive(x=at[0], y=at[1], heading=heading, speed=self.pace(0.5))
+            self.carry(self.base.drive, x=at[0], y=at[1], heading=heading, speed=self.pace(0.5))
         else:
             self.base.turn(heading=heading)
         self.look_at(who)
@@ -274,9 +275,9 @@ class Companion(RolePlayer):
             self.step_back(0.35)
             raise self.failed("take", f"the {what} is not between the fingers; look where it is")
         self.carried[side] = what
-        hand.reach(x=ahead, y=aside, z=z + 0.12, hand="forward", speed=GENTLE)
+        self.carry(hand.reach, x=ahead, y=aside, z=z + 0.12, hand="forward", speed=GENTLE)
         self.step_back(0.35)
-        hand.posture(**CARRY, speed=BRISK)
+        self.carry(hand.posture, **CARRY, speed=BRISK)
         return side
 
     @command
@@ -285,19 +286,20 @@ class Companion(RolePlayer):
         side = self.full_hand("give")
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
         self.approach(who, 1.15)
-        hand.reach(x=AHEAD - 0.05, y=sign * ASIDE, z=1.08, hand="forward", speed=BRISK)
+        self.carry(hand.reach, x=AHEAD - 0.05, y=sign * ASIDE, z=1.08, hand="forward", speed=BRISK)
         palm = self.palm_of(who)
         self.stand_at(palm[0], palm[1], sign, heading=self.heading_to(*self.point_of(who)[:2]))
         x, y, z = self.palm_of(who)
         ahead, aside, _ = self.in_body(x, y, z)
-        self.set_down(side, ahead, aside, z + 0.012)
+        cup = self.set_down(side, ahead, aside, z + 0.012)
         self.progress(0.9, "it stands on the palm")
         if self.holds(side):
+            self.carried[side] = cup
             raise self.failed("give", f"{who} has not taken it; it is still in the {side} hand")
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
         self.step_back(0.25)
         hand.posture(**REST, speed=BRISK)
-        if self.fell(self.carried.pop(side, "")):
+        if self.fell(cup):
             raise self.failed("give", f"{who} has let it fall")
 
     @command
@@ -308,7 +310,7 @@ class Companion(RolePlayer):
         x, y, z = self.place(place).at
         self.stand_at(x - 0.12, y, sign, heading=self.place(place).heading)
         ahead, aside, _ = self.in_body(x - 0.12, y, z)
-        hand.reach(x=ahead - 0.10, y=aside, z=z + 0.20, hand="forward", speed=BRISK)
+        self.carry(hand.reach, x=ahead - 0.10, y=aside, z=z + 0.20, hand="forward", speed=BRISK)
         self.set_down(side, ahead, aside, 0.72)
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
         self.step_back(0.35)
@@ -326,6 +328,25 @@ class Companion(RolePlayer):
         """One of the arms."""
         return self.left if side == "left" else self.right
 
+    def carry(self, movement: Any, **arguments: Any) -> None:
+        """Carry out a movement; if meanwhile something slips out of a hand, it ends at once and says so."""
+        under_way, missed = movement.start(**arguments), 0
+        while True:
+            try:
+                under_way.result(GLANCE)
+            except TimeoutError:
+                lost = [side for side in self.carried if not self.holds(side)]
+            else:
+                return
+            missed = missed + 1 if lost else 0
+            if missed == 2:
+                under_way.cancel()
+                raise self.slipped("carry", lost[0])
+
+    def slipped(self, act: str, side: str) -> CommandFailed:
+        """What to raise when a hand has lost what it carried."""
+        return self.failed(act, f"the {self.carried.pop(side)} has slipped out of the {side} hand")
+
     def holds(self, side: str) -> bool:
         """Whether something is between the fingers of a hand."""
         info = self.hand(side).get_info()
@@ -341,6 +362,8 @@ class Companion(RolePlayer):
             return "left"
         if self.holds("right"):
             return "right"
+        for side in self.carried:
+            raise self.slipped(act, side)
         raise self.failed(act, "both hands are empty; take something first")
 
     def fell(self, thing: str) -> bool:
@@ -355,17 +378,17 @@ class Companion(RolePlayer):
         tag = self.head.see(tag=TAGS[thing])
         return bool(tag.seen and tag.z < LOW)
 
-    def set_down(self, side: str, ahead: float, aside: float, top: float) -> None:
-        """Lower a cup on what is `top` [m] high until that carries it, and open the fingers."""
+    def set_down(self, side: str, ahead: float, aside: float, top: float) -> str:
+        """Lower a cup on what is `top` [m] high until that carries it, and open the fingers; returns its name."""
         hand, grip = self.hand(side), 0.01
         rim = top + CUP / 2 + grip
-        hand.reach(x=ahead, y=aside, z=rim + 0.05, hand="forward", speed=GENTLE)
+        self.carry(hand.reach, x=ahead, y=aside, z=rim + 0.05, hand="forward", speed=GENTLE)
         weight = hand.get_info().fz
         for lower in (0.004, 0.0, -0.004, -0.008, -0.012):
             hand.reach(x=ahead, y=aside, z=rim + lower, hand="forward", speed=0.05)
             if hand.get_info().fz - weight > 1.2:
                 hand.grip(action="open")
-                return
+                return self.carried.pop(side, "")
         raise self.failed("set down", "nothing carries it; it is still in the hand")
 
     def palm_of(self, who: str) -> tuple[float, float, float]:
@@ -392,12 +415,12 @@ class Companion(RolePlayer):
         c, s = math.cos(heading), math.sin(heading)
         aside = sign * ASIDE
         at = x - c * AHEAD + s * aside, y - s * AHEAD - c * aside
-        self.base.drive(x=at[0], y=at[1], heading=heading, speed=min(self.pace(0.5), 0.3))
+        self.carry(self.base.drive, x=at[0], y=at[1], heading=heading, speed=min(self.pace(0.5), 0.3))
 
     def step_back(self, length: float) -> None:
         """Drive backward."""
         heading = self.base.get_info().heading
-        self.base.move(x=-length * math.cos(heading), y=-length * math.sin(heading), speed=0.25)
+        self.carry(self.base.move, x=-length * math.cos(heading), y=-length * math.sin(heading), speed=0.25)
 
     def pace(self, speed: float) -> float:
         """The speed of the role, within its limit [m/s]."""

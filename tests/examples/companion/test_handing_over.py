@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from robotree.sim.companion.flat import CUP_HEIGHT, TABLE_TOP
+from robotree.protocol.messages import Verb
+from robotree.sim.companion.flat import CUP_HEIGHT, CUP_RADIUS, DOCK, PREFIX, TABLE_TOP
 from robotree.sim.companion.tuning import FORCE_LIMIT
-from robotree.sim.companion.visitors import Play, Receive, Wait
+from robotree.sim.companion.visitors import Play, Receive, Step, Wait, Walk
 from robotree.sim.companion.world import CompanionWorld, build
 from robotree.sim.testing import CompanionBench
 from robotree.vr.errors import CommandFailed
@@ -20,6 +21,8 @@ from .virtual import companion
 PEAK = 60.0
 """[N] that no contact of a hand may exceed: ISO/TS 15066, table A.2, allows 140 against a hand."""
 BEFORE_SOFA = (0.95, -1.35)
+CARRIED = {"j1": 0.15, "j2": 0.12, "j3": 0.0, "j4": 1.75, "j5": 0.0, "j6": -0.33}
+"""[rad] the posture in which the page carries a cup."""
 
 
 def visit(play: Play, seed: int = 0) -> tuple[CompanionWorld, Any]:
@@ -35,6 +38,23 @@ def visit(play: Play, seed: int = 0) -> tuple[CompanionWorld, Any]:
     data.qpos[at] += chance.uniform(-0.03, 0.03)
     data.qpos[at + 1] += chance.uniform(-0.12, 0.12)
     return world, companion(CompanionBench(world))
+
+
+def with_a_cup(step: Step) -> tuple[CompanionWorld, Any]:
+    """The same, but the companion holds a cup in its left hand already: taking it takes long."""
+    world, robot = visit((step,))
+    robot.left.posture(**CARRIED, speed=0.4)
+    robot.left.operator.succeed(Verb.GRIP, 2 * CUP_RADIUS + 0.0006)
+    model, data = world.cell.model, world.cell.data
+    joint = model.joint("cup_2")
+    at, rate = int(joint.qposadr[0]), int(joint.dofadr[0])
+    data.qpos[at : at + 3] = data.site_xpos[model.site(PREFIX + "left_tcp").id] - (0.0, 0.0, 0.01)
+    data.qpos[at + 3 : at + 7] = 1.0, 0.0, 0.0, 0.0
+    data.qvel[rate : rate + 6] = 0.0
+    robot.left.operator.succeed(Verb.GRIP, 0.0)
+    robot.carried["left"] = "green cup"
+    assert robot.holding() == "left"
+    return world, robot
 
 
 def hand_over(seed: int) -> tuple[CompanionWorld, float]:
@@ -72,10 +92,9 @@ def test_a_cup_is_handed_over_twenty_times_of_twenty(seed: int) -> None:
     assert_handed_over(seed)
 
 
+@pytest.mark.soak
 def test_a_cup_that_a_visitor_drops_is_noticed() -> None:
-    world, robot = visit((Receive(clumsy=True),))
-    robot.look_at("table")
-    robot.take("green cup")
+    world, robot = with_a_cup(Receive(clumsy=True))
     robot.go_to("sofa")
     robot.look_towards(*BEFORE_SOFA, 1.0)
     robot.sleep(0.3)
@@ -85,11 +104,75 @@ def test_a_cup_that_a_visitor_drops_is_noticed() -> None:
     assert robot.holding() == "nothing"
 
 
+def knock_out_of_the_hand(world: CompanionWorld, tag: int) -> None:
+    """Let a cup stand somewhere on the floor."""
+    at = int(world.cell.model.joint(f"cup_{tag}").qposadr[0])
+    world.cell.data.qpos[at : at + 3] = -1.0, 1.0, 0.06
+
+
+def test_a_cup_that_slips_out_of_the_hand_ends_the_act_and_the_base_stands() -> None:
+    world, robot = with_a_cup(Wait(1000.0))
+    looks, holds = 0, robot.holds
+
+    def look(side: str) -> bool:
+        nonlocal looks
+        looks += 1
+        if looks == 4:
+            knock_out_of_the_hand(world, 2)
+        return bool(holds(side))
+
+    robot.holds = look
+    with pytest.raises(CommandFailed, match=r"the green cup has slipped out of the left hand"):
+        robot.go_to("sofa")
+    robot.sleep(1.0)
+    assert not world.body.base.moving
+    assert math.dist(world.body.place[:2], (0.15, -1.0)) > 0.3, "it did not go on to the sofa"
+    assert robot.holding() == "nothing"
+    with pytest.raises(CommandFailed, match=r"both hands are empty; take something first"):
+        robot.give("anna")
+
+
+def test_a_cup_that_slips_while_nothing_moves_is_told_by_the_next_act() -> None:
+    world, robot = visit((Wait(1000.0),))
+    robot.carried["left"] = "green cup"
+    with pytest.raises(CommandFailed, match=r"the green cup has slipped out of the left hand"):
+        robot.give("anna")
+    with pytest.raises(CommandFailed, match=r"both hands are empty"):
+        robot.put("table")
+    assert not world.body.base.moving
+
+
+def test_it_follows_a_person_at_a_distance_and_stops_when_the_time_is_over() -> None:
+    world = build(plays=((Wait(3.0), Walk((0.2, 1.6))),), start=(-1.0, 0.0, 0.0))
+    anna = world.flat.visitors[0]
+    anna.put(0.6, 0.2)
+    anna.inside = True
+    robot = companion(CompanionBench(world))
+    robot.look_towards(0.6, 0.2, 1.0)
+    robot.sleep(0.5)
+    robot.follow("anna", 9.0, 1.0)
+    place = world.body.place
+    assert 0.75 < math.dist((anna.x, anna.y), place[:2]) < 1.4, "near, and not too near"
+    off = math.atan2(anna.y - place.y, anna.x - place.x) - place.heading
+    assert abs(math.remainder(off, math.tau)) < 0.6, "it looks at her"
+    robot.sleep(0.5)
+    assert not world.body.base.moving
+
+
+def test_it_charges_at_its_place_until_the_battery_is_as_full_as_asked_for() -> None:
+    world = build(plays=(), start=(-2.0, 1.5, 0.3))
+    robot = companion(CompanionBench(world))
+    world.flat.battery.charge = before = 0.8945
+    robot.sleep(1.2)
+    assert robot.charge(0.9) >= 0.9
+    assert math.dist(world.body.place[:2], DOCK) < 0.15
+    assert world.flat.battery.charging
+    assert world.flat.battery.charge > before
+
+
 @pytest.mark.soak
 def test_who_holds_out_no_hand_gets_no_cup_and_it_goes_back_to_the_table() -> None:
-    world, robot = visit((Wait(1000.0),))
-    robot.look_at("table")
-    robot.take("green cup")
+    world, robot = with_a_cup(Wait(1000.0))
     robot.go_to("sofa")
     robot.look_towards(*BEFORE_SOFA, 1.0)
     robot.sleep(0.3)
