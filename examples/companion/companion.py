@@ -379,7 +379,7 @@ class Companion(RolePlayer):
         return bool(tag.seen and tag.z < LOW)
 
     def set_down(self, side: str, ahead: float, aside: float, top: float) -> str:
-        """Lower a cup on what is `top` [m] high until that carries it, and open the fingers; returns its name."""
+        """Lower a cup on what is `top` [m] high until that carries it, and let go; returns its name."""
         hand, grip = self.hand(side), 0.01
         rim = top + CUP / 2 + grip
         self.carry(hand.reach, x=ahead, y=aside, z=rim + 0.05, hand="forward", speed=GENTLE)
