@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from typing import Any, Protocol
+from types import TracebackType
+from typing import Any, Protocol, Self
 
 import msgspec
 
@@ -57,17 +59,87 @@ class CallFuture(Protocol):
         """Ask the child to end it."""
         ...
 
+    def detach(self) -> CallFuture:
+        """Have it go on when the running command ends. Waits until the child has accepted it.
+
+        From then on it ends by itself, with the bond, by a stop, by `cancel`, or when an operator cancels it
+        at the child.
+
+        Returns:
+            The future itself.
+        """
+        ...
+
     def when_done(self, tell: Callable[[], None]) -> None:
         """Call back once it has ended, from any thread; at once if it has."""
+        ...
+
+
+class Together(Protocol):
+    """Several parts of a command at once: see `Robot.together`."""
+
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def start(self, work: Callable[..., Any], /, *values: Any, **arguments: Any) -> CallFuture:
+        """Start a child's command, or a function of the page that calls children one after the other.
+
+        Args:
+            work: `self.left.go_to`, or a function.
+            *values: of its arguments, in their order.
+            **arguments: by name.
+
+        Returns:
+            Its future; inside the block one can wait for it alone.
+        """
+        ...
+
+    @property
+    def results(self) -> list[Any]:
+        """The results of all, in the order in which they were started; after the block."""
+        ...
+
+
+class Race(Protocol):
+    """Several ways to do the same: see `Robot.first`."""
+
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def start(self, work: Callable[..., Any], /, *values: Any, **arguments: Any) -> CallFuture:
+        """See `Together.start`."""
+        ...
+
+    @property
+    def result(self) -> Any:
+        """The result of the first that succeeded; after the block."""
+        ...
+
+    @property
+    def winner(self) -> int:
+        """Which one that was, counted from 0 in the order of the starts; after the block."""
         ...
 
 
 class Activity(Protocol):
     """One running command, as the code inside of it sees it. All its methods are cancellation points."""
 
+    def in_this_thread(self) -> Activity:
+        """Return the part of it that the present thread carries out: another thread is a part of its own."""
+        ...
+
     @property
     def context(self) -> CommandContext:
         """Its papers."""
+        ...
+
+    @property
+    def call_key(self) -> str:
+        """Key of the robot's call that it belongs to; a part of a command has a key of its own beside it."""
         ...
 
     @property
@@ -120,7 +192,15 @@ class Activity(Protocol):
         ...
 
     def tell(self, slot: str, command: str, arguments: Mapping[str, Any]) -> None:
-        """Call a child's command and wait only until the child has accepted it."""
+        """Call a child's command and wait only until the child has accepted it; it goes on by itself."""
+        ...
+
+    def together(self, *, first: bool) -> Any:
+        """Return a `Together`, or a `Race` in which the first success decides."""
+        ...
+
+    def cleanup(self, within: float) -> AbstractContextManager[None]:
+        """Let the code inside the block command children though the command has been asked to end."""
         ...
 
 
@@ -135,13 +215,18 @@ def running() -> Activity:
     """
     activity = _running.get(None)
     if activity is None:
-        raise RuntimeError("this works only inside a running command (a method marked with @command)")
-    return activity
+        raise RuntimeError(
+            "this works only inside a running command (a method marked with @command); a thread of your own "
+            "works for the command if it runs contextvars.copy_context().run, a ThreadPoolExecutor does so "
+            "by itself"
+        )
+    return activity.in_this_thread()
 
 
 def activity_here() -> Activity | None:
     """Return the command that runs here, or None."""
-    return _running.get(None)
+    activity = _running.get(None)
+    return None if activity is None else activity.in_this_thread()
 
 
 def enter(activity: Activity) -> None:

@@ -298,8 +298,8 @@ class StillRunning(CommandError):
     """Code of a command that was ended runs on; nothing that moves may begin beside it."""
 
     sentence = (
-        "{robot} takes no command that moves: its {command} was ended but ignores every cancel and "
-        "still runs; restart {home}"
+        "{robot} takes no command that moves: its {command} was ended but still runs{where}; wait until that "
+        "has ended, or restart {home}"
     )
 
 

@@ -231,7 +231,7 @@ class Kept:
         activity = activity_here()
         if activity is None:
             return field.typed(plain)
-        copies = self._copies.setdefault(activity.context.key, {})
+        copies = self._copies.setdefault(activity.call_key, {})
         copy = copies.get(field.name)
         if copy is None or (copy.plain is not plain and not copy.changed):
             copy = _Copy(plain, field.typed(plain))
@@ -245,7 +245,7 @@ class Kept:
         activity = activity_here()
         if activity is not None:
             for name in values:
-                self._copies.get(activity.context.key, {}).pop(name, None)
+                self._copies.get(activity.call_key, {}).pop(name, None)
         if self._change is None:
             self.values.update(values)
         elif activity is None:

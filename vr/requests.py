@@ -18,6 +18,8 @@ from robotree.vr.errors import Garbled, VrError
 
 PATIENCE = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""
+LONGEST_CLEANUP = 60.0
+"""[s] that an author may give a clean-up (`Robot.cleanup`): a command may end so much after its deadline."""
 
 
 class _Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag=True):
@@ -52,6 +54,13 @@ class Call(_Message, frozen=True, kw_only=True):
     number: int = 0
     lowest: int = 0
     """Below which number none of the caller's calls matters to it any more: a late copy is refused."""
+
+
+class Detach(_Message, frozen=True, kw_only=True):
+    """A command goes on when the one that has called it ends. Answered by `Done`."""
+
+    key: str
+    epoch: int | None = None
 
 
 class Cancel(_Message, frozen=True, kw_only=True):
@@ -377,8 +386,8 @@ class State(_Message, frozen=True, kw_only=True):
 
 
 Request = (
-    Describe | Call | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave | Free
-    | Delete | Create | Reload | DescribeHost | Register | Query | Look | DescribeView
+    Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
+    | Free | Delete | Create | Reload | DescribeHost | Register | Query | Look | DescribeView
 )  # fmt: skip
 Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Registered | Found

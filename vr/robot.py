@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Mapping
+from contextlib import AbstractContextManager
 from typing import ClassVar
 
 from robotree.vr.address import check_name
-from robotree.vr.context import CommandContext, running
+from robotree.vr.context import CommandContext, Race, Together, running
 
 
 class Robot:
@@ -103,6 +104,53 @@ class Robot:
     def random(self) -> float:
         """Return a number from 0 up to but not including 1."""
         return float(running().observe(running().random))
+
+    def together(self) -> Together:
+        """Do several things at the same time.
+
+            with self.together() as both:
+                both.start(self.left.go_to, x=0.3)
+                both.start(self.right.go_to, x=0.3)
+            left, right = both.results
+
+        What is started in the block has ended when the block has. The first failure cancels the others and
+        is what the block raises. A function of the page can be started as well: it runs beside the block and
+        may call children one after the other. Blocks can be nested.
+        """
+        group: Together = running().together(first=False)
+        return group
+
+    def first(self) -> Race:
+        """Do several things at the same time until the first one succeeds; the others are then cancelled.
+
+            with self.first() as race:
+                race.start(self.left.find, what="cup")
+                race.start(self.right.find, what="cup")
+            where = race.result
+
+        Raises:
+            Failed: at the end of the block: all have failed; it lists them.
+        """
+        race: Race = running().together(first=True)
+        return race
+
+    def cleanup(self, within: float = 5.0) -> AbstractContextManager[None]:
+        """Command children after a cancel, a failure or the deadline of the command.
+
+            finally:
+                with self.cleanup(within=5):
+                    self.arm.grip(action="open")
+
+        Calls that the command has started and not detached are ended first.
+
+        Args:
+            within: [s] that the block may take, at most 60; then what it waits for raises `CommandFailed`.
+
+        Raises:
+            CommandCancelled: at once, if the command was ended by a protective stop, with the robot's bond or
+                lease, or by a second cancel: then nothing may move any more. The same inside the block.
+        """
+        return running().cleanup(within)
 
     def progress(self, fraction: float, text: str = "") -> None:
         """Tell the caller how far the command is.

@@ -216,6 +216,26 @@ class CoreMachine(RuleBasedStateMachine):
             self.handle(self.invoke(epoch=self.right()))
         self.handle(on.Gone(key=key))
 
+    @precondition(lambda self: self.running)
+    @rule()
+    def code_ends_at_the_moment_when_it_is_given_up(self) -> None:
+        key = self.running[0]
+        self.handle(on.Gone(key=key))
+        assert key in self.replies
+        self.handle(on.Abandon(key=key))
+        assert not self.core.state.calls.abandoned
+
+    @precondition(lambda self: self.running)
+    @rule(final=st.booleans())
+    def one_is_asked_to_end_for_good(self, *, final: bool) -> None:
+        key = self.running[0]
+        self.handle(on.Cancel(key=key, reason="enough", entitled=True))
+        effects = self.handle(on.Cancel(key=key, reason="now", entitled=True, final=final))
+        ended = self.core.state.calls.live[key].final
+        assert bool(effects) <= final, "only a final order interrupts a clean-up"
+        assert ended or not final
+        assert not self.handle(on.Cancel(key=key, reason="now", entitled=True, final=True)) or not ended
+
     # -- who commands it -------------------------------------------------------------------------
 
     @rule(parent=st.sampled_from(PARENTS))

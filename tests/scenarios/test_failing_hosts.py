@@ -94,7 +94,7 @@ async def test_a_command_that_ignores_its_cancel_is_shown(crew: Crew) -> None:
     assert "ABANDONED: defy still runs" in (await robotree("show", "clerk"))[1]
     code, _, complaints = await robotree("call", "clerk.count")
     assert code == exit_codes.REFUSED
-    assert "its defy was ended but ignores every cancel and still runs; restart host host-1" in complaints
+    assert "its defy was ended but still runs" in complaints
     assert "clerk.defy is abandoned: it ignores every cancel and still runs" in host(crew).log
     code, out, _ = await robotree("delete", "clerk")
     assert (code, out) == (

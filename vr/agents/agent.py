@@ -363,7 +363,7 @@ class RobotAgent:
             self._end_calls(reason)
 
     def _end_calls(self, reason: str) -> None:
-        self.live.post(on.CancelAll(reason=reason, entitled=True))
+        self.live.post(on.CancelAll(reason=reason, entitled=True, final=True))
 
     # -- requests ---------------------------------------------------------------------------------
 

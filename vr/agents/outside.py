@@ -19,6 +19,7 @@ from robotree.vr.requests import (
     Accepted,
     Call,
     Cancel,
+    Detach,
     Done,
     Progress,
     Raised,
@@ -108,6 +109,8 @@ class OutsideCalls:
             self._call(request, received, respond, end)
         elif isinstance(request, Cancel):
             self._answer(partial(self._cancel, request), end)
+        elif isinstance(request, Detach):
+            self._answer(partial(self._detach, request), end)
         else:
             return False
         return True
@@ -174,6 +177,10 @@ class OutsideCalls:
             self._live.post(on.Cancel(key=request.key, reason=reason, epoch=request.epoch))
         else:
             self._live.post(on.CancelAll(reason=reason, epoch=request.epoch))
+        return Done()
+
+    def _detach(self, request: Detach) -> Reply:
+        self._live.post(on.Detach(key=request.key, epoch=request.epoch))
         return Done()
 
     def _answer(self, answer: Callable[[], Reply], end: End) -> None:

@@ -47,6 +47,10 @@ class Call(msgspec.Struct, kw_only=True):
     running: bool = False
     cause: Raised | None = None
     """Why it was asked to end while it ran."""
+    final: bool = False
+    """Whether not even its clean-up may command children any more: a stop, a lost lease, a second cancel."""
+    detached: bool = False
+    """Whether it goes on after the command that has made it: then operators may end it."""
     source: str = ""
     """Who numbers its calls; empty: nobody."""
     number: int = 0
@@ -80,6 +84,8 @@ class Calls(msgspec.Struct, kw_only=True):
     """Below which number a caller's calls are over, by caller."""
     abandoned: dict[str, str] = {}
     """Commands that have ended and whose code runs on, by key."""
+    places: dict[str, str] = {}
+    """The lines of their pages at which they were given up, in words, by key."""
     counts: dict[str, int] = {}
     """How often each command was accepted."""
 
@@ -179,6 +185,7 @@ class Calls(msgspec.Struct, kw_only=True):
 
     def beside_abandoned(self, robot: str, home: str) -> VrError | None:
         """Return why nothing that moves may begin while abandoned code runs; None: there is none."""
-        for command in self.abandoned.values():
-            return StillRunning(robot=robot, command=command, home=home)
+        for key, command in self.abandoned.items():
+            where = self.places.get(key, "")
+            return StillRunning(robot=robot, command=command, home=home, where=where and f" ({where})")
         return None

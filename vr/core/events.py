@@ -41,6 +41,8 @@ class Invoke(_Value, frozen=True, kw_only=True):
     number: int = 0
     lowest: int = 0
     """Below which number the caller's calls no longer matter to it."""
+    detached: bool = False
+    """See `calls.Call.detached`."""
 
 
 class Finish(_Value, frozen=True, kw_only=True):
@@ -48,6 +50,15 @@ class Finish(_Value, frozen=True, kw_only=True):
 
     key: str
     reply: Returned | Raised
+
+
+class Detach(_Value, frozen=True, kw_only=True):
+    """A call goes on without the command that made it: see `calls.Call.detached`."""
+
+    key: str
+    epoch: int | None = None
+    """Of the asker's lease."""
+    entitled: bool = False
 
 
 class Cancel(_Value, frozen=True, kw_only=True):
@@ -59,6 +70,8 @@ class Cancel(_Value, frozen=True, kw_only=True):
     """Of the asker's lease."""
     entitled: bool = False
     """Whether the right of the asker is known: it is the caller itself."""
+    final: bool = False
+    """See `calls.Call.final`."""
 
 
 class CancelAll(_Value, frozen=True, kw_only=True):
@@ -68,12 +81,16 @@ class CancelAll(_Value, frozen=True, kw_only=True):
     but_readers: bool = False
     epoch: int | None = None
     entitled: bool = False
+    final: bool = False
+    """See `calls.Call.final`. For a call that was asked to end before, it is final in any case."""
 
 
 class Abandon(_Value, frozen=True, kw_only=True):
     """The code of a call ignores its end: give it up."""
 
     key: str
+    where: str = ""
+    """The line of its page that is at work, in words."""
 
 
 class Gone(_Value, frozen=True, kw_only=True):
@@ -243,8 +260,8 @@ class Release(_Value, frozen=True, kw_only=True):
 
 
 Event = (
-    Invoke | Finish | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed | Reserve
-    | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | Reload | SafeStop | Halted
+    Invoke | Finish | Detach | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed
+    | Reserve | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | Reload | SafeStop | Halted
     | StopConfirmed | Release
 )  # fmt: skip
 
@@ -263,6 +280,8 @@ class Interrupt(_Value, frozen=True, kw_only=True):
 
     key: str
     cause: Raised
+    final: bool = False
+    """Whether not even its clean-up may command children any more."""
 
 
 class Settled(_Value, frozen=True, kw_only=True):

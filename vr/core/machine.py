@@ -58,6 +58,7 @@ class RobotCore:
         self._handlers: dict[type, Callable[[Any, float], Effects]] = {
             on.Invoke: self._invoke,
             on.Finish: self._finish,
+            on.Detach: self._detach,
             on.Cancel: self._cancel,
             on.CancelAll: self._cancel_all,
             on.Abandon: self._abandon,
@@ -143,6 +144,7 @@ class RobotCore:
             reads=event.reads,
             source=event.source,
             number=event.number,
+            detached=event.detached,
         )
         return [Begin(key=event.key)] if calls.enter(call) else []
 
@@ -190,31 +192,43 @@ class RobotCore:
         if call is None:
             self.state.calls.refuse(event.key, event.reason)
             return []
-        return self._end(call, CommandCancelled(robot=self.name, command=call.command, reason=event.reason))
+        cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
+        return self._end(call, cause, final=event.final)
 
-    def _end(self, call: Call, cause: CommandCancelled | DeadlineExceeded) -> Effects:
-        if call.cause is not None:
+    def _detach(self, event: on.Detach, now: float) -> Effects:
+        if not event.entitled:
+            self.state.lease.check(event.epoch, now)
+        if call := self.state.calls.live.get(event.key):
+            call.detached = True
+        return []
+
+    def _end(self, call: Call, cause: CommandCancelled | DeadlineExceeded, *, final: bool = False) -> Effects:
+        if call.cause is not None and (call.final or not final):
             return []
         raised = Raised.of(cause)
         if not call.running:
             return self._settle(call, raised)
-        call.cause = raised
-        return [Interrupt(key=call.key, cause=raised)]
+        call.cause, call.final = call.cause or raised, final
+        return [Interrupt(key=call.key, cause=raised, final=final)]
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
-        if not event.entitled:
+        detached = any(call.detached for call in self.state.calls.live.values())
+        alone = detached and event.epoch is None and self.state.lease.tenure is not None
+        if not event.entitled and not alone:
             self.state.lease.check(event.epoch, now)
-        return self._end_all(event.reason, but_readers=event.but_readers)
-
-    def _end_all(self, reason: str, *, but_readers: bool = False) -> Effects:
-        """End all calls, those that wait before the one that runs."""
         effects: Effects = []
         for call in reversed(list(self.state.calls.live.values())):
-            if not (but_readers and call.reads):
-                effects += self._end(
-                    call, CommandCancelled(robot=self.name, command=call.command, reason=reason)
-                )
+            if (alone and not call.detached) or (event.but_readers and call.reads):
+                continue
+            cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
+            effects += self._end(call, cause, final=event.final or call.cause is not None)
         return effects
+
+    def _end_all(self, reason: str, *, but_readers: bool = False) -> Effects:
+        """End all calls for good, those that wait before the one that runs."""
+        return self._cancel_all(
+            on.CancelAll(reason=reason, but_readers=but_readers, entitled=True, final=True), 0.0
+        )
 
     def _abandon(self, event: on.Abandon, _: float) -> Effects:
         calls = self.state.calls
@@ -222,6 +236,7 @@ class RobotCore:
         if call is None:
             return []
         calls.abandoned[call.key] = call.command
+        calls.places[call.key] = event.where
         refusal = calls.beside_abandoned(self.name, self.state.home)
         assert refusal is not None  # noqa: S101 # just entered
         raised = Raised.of(refusal)
@@ -231,8 +246,15 @@ class RobotCore:
         return effects + self._settle(call, call.cause or raised)
 
     def _gone(self, event: on.Gone, _: float) -> Effects:
-        self.state.calls.abandoned.pop(event.key, None)
-        return []
+        calls = self.state.calls
+        calls.abandoned.pop(event.key, None)
+        calls.places.pop(event.key, None)
+        call = calls.live.get(event.key)
+        if call is None:
+            return []
+        reason = "it was given up at the moment when it ended"  # so the order to give it up comes too late
+        cause = CommandCancelled(robot=self.name, command=call.command, reason=reason)
+        return self._settle(call, call.cause or Raised.of(cause))
 
     def _tick(self, event: on.Tick, now: float) -> Effects:
         effects: Effects = []

@@ -14,6 +14,7 @@ from robotree.vr.description import Arguments, RobotDescription
 from robotree.vr.envelope import seal
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import (
+    LONGEST_CLEANUP,
     PATIENCE,
     Accepted,
     Call,
@@ -55,7 +56,7 @@ if TYPE_CHECKING:  # loaded only by what creates something: it loads what reads 
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
-MARGIN = 5.0
+MARGIN = LONGEST_CLEANUP + 5.0
 """[s] after the deadline in which the robot may still say how its command ended."""
 LOADING = 20.0
 """[s] for a robot to be made: twice the loader's limit, for source and constructor, and the way."""

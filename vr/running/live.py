@@ -12,6 +12,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
+from types import FrameType
 from typing import Any, Protocol
 
 import msgspec
@@ -25,11 +26,12 @@ from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
-from robotree.vr.errors import NoSuchCommand, VrError
+from robotree.vr.errors import CommandCancelled, NoSuchCommand, VrError
 from robotree.vr.fields import SET
-from robotree.vr.requests import PATIENCE, Call, Cancel, Raised, Returned
+from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.outcome import check_result, raised
+from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
@@ -106,7 +108,8 @@ class LiveRobot:
         self.frames: dict[str, Frame] = {}
         """Its running commands, by key."""
         self.said: dict[str, tuple[float, str]] = {}
-        """How far its running commands are, by key."""
+        """How far its running commands are, by key, as others see it."""
+        self._own: dict[str, tuple[float, str]] = {}  # the same without what their children say
         self.way = way
         self._on_effect, self._on_change = on_effect, on_change
         self._last_obeyed = -1
@@ -274,6 +277,7 @@ class LiveRobot:
         elif isinstance(effect, Settled):
             self._turns.pop(effect.key, None)
             self.said.pop(effect.key, None)
+            self._own.pop(effect.key, None)
             for listener in self._listeners.pop(effect.key, ()):
                 try:
                     listener.settle(effect.reply)
@@ -281,7 +285,7 @@ class LiveRobot:
                     _log.exception("%s: the end of a call could not be told", self.robot.name)
         elif isinstance(effect, Interrupt):
             if frame := self.frames.get(effect.key):
-                frame.cancel(effect.cause.revive())
+                frame.cancel(effect.cause.revive(), final=effect.final)
         else:
             if isinstance(effect, on.ChildGone):
                 self._end_calls_of(effect.slot)
@@ -347,15 +351,21 @@ class LiveRobot:
                 source=call.source,
                 number=call.number,
                 lowest=call.lowest,
+                detached=call.oneway,
             ),
             listener=listener,
             turn=turn,
             accepted=accepted,
         )
 
-    def cancel(self, key: str, reason: str) -> None:
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.robot.name
+
+    def cancel(self, key: str, reason: str, *, final: bool = False) -> None:
         """End a call in the name of its caller."""
-        self.post(on.Cancel(key=key, reason=reason, entitled=True))
+        self.post(on.Cancel(key=key, reason=reason, entitled=True, final=final))
 
     def listen(self, key: str, listener: Listener) -> bool:
         """Tell somebody how a live call fares; returns whether it is live."""
@@ -365,20 +375,44 @@ class LiveRobot:
             self._listeners.setdefault(key, []).append(listener)
             return True
 
-    def abandon(self, key: str) -> None:
-        """Give up code that ignores every interruption."""
+    def abandon(self, key: str, at: FrameType | None) -> None:
+        """Give up code that ignores every interruption; `at` is what its thread carries out."""
         self.isolated = True  # what happened once may happen again, and must not take its caller with it
-        call = self.core.state.calls.live.get(key)
+        call, where = self.core.state.calls.live.get(key), ""
         if call is not None:
+            line = line_at_work(at, self._source_of(call.command))
+            where = "" if line is None else f"{line.place}: {line.text}"
             _log.error(
-                "%s.%s is abandoned: it ignores every cancel and still runs, though it can reach no child "
-                "any more; restart %s",
-                *(self.robot.name, call.command, self.core.state.home),
+                "%s.%s is abandoned: it ignores every cancel and still runs%s, though it can reach no child "
+                "any more; the robot is free again when it has ended, or after a restart of %s",
+                *(self.name, call.command, where and f" ({where})", self.core.state.home),
             )
-        self.post(on.Abandon(key=key))
+        self.post(on.Abandon(key=key, where=where))
+        frame = self.frames.get(key)
+        if frame is not None and not frame.worker.dead:  # a part of it was given up, on another worker
+            reason = "a part of it was given up, because it ignores every cancel"
+            cause = CommandCancelled(robot=self.name, command=frame.context.command, reason=reason)
+            frame.cancel(cause, final=True)
+
+    def gone(self, key: str) -> None:
+        """Abandoned code has ended after all."""
+        command = self.core.state.calls.abandoned.get(key, "a command")
+        _log.warning("%s.%s has ended after all; the robot can be used again", self.name, command)
+        self.post(on.Gone(key=key))
+        self._on_change()
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far a running command is."""
+        self._own[key] = (fraction, text)
+        self._show(key, fraction, text)
+
+    def note_child(self, key: str, child: str, text: str) -> None:
+        """Take what a child of a running command says of its progress: shown beside the command's own."""
+        if key in self.frames:
+            fraction, own = self._own.get(key, (math.nan, ""))
+            self._show(key, fraction, f"{own}; {child}: {text}" if own else f"{child}: {text}")
+
+    def _show(self, key: str, fraction: float, text: str) -> None:
         self.said[key] = (fraction, text[:LONGEST_NOTE])
         for listener in self._listeners.get(key, ()):
             listener.note(fraction, text)
@@ -457,7 +491,7 @@ class LiveRobot:
         frame = Frame(self, context, worker)
         self.frames[key] = frame
         if call.cause is not None:
-            frame.cause = call.cause.revive()
+            frame.cause, frame.final = call.cause.revive(), call.final
         with self._lock:  # the page may be another one in a moment, for a command that only reads
             robot, command = self.robot, self._commands.get(call.command)
             exposed = self._exposures.get(call.command)
@@ -474,8 +508,7 @@ class LiveRobot:
             self._runner.name_thread(f"{self.robot.name}.{call.command}")
         value, error = worker.run(frame, work)
         del self.frames[key]
-        for pending in frame.started:
-            pending.drop("the command that started it has ended")
+        frame.end()
         if isinstance(robot, VirtualRobot) and not worker.dead:
             try:
                 robot.field_values.settle(key)
@@ -483,16 +516,13 @@ class LiveRobot:
                 error = error or refusal
         reply = self._reply(context, command, value, error)
         if worker.dead:
-            _log.warning("%s.%s has ended after all", self.robot.name, context.command)
-            self.post(on.Gone(key=key))
-            self._on_change()
+            self.gone(key)
         else:
             self.post(on.Finish(key=key, reply=reply))
 
     def _reply(
         self, context: CommandContext, command: Command | None, value: Any, error: BaseException | None
     ) -> Returned | Raised:
-        source = ""
         try:
             if error is None:
                 if command is not None:
@@ -503,9 +533,12 @@ class LiveRobot:
         except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
             error = refusal
         self.process.on_raise(self.robot.name, error)
-        if command is not None:
-            source = inspect.unwrap(command.function).__code__.co_filename
-        return raised(self.robot.name, context, error, source=source)
+        return raised(self.robot.name, context, error, source=self._source_of(context.command))
+
+    def _source_of(self, command: str) -> str:
+        """Return the file of a command's page, as tracebacks call it; empty: it has none."""
+        found = self._commands.get(command)
+        return "" if found is None else inspect.unwrap(found.function).__code__.co_filename
 
     # -- calls that go out ------------------------------------------------------------------------
 
@@ -519,6 +552,7 @@ class LiveRobot:
         nested: bool = False,
         oneway: bool = False,
         passes_on: bool = False,
+        instead: str = "",
     ) -> PendingCall:
         """Call the child in a slot, as one step of a running command, within that command's deadline.
 
@@ -530,6 +564,7 @@ class LiveRobot:
             nested: the caller waits, so its worker may carry the command out.
             oneway: nobody waits for the end.
             passes_on: the child's progress is the running command's own.
+            instead: why it is not to begin any more: it ends at once; empty: it is.
 
         Raises:
             VrError: the slot is empty, or the child refuses.
@@ -539,7 +574,9 @@ class LiveRobot:
         bond = self.core.state.slots.require(slot)
         pending = PendingCall(frame, slot, frame.step(), bond.child.name, command, passes_on=passes_on)
         child = self._neighbours.get(bond.child.key)
-        if child is None:
+        if instead:
+            pending.fail(CommandCancelled(robot=bond.child.name, command=command, reason=instead))
+        elif child is None:
             self._call_afar(pending, bond.child.key, bond.lease.epoch, dict(arguments), oneway=oneway)
         else:
             self._call_here(pending, child, bond.lease.epoch, dict(arguments), nested=nested, oneway=oneway)
@@ -566,14 +603,16 @@ class LiveRobot:
             epoch=epoch,
             caller=self.robot.name,
             deadline=math.inf,
+            oneway=oneway,
         )
         if not oneway:
             pending.withdraw = partial(child.cancel, pending.key)
+            pending.let_go = partial(child.post, on.Detach(key=pending.key, entitled=True))
         while True:
             try:
                 child.admit(
                     call,
-                    frame.context.deadline_at,
+                    frame.deadline_at,
                     listener=listener,
                     turn=pending if may_run_here and listener is not None else None,
                 )
@@ -599,7 +638,7 @@ class LiveRobot:
             arguments=arguments,
             epoch=epoch,
             caller=self.robot.name,
-            deadline=frame.context.deadline_at - now,
+            deadline=frame.deadline_at - now,
             oneway=oneway,
             source=source,
             number=number,
@@ -607,6 +646,7 @@ class LiveRobot:
         )
         pending.key_of_child, pending.accept_by = key, now + PATIENCE
         pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
+        pending.let_go = partial(self._detach, key, pending.key, epoch)
         pending.oneway = oneway
         if not oneway:
             self._calling.setdefault(pending.slot, set()).add(pending)
@@ -624,6 +664,11 @@ class LiveRobot:
         cancel = Cancel(key=call, epoch=epoch, reason=reason)
         sealed = seal(cancel, now=self._runner.now(), within=PATIENCE, sender=self.key)
         self.way.ask(key, sealed.body, hear=lambda _: None, urgent=True)
+
+    def _detach(self, key: str, call: str, epoch: int) -> None:
+        """Tell a child in another process that a call goes on without the command that has made it."""
+        sealed = seal(Detach(key=call, epoch=epoch), now=self._runner.now(), within=PATIENCE, sender=self.key)
+        self.way.ask(key, sealed.body, hear=lambda _: None)
 
     def _end_calls_of(self, slot: str) -> None:
         """A child is gone: whoever waits for it waits no longer."""

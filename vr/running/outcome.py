@@ -60,8 +60,7 @@ def raised(robot: str, context: CommandContext, error: BaseException, *, source:
     label, lines = f"{robot}.{context.command}", page_lines(error, source)
     trace = trace_of(label, error, source)
     known = error if isinstance(error, VrError) else None
-    if known is None or (isinstance(known, CommandError) and _is_the_authors(known)):
-        _log.warning("%s failed: %s", label, "\n".join([words_of(error), *trace]))
+    begins_here = known is None or (isinstance(known, CommandError) and _is_the_authors(known))
     if known is None:
         where = f" ({lines[-1].place})" if lines else ""
         known = CommandFailed(robot=robot, command=context.command, detail=words_of(error) + where)
@@ -71,6 +70,8 @@ def raised(robot: str, context: CommandContext, error: BaseException, *, source:
         known.data["values"] = {name: _travelling(value) for name, value in known.data["values"].items()}
     if isinstance(known, CommandError):
         known.fill_in(robot, context.command)
+    if begins_here:
+        _log.warning("%s", "\n".join([str(known), *trace]))
     known.trace = trace
     return Raised.of(known)
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from robotree.vr.child import readable
 from robotree.vr.errors import ChildCancelled, CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import PATIENCE, Accepted, Progress, Raised, Returned, decode_reply
+from robotree.vr.running.together import Part
 from robotree.vr.running.worker import Frame, Worker
 
 
@@ -24,7 +25,7 @@ class Listener(Protocol):
         ...
 
 
-class PendingCall:
+class PendingCall(Part):
     """A child's command under way: the `CallFuture` that the author's code gets."""
 
     def __init__(
@@ -49,14 +50,19 @@ class PendingCall:
         """Carries the command out on the worker that waits for it: set when it is its turn."""
         self.accept_by = math.inf
         """[s] when the child must have accepted it."""
+        self.let_go: Callable[[], None] = _no_more
+        """Has the child go on when the command that called it has ended."""
         self.withdraw: Callable[[str], None] = _nothing
         """Tells the child that nobody wants the call any more, and why."""
         self.ended: Callable[[], None] = _no_more
         """Called once it has ended."""
         self.frame = frame
         self._fraction, self._passes_on = math.nan, passes_on
-        self._tell: list[Callable[[], None]] = []
-        """Called once it has ended."""
+        self._tell = []
+        self._awaited = False
+        """Whether the caller waits until the child has accepted it."""
+        self._dropped = False
+        """Whether nobody waits for it any more."""
         self._may_be_given = [True]
         """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
 
@@ -64,9 +70,11 @@ class PendingCall:
 
     def note(self, fraction: float, text: str) -> None:
         """See `Listener.note`."""
-        self._fraction = fraction
+        self._fraction, frame = fraction, self.frame
         if self._passes_on:
-            self.frame.live.note(self.frame.context.key, fraction, text)
+            frame.live.note(frame.call_key, fraction, text)
+        elif text:
+            frame.live.note_child(frame.call_key, self.child, text)
 
     def settle(self, reply: Returned | Raised) -> None:
         """See `Listener.settle`."""
@@ -74,7 +82,7 @@ class PendingCall:
             self.reply = reply
             self.ended()
             if self._tell:
-                self._tell_all()
+                self.tell_all()
             self.frame.wake()
 
     def fail(self, error: VrError) -> None:
@@ -84,7 +92,7 @@ class PendingCall:
     def hear(self, body: bytes | None) -> None:
         """Take one reply from another process; None: there are no more."""
         if body is None:
-            if self.reply is not None or (self.oneway and self.accepted):
+            if self.reply is not None or (self._awaited and self.accepted):
                 return
             if self.accepted:
                 detail = "it ended in the middle; look where the robot stands before you go on"
@@ -105,8 +113,11 @@ class PendingCall:
             self.accepted, self.accept_by = True, math.inf
             if self.oneway:
                 self.ended()
+            if self._awaited:
                 self.frame.wake()
 
+    at_rest = True
+    """See `Started.at_rest`."""
     key_of_child = ""
     """Under which a child in another process answers."""
 
@@ -124,7 +135,12 @@ class PendingCall:
 
     def result(self, timeout: float | None = None) -> Any:
         """See `CallFuture.result`."""
-        return self.frame.result_of(self, math.inf if timeout is None else timeout)
+        return self.frame.in_this_thread().result_of(self, math.inf if timeout is None else timeout)
+
+    def detach(self) -> PendingCall:
+        """See `CallFuture.detach`."""
+        self.frame.in_this_thread().detach(self)
+        return self
 
     def cancel(self) -> None:
         """See `CallFuture.cancel`."""
@@ -133,20 +149,6 @@ class PendingCall:
             self.fail(
                 CommandCancelled(robot=self.child, command=self.command, reason="its caller has cancelled it")
             )
-
-    def when_done(self, tell: Callable[[], None]) -> None:
-        """See `CallFuture.when_done`."""
-        self._tell.append(tell)
-        if self.reply is not None:
-            self._tell_all()
-
-    def _tell_all(self) -> None:
-        while self._tell:
-            try:
-                tell = self._tell.pop()
-            except IndexError:  # another thread has taken it
-                return
-            tell()
 
     # -- for the frame ----------------------------------------------------------------------------
 
@@ -166,9 +168,10 @@ class PendingCall:
                     run(worker)
                 else:
                     self._wait(timeout)
+        except TimeoutError:
+            raise
         except BaseException:
-            if frame.cause is not None or worker.dead:
-                self.drop("its caller was ended")
+            self.drop("its caller was ended")
             raise
         return self._value()
 
@@ -178,6 +181,7 @@ class PendingCall:
         Raises:
             VrError: it has refused.
         """
+        self._awaited = True
         while not self.accepted and self.reply is None:
             self._wait(math.inf)
         if self.reply is not None:
@@ -195,8 +199,9 @@ class PendingCall:
 
     def drop(self, reason: str) -> None:
         """Nobody waits for it any more."""
-        if self.reply is not None:
+        if self.reply is not None or self._dropped:
             return
+        self._dropped = True
         self.withdraw(reason)
         try:
             self._may_be_given.pop()
@@ -220,7 +225,9 @@ class PendingCall:
 
     def _is_news(self) -> bool:
         # that it was accepted is looked at when the time for that is over: it wakes nobody
-        return self.reply is not None or self.run_here is not None or (self.oneway and self.accepted)
+        return self.reply is not None or self.run_here is not None or (self._awaited and self.accepted)
+
+    _error: VrError | None = None
 
     def _value(self) -> Any:
         reply = self.reply
@@ -228,8 +235,24 @@ class PendingCall:
             return readable(reply.value)
         assert reply is not None  # noqa: S101 # it is done
         self.frame.worker.check(self.frame)  # if the caller itself was asked to end, that is what it is told
-        meant = self.frame.live.meant(self.slot, reply.revive())
-        raise ChildCancelled(**meant.data) if isinstance(meant, CommandCancelled) else meant
+        error = self.error()
+        assert error is not None  # noqa: S101 # it has failed
+        raise error
+
+    def error(self) -> VrError | None:
+        """See `Started.error`."""
+        if not isinstance(self.reply, Raised):
+            return None
+        if self._error is None:
+            meant = self.frame.live.meant(self.slot, self.reply.revive())
+            self._error = meant
+            if isinstance(meant, CommandCancelled):
+                self._error = ChildCancelled(**meant.data)
+                self._error.trace = meant.trace
+        return self._error
+
+    def end_with(self, cause: VrError, *, final: bool) -> None:
+        """See `Started.end_with`: it ends when the command does, or when its clean-up begins."""
 
 
 def _nothing(_: str) -> None:

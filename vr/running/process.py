@@ -126,13 +126,19 @@ class Process:
                     self.watch(other)
                     break
             return
+        if any(shielded.shield > self.runner.now() for shielded in worker.stack):
+            self.at(
+                self.runner.now() + GRACE, lambda: self._insist(frame, attempts)
+            )  # a clean-up has its time
+            return
         if attempts:
             worker.interrupt()
             self.at(self.runner.now() + GRACE, lambda: self._insist(frame, attempts - 1))
             return
         worker.dead = True
+        at = self.runner.stack_of(worker.thread)
         for lost in reversed(list(worker.stack)):
-            lost.live.abandon(lost.context.key)
+            lost.live.abandon(lost.call_key, at)
         worker.waiter.wake()
 
     def _watch(self) -> None:

@@ -10,10 +10,12 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import random
+import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from types import FrameType
 from typing import Protocol
 
 LONGEST_WAIT = 1e6
@@ -77,6 +79,10 @@ class Runner(Protocol):
         """Raise an error in a thread, between two of its bytecodes; nothing happens in a simulation."""
         ...
 
+    def stack_of(self, thread: int) -> FrameType | None:
+        """Return the innermost function that a thread is in; None: it has ended, or is simulated."""
+        ...
+
 
 class ThreadWaiter:
     """See `Waiter`."""
@@ -124,6 +130,11 @@ class Threads:
     def interrupt(self, thread: int, error: type[BaseException]) -> None:
         """See `Runner.interrupt` (CPython: `PyThreadState_SetAsyncExc`)."""
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
+
+    def stack_of(self, thread: int) -> FrameType | None:
+        """See `Runner.stack_of`."""
+        frames = sys._current_frames()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # documented
+        return frames.get(thread)
 
 
 def runner_of(loop: object) -> Runner:

@@ -101,6 +101,9 @@ class VirtualRunner:
     def interrupt(self, thread: int, error: type[BaseException]) -> None:
         """See `Runner.interrupt`: nobody computes without end here."""
 
+    def stack_of(self, thread: int) -> None:
+        """See `Runner.stack_of`."""
+
     # -- what only a simulation can do ------------------------------------------------------------
 
     def start(self, work: Callable[[], None], name: str, process: VirtualProcess | None = None) -> greenlet:
@@ -256,6 +259,7 @@ class VirtualProcess:
         self.skew, self.rate, self.offset = skew, rate, offset
         self.lock, self.random, self.here = runner.lock, runner.random, runner.here
         self.point, self.interrupt, self.name_thread = runner.point, runner.interrupt, runner.name_thread
+        self.stack_of = runner.stack_of
         self.others_wait = runner.others_wait
         if rate == 1.0 and offset == 0.0:
             self.now = runner.now  # type: ignore[method-assign] # asked for very often

@@ -184,7 +184,7 @@ async def test_the_log_shows_the_lines_of_the_page_alone(
 ) -> None:
     await failure(fetcher, "fetch", how="otherwise")
     told = caplog.records[0].getMessage()
-    assert told.startswith("shelf-1.fetch failed: ValueError: no such place\n")
+    assert told.startswith("shelf-1.fetch failed: ValueError: no such place (")
     assert "worker.py" not in told
     assert "look_up" in told
     assert caplog.records[0].exc_info is None

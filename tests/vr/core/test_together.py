@@ -1,0 +1,326 @@
+"""Several children at once: all of them, or the first that succeeds."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from robotree.vr import (
+    Child,
+    ChildCancelled,
+    CommandCancelled,
+    CommandFailed,
+    DeadlineExceeded,
+    Failed,
+    Robot,
+    VirtualRobot,
+    VrError,
+    command,
+)
+from robotree.vr.errors import StillRunning
+from robotree.vr.running.process import Process
+
+
+class Arm(Robot):
+    """Takes its time, and may fail."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.done: list[str] = []
+        self.keys: list[str] = []
+
+    @command
+    def go(self, seconds: float, *, well: bool = True) -> str:
+        self.keys.append(self.context.key)
+        try:
+            self.sleep(seconds)
+        except VrError:
+            self.done.append("cancelled")
+            raise
+        self.done.append("went")
+        if not well:
+            raise Failed(f"{self.name} is stuck", after=seconds)
+        return f"{self.name} after {seconds:g} s"
+
+
+class Pair(VirtualRobot):
+    """Two arms."""
+
+    left = Child("Arm")
+    right = Child("Arm")
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.saw: list[Any] = []
+
+    @command
+    def both(self, left: float, right: float, *, well: bool = True) -> Any:
+        with self.together() as both:
+            both.start(self.left.go, left, well=well)
+            self.right.go.start(right)  # the same: what is started in the block belongs to it
+        return both.results
+
+    @command
+    def in_order(self) -> Any:
+        """Two sequences of steps at the same time."""
+        with self.together() as both:
+            both.start(self.twice, self.left, 1)
+            both.start(self.twice, self.right, 2)
+        return both.results
+
+    def twice(self, arm: Any, seconds: float) -> list[str]:
+        return [arm.go(seconds), arm.go(seconds)]
+
+    @command
+    def fails_in_a_function(self) -> None:
+        with self.together() as both:
+            both.start(self.twice, self.left, 5)
+            both.start(self.break_off)
+
+    def break_off(self) -> None:
+        self.sleep(1)
+        raise Failed("broken")
+
+    @command
+    def raises_in_the_block(self) -> None:
+        with self.together() as both:
+            both.start(self.left.go, 9)
+            self.sleep(1)
+            raise Failed("second thoughts")
+
+    @command
+    def waits_in_the_block(self) -> None:
+        with self.together() as both:
+            both.start(self.left.go, 1, well=False)
+            self.saw.append("waits")
+            self.sleep(60)
+            self.saw.append("waited too long")
+
+    @command
+    def nested(self, seconds: float) -> Any:
+        with self.together() as outer:
+            outer.start(self.left.go, seconds, well=False)
+            with self.together() as inner:
+                inner.start(self.right.go, 3)
+            self.saw += inner.results
+        return outer.results
+
+    @command
+    def race(self, left: float, right: float, *, well: bool = True) -> Any:
+        with self.first() as race:
+            race.start(self.left.go, left, well=well)
+            race.start(self.right.go, right, well=well)
+        return [race.winner, race.result]
+
+    @command
+    def won_before_all_have_started(self) -> Any:
+        with self.first() as race:
+            race.start(self.left.go, 0)
+            self.sleep(1)
+            late = race.start(self.right.go, 1)
+            try:
+                late.result()
+            except ChildCancelled as error:
+                self.saw.append(str(error))
+        return race.result
+
+    @command
+    def nothing(self) -> Any:
+        with self.together() as both:
+            self.saw.append("empty")
+        return both.results
+
+    @command
+    def no_race(self) -> None:
+        with self.first():
+            pass
+
+    @command
+    def after_the_block(self) -> None:
+        with self.together() as both:
+            pass
+        both.start(self.left.go, 1)
+
+    @command
+    def too_early(self) -> Any:
+        with self.together() as both:
+            return both.results
+
+    @command
+    def deaf(self) -> None:
+        with self.together() as both:
+            both.start(self.ignore)
+            self.sleep(1)
+            raise Failed("enough")
+
+    def ignore(self) -> None:
+        while True:
+            try:
+                self.sleep(1)
+            except BaseException:  # noqa: BLE001, S112 # an author who has not thought of ending
+                continue
+
+
+@pytest.fixture(params=["a process each", "one process"])
+async def pair(request: pytest.FixtureRequest, realm: Any) -> Any:
+    if request.param == "one process":
+        realm.shared = Process(realm.runner)
+    pair = await realm.start(Pair("pair"))
+    for side in ("left", "right"):
+        arm = await realm.start(Arm(side))
+        await realm.client(pair).enslave(side, arm.address)
+        setattr(pair, side, arm)
+    return pair
+
+
+async def timed(call: Any) -> tuple[float, Any]:
+    """Return how long a call takes [s], and what it returns or raises."""
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    try:
+        outcome = await call
+    except VrError as error:
+        outcome = error
+    return loop.time() - began, outcome
+
+
+async def idle(realm: Any, *agents: Any) -> None:
+    await realm.until(lambda: not any(agent.description().busy for agent in agents), within=1.0)
+
+
+# -- all of them -----------------------------------------------------------------------------------
+
+
+async def test_two_arms_move_at_the_same_time_and_the_block_waits_for_both(realm: Any, pair: Any) -> None:
+    took, results = await timed(realm.client(pair).call("both", {"left": 3, "right": 1}, key="k"))
+    assert results == ["left after 3 s", "right after 1 s"]
+    assert took == pytest.approx(3, abs=0.2)
+    assert (pair.left.robot.keys, pair.right.robot.keys) == (["k/1"], ["k/2"])
+
+
+async def test_the_first_failure_cancels_the_others_and_is_what_is_raised(realm: Any, pair: Any) -> None:
+    took, error = await timed(realm.client(pair).call("both", {"left": 1, "right": 9, "well": False}))
+    assert (type(error), str(error)) == (Failed, "left.go failed: left is stuck (after=1.0)")
+    assert took < 1.5
+    await idle(realm, pair.right)
+    assert pair.right.robot.done == ["cancelled"]
+
+
+async def test_sequences_of_steps_run_side_by_side_with_keys_that_repeat(realm: Any, pair: Any) -> None:
+    took, results = await timed(realm.client(pair).call("in_order", {}, key="k"))
+    assert results == [["left after 1 s"] * 2, ["right after 2 s"] * 2]
+    assert took == pytest.approx(4, abs=0.3)
+    assert pair.left.robot.keys == ["k/1/1", "k/1/2"]
+    assert pair.right.robot.keys == ["k/2/1", "k/2/2"]
+
+
+async def test_a_function_that_fails_cancels_the_steps_of_the_other(realm: Any, pair: Any) -> None:
+    took, error = await timed(realm.client(pair).call("fails_in_a_function", {}))
+    assert str(error) == "pair.fails_in_a_function failed: broken"
+    assert any("in break_off: raise Failed" in line for line in error.trace)
+    assert took < 1.5
+    await idle(realm, pair.left)
+    assert pair.left.robot.done == ["cancelled"]
+
+
+async def test_an_error_in_the_block_cancels_what_it_has_started(realm: Any, pair: Any) -> None:
+    _, error = await timed(realm.client(pair).call("raises_in_the_block", {}))
+    assert str(error) == "pair.raises_in_the_block failed: second thoughts"
+    await idle(realm, pair.left)
+    assert pair.left.robot.done == ["cancelled"]
+
+
+async def test_a_failure_ends_the_block_while_it_waits_for_something_else(realm: Any, pair: Any) -> None:
+    took, error = await timed(realm.client(pair).call("waits_in_the_block", {}))
+    assert str(error).startswith("left.go failed")
+    assert took < 1.5
+    assert pair.robot.saw == ["waits"]
+
+
+async def test_blocks_can_be_nested(realm: Any, pair: Any) -> None:
+    took, error = await timed(realm.client(pair).call("nested", {"seconds": 5}))
+    assert (type(error), pair.robot.saw) == (Failed, ["right after 3 s"])
+    took, error = await timed(realm.client(pair).call("nested", {"seconds": 1}))
+    assert took < 1.5, "a failure of the outer block ends the inner one"
+    await idle(realm, pair.right)
+    assert pair.right.robot.done == ["went", "cancelled"]
+
+
+async def test_an_empty_block_has_no_results(realm: Any, pair: Any) -> None:
+    assert await realm.client(pair).call("nothing", {}) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("after_the_block", "start parts inside of the `with` block"),
+        ("too_early", "the results are there after"),
+    ],
+)
+async def test_a_block_used_wrongly_says_how_it_is_used(
+    realm: Any, pair: Any, command: str, sentence: str
+) -> None:
+    with pytest.raises(CommandFailed, match=sentence):
+        await realm.client(pair).call(command, {})
+
+
+# -- the first one ---------------------------------------------------------------------------------
+
+
+async def test_the_first_that_succeeds_wins_and_the_others_are_cancelled(realm: Any, pair: Any) -> None:
+    took, result = await timed(realm.client(pair).call("race", {"left": 9, "right": 1}))
+    assert result == [1, "right after 1 s"]
+    assert took < 1.5
+    await idle(realm, pair.left)
+    assert pair.left.robot.done == ["cancelled"]
+
+
+async def test_when_all_have_failed_one_error_lists_them(realm: Any, pair: Any) -> None:
+    took, error = await timed(realm.client(pair).call("race", {"left": 2, "right": 1, "well": False}))
+    assert took == pytest.approx(2, abs=0.2)
+    assert str(error) == (
+        "pair.race failed: none of 2 has succeeded: left.go failed: left is stuck (after=2.0); "
+        "right.go failed: right is stuck (after=1.0)"
+    )
+
+
+async def test_what_is_started_after_the_race_was_won_does_not_begin(realm: Any, pair: Any) -> None:
+    assert await realm.client(pair).call("won_before_all_have_started", {}) == "left after 0 s"
+    assert pair.right.robot.done == []
+    assert pair.robot.saw[0].endswith("another one has succeeded")
+
+
+async def test_a_race_of_nobody_says_so(realm: Any, pair: Any) -> None:
+    with pytest.raises(Failed, match="nothing was started"):
+        await realm.client(pair).call("no_race", {})
+
+
+# -- ended from outside ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["both", "in_order", "race", "nested"])
+@pytest.mark.parametrize("how", ["cancel", "deadline", "stop"])
+async def test_the_end_of_a_command_ends_all_that_it_has_started(
+    realm: Any, pair: Any, command: str, how: str
+) -> None:
+    arguments = {"both": {"left": 9, "right": 9}, "race": {"left": 9, "right": 9}, "nested": {"seconds": 9}}
+    client = realm.client(pair)
+    call = client.call(command, arguments.get(command, {}), deadline=0.5 if how == "deadline" else 60)
+    running = asyncio.create_task(timed(call))
+    await realm.until(lambda: pair.left.description().busy == pair.right.description().busy == "go")
+    if how == "cancel":
+        await client.cancel(reason="enough")
+    elif how == "stop":
+        await client.safe_stop("a hand")
+    _, error = await running
+    assert type(error) is (DeadlineExceeded if how == "deadline" else CommandCancelled)
+    await idle(realm, pair, pair.left, pair.right)
+    assert pair.left.robot.done[-1] == pair.right.robot.done[-1] == "cancelled"
+
+
+async def test_a_part_that_ignores_its_end_is_given_up_with_the_command(realm: Any, pair: Any) -> None:
+    _, error = await timed(realm.client(pair).call("deaf", {}))
+    assert isinstance(error, StillRunning)
+    assert pair.description().abandoned == ("deaf",)
