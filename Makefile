@@ -11,10 +11,12 @@ LOCK := requirements.lock
 STAMP := $(VENV)/.ready
 INTEROP := .venv-interop
 INTEROP_LOCK := requirements-interop.lock
+COMPARISON := .venv-comparison
+COMPARISON_LOCK := requirements-comparison.lock
 SUBPACKAGES := files protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test interpreters check soak interop lock format clean
+.PHONY: help setup demo test interpreters check soak interop comparison lock format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -64,11 +66,17 @@ soak: $(STAMP)  ## the slow tests, and the campaign of kills, freezes, splits an
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK
 	$(BIN)/python -m pytest -m interop tests/interop
 
+comparison: $(STAMP) $(COMPARISON)/.ready  ## play docs/comparison.md: the same page here, with py_trees and with bluesky
+	$(BIN)/python -m pytest -m comparison tests/comparison
+	$(BIN)/python -m tests.comparison.table
+
 # Tools of other people, apart from ours: what they need must not decide what we get.
-$(INTEROP)/.ready: $(INTEROP_LOCK) $(STAMP)
-	@test -x $(INTEROP)/bin/python || $(PYTHON) -m venv --without-pip $(INTEROP)
+$(INTEROP)/.ready: $(INTEROP_LOCK)
+$(COMPARISON)/.ready: $(COMPARISON_LOCK)
+$(INTEROP)/.ready $(COMPARISON)/.ready: $(STAMP)
+	@test -x $(@D)/bin/python || $(PYTHON) -m venv --without-pip $(@D)
 	@UV=$$(command -v uv || echo $(BIN)/uv); \
-	  $$UV pip sync --quiet --python $(INTEROP)/bin/python --require-hashes $(INTEROP_LOCK)
+	  $$UV pip sync --quiet --python $(@D)/bin/python --require-hashes $(filter %.lock,$^)
 	@touch $@
 
 check: $(STAMP)  ## ruff, pyright, mypy --strict, import-linter
@@ -89,6 +97,9 @@ lock: $(VENV)/bin/uv  ## resolve the dependencies again
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group interop \
 	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
 	  -o $(INTEROP_LOCK)
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --group comparison \
+	  --no-emit-index-url --no-emit-find-links --upgrade --custom-compile-command "make lock" \
+	  -o $(COMPARISON_LOCK)
 
 $(BIN)/uv:
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -96,4 +107,4 @@ $(BIN)/uv:
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.lock
 
 clean:  ## remove what setup and the tests made
-	rm -rf .venv .venv-3.* $(INTEROP) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-3.* $(INTEROP) $(COMPARISON) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

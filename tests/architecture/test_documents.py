@@ -12,11 +12,10 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.manual import EVERYWHERE
 from robotree.tui.session.script import read
-from robotree.vr import VirtualRobot
-from robotree.vr.bundle import Bundle
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS += sorted((ROOT / "docs" / "guide").glob("*.md"))
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -44,16 +43,6 @@ def test_the_tables_of_verbs_and_keys_are_those_of_the_registry() -> None:
     guide = (ROOT / "docs" / "operating.md").read_text()
     assert manual.tables() in guide, "run `python docs/actions.py`"
     assert guide.count("made by `python docs/actions.py`") == 1
-
-
-def test_the_guide_s_virtual_robots_load() -> None:
-    pages = blocks(ROOT / "docs" / "virtual-robots.md", "python")
-    for page in pages:
-        if "class " in page:
-            assert issubclass(Bundle(page, "page.py").load(), VirtualRobot)
-        else:
-            compile(page, "page.py", "exec")
-    assert Bundle(pages[0], "wave.py").load().__name__ == "Wave"
 
 
 def test_the_readme_shows_the_example_as_it_is() -> None:

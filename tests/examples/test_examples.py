@@ -23,6 +23,7 @@ PROMISES = {
     "move_to.py": ("MoveTo", {"arm": "Arm"}, {"move"}, {"go_to", "get_info", "grip"}),
     "open_close_lever.py": ("OpenCloseLever", {"mover": "MoveTo"}, {"open", "close"}, set[str]()),
     "move_square.py": ("MoveSquare", {"rover": "Rover"}, {"move_square"}, {"move"}),
+    "pick_and_place.py": ("PickAndPlace", {"arm": "Arm"}, {"pick_and_place"}, set[str]()),
     "two_arms.py": ("TwoArms", {"left": "Arm", "right": "Arm"}, {"lift", "grip"}, set[str]()),
 }
 

@@ -1,0 +1,188 @@
+"""What a page costs its author: lines, and how long creating, reloading, reading and importing take.
+
+    python bench/authoring.py [ROUNDS]
+
+A real host, lookup service, simulated arm and proxy, each a process of its own. Promised: pick-and-place with
+progress, clean-up and units in 31 lines; create 60 ms (median, from a program that is connected); `robotree
+reload` 0.5 s as a whole; `get_info` through a page at 20 Hz 3 % of a core; import of `robotree.vr` 80 ms and
+of the test kit 150 ms; a test of a page 100 ms; the simulated arm at 5 times real time.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # what counts lines lies beside the tests
+
+from robotree.tui.processes.crew import Crew, Member
+from robotree.vr.network.local import join
+from robotree.vr.supervision.fleet import Fleet
+from tests.comparison.counting import code_lines
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "examples" / "pick_and_place.py"
+ROBOTREE = str(Path(sys.executable).with_name("robotree"))
+REALM = "bench"
+ROUNDS = 20
+RATE = 20.0
+"""[Hz] at which `get_info` is asked for."""
+WATCHED = 10.0
+"""[s] for which the processor time is measured, with and without."""
+KIT = "from robotree.testing import Fake, cell, rehearse, rehearse_seeds"
+TICK = 1.0 / os.sysconf("SC_CLK_TCK")
+
+
+def page_lines(path: Path) -> int:
+    """Return how many lines a page has below its first docstring, blank ones included."""
+    first = ast.parse(path.read_text()).body[0]
+    return len(path.read_text().splitlines()) - (first.end_lineno or 0) - 1
+
+
+def tell(what: str, value: float, unit: str, promised: float, *, at_least: bool = False) -> None:
+    """Print one figure, and whether it is what is promised."""
+    kept = value >= promised if at_least else value <= promised
+    word = "at least" if at_least else "at most"
+    print(
+        f"{what:<58}{value:8.4g} {unit:<4} {word} {promised:g}: {'kept' if kept else 'NOT kept'}", flush=True
+    )
+
+
+def imports(code: str, rounds: int) -> float:
+    """Return the median time [s] that an import takes in a new process, beside Python's own start."""
+    program = f"import time; began = time.perf_counter(); {code}; print(time.perf_counter() - began)"
+    took = [
+        float(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
+        for _ in range(rounds)
+    ]
+    return statistics.median(took)
+
+
+def used(members: list[Member]) -> float:
+    """Return the processor time [s] that processes have used, threads included."""
+    total = 0.0
+    for member in members:
+        words = Path(f"/proc/{member.pid}/stat").read_text().rpartition(")")[2].split()
+        total += (int(words[11]) + int(words[12])) * TICK
+    return total
+
+
+async def timed(work: Callable[[], Any]) -> float:
+    """Return how long something takes [s]."""
+    began = time.perf_counter()
+    await work()
+    return time.perf_counter() - began
+
+
+async def create(fleet: Fleet, rounds: int) -> list[float]:
+    """Create robots of the page one after the other; each is deleted before the next."""
+    took: list[float] = []
+    for number in range(rounds):
+        name = f"picker-{number}"
+        took.append(await timed(lambda name=name: fleet.create(str(PAGE), name)))
+        await fleet.delete(name)
+    return took
+
+
+async def share_of_a_core(fleet: Fleet, members: list[Member]) -> float:
+    """Return the share of a core that `get_info` through a page costs at 20 Hz, host and proxy together."""
+    await asyncio.sleep(1.0)
+    before = used(members)
+    await asyncio.sleep(WATCHED)
+    idle = used(members) - before
+    before, end = used(members), time.perf_counter() + WATCHED
+    due = time.perf_counter()
+    while due < end:
+        await fleet.call("reader", "get_info", {})
+        due += 1.0 / RATE
+        await asyncio.sleep(max(0.0, due - time.perf_counter()))
+    return (used(members) - before - idle) / WATCHED
+
+
+async def command(*words: str) -> float:
+    """Return how long a whole command line takes [s]."""
+    began = time.perf_counter()
+    process = await asyncio.create_subprocess_exec(ROBOTREE, *words, stdout=asyncio.subprocess.DEVNULL)
+    if await process.wait():
+        raise SystemExit(f"robotree {' '.join(words)} failed")
+    return time.perf_counter() - began
+
+
+async def living(rounds: int) -> None:
+    """Measure what needs processes."""
+    async with Crew(REALM) as crew:
+        cell = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none")
+        url = await cell.ready()
+        lookup, host = await crew.start("lookup", "lookup-1"), await crew.start("host", "host-1")
+        proxy = await crew.start("proxy", "arm", "arm-1", url)
+        for member in (lookup, host, proxy):
+            await member.ready()
+        transport = await join(REALM)
+        fleet = Fleet(transport)
+        await fleet.start()
+        try:
+            await create(fleet, 3)
+            took = await create(fleet, rounds)
+            tell("create, median", 1e3 * statistics.median(took), "ms", 60)
+            await fleet.create(str(ROOT / "examples" / "move_to.py"), "reader")
+            await fleet.enslave("reader", "arm", "arm-1")
+            share = await share_of_a_core(fleet, [host, proxy])
+            tell("get_info through a page at 20 Hz, host and proxy", 100 * share, "%", 3)
+            again = [await command("reload", "reader") for _ in range(rounds)]
+            tell("robotree reload, whole command, median", statistics.median(again), "s", 0.5)
+        finally:
+            await fleet.close()
+            await transport.close()
+
+
+def rehearsals() -> None:
+    """Measure the test kit."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    from move_to import MoveTo
+
+    from robotree.proxy.arm import Arm
+    from robotree.testing import Fake, cell, rehearse, rehearse_seeds
+
+    goal = {"x": 0.4, "y": 0.2, "z": 0.3, "twist": 0.0}
+    took: list[float] = []
+    for _ in range(20):
+        began = time.perf_counter()
+        with rehearse(MoveTo, arm=Fake(Arm)) as team:
+            team.call("move", **goal)
+        took.append(time.perf_counter() - began)
+    tell("a test of a page with a fake, median", 1e3 * statistics.median(took), "ms", 100)
+    began = time.perf_counter()
+    rehearse_seeds(MoveTo, "move", goal, arm=Fake(Arm))
+    tell("the same under 100 seeds with faults", time.perf_counter() - began, "s", 10)
+    with rehearse(MoveTo, arm=cell("arm")) as team:
+        began, since = time.perf_counter(), team.now
+        for y in (0.2, -0.2, 0.2, -0.2):
+            team.call("move", **goal | {"y": y})
+        factor = (team.now - since) / (time.perf_counter() - began)
+    tell("virtual time of the simulated arm by real time", factor, "", 5, at_least=True)
+
+
+def main() -> None:
+    """Measure everything."""
+    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
+    tell("pick-and-place with progress, clean-up and units, lines", page_lines(PAGE), "", 31)
+    tell("the same without blank lines and docstrings", code_lines(PAGE.read_text()), "", 31)
+    tell("import robotree.vr, median", 1e3 * imports("import robotree.vr", rounds), "ms", 80)
+    tell("import of the test kit's four names, median", 1e3 * imports(KIT, rounds), "ms", 150)
+    rehearsals()
+    asyncio.run(living(rounds))
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory(prefix="rt-") as apart:
+        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart, ROBOTREE_REALM=REALM)
+        main()

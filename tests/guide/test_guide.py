@@ -1,0 +1,65 @@
+"""The guide is played: every page is loaded, every test run, every command line typed, chapter by chapter."""
+
+from __future__ import annotations
+
+import re
+import types
+from pathlib import Path
+
+import pytest
+
+from robotree.testing.team import unended
+from robotree.vr import VirtualRobot
+from robotree.vr.bundle import Bundle
+from robotree.vr.world.world import World
+from tests.guide.stage import Stage
+
+GUIDE = Path(__file__).parents[2] / "docs" / "guide"
+CHAPTERS = sorted(GUIDE.glob("*.md"))
+BLOCK = re.compile(r"^```(?P<language>\w*) ?(?P<name>[\w./]*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(chapter: Path) -> list[tuple[str, str, str]]:
+    """Return language, file name and body of each fenced block."""
+    found = BLOCK.finditer(chapter.read_text())
+    return [(each["language"], each["name"], each["body"]) for each in found]
+
+
+def run_tests(source: str, name: str) -> int:
+    """Run the test functions of a source; returns how many there were."""
+    module = types.ModuleType(name)
+    exec(compile(source, name, "exec"), vars(module))  # noqa: S102 # a test of the guide
+    tests = [value for key, value in vars(module).items() if key.startswith("test_")]
+    for test in tests:
+        test()
+        for team in unended():
+            team.close()
+    return len(tests)
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS, ids=lambda path: path.stem)
+def test_a_chapter_is_played(chapter: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    lines: list[str] = []
+    for language, name, body in blocks(chapter):
+        if language == "python":
+            assert name, "a block of Python in the guide names its file: ```python page.py"
+            Path(name).parent.mkdir(parents=True, exist_ok=True)
+            Path(name).write_text(body)
+            if Path(name).name.startswith("test_"):
+                assert run_tests(body, name)
+            elif "VirtualRobot)" in body:
+                assert issubclass(Bundle.read(name).load(), VirtualRobot)
+            else:
+                compile(body, name, "exec")
+        elif not language:
+            lines += body.splitlines()
+    if lines:
+        with World(7) as world:
+            Stage(world).play(lines, tmp_path)
+
+
+def test_the_contents_name_every_chapter() -> None:
+    contents = (GUIDE.parent / "virtual-robots.md").read_text()
+    assert set(re.findall(r"\]\(guide/([\w-]+)\.md\)", contents)) == {path.stem for path in CHAPTERS}
