@@ -9,14 +9,14 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robotree.vr.address import Address
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Slots
+from robotree.vr.core.bonds import Bond, Slots
 from robotree.vr.core.calls import LONGEST_QUEUE, Calls
-from robotree.vr.core.events import Begin, Event, Interrupt, Settled
-from robotree.vr.core.lease import Lessor
+from robotree.vr.core.events import Begin, ChildGone, Event, Interrupt, Renew, Settled
+from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State, decode_state, encode_state
 from robotree.vr.core.stop import Stop
-from robotree.vr.description import SlotSpec
+from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import (
     Busy,
     CommandCancelled,
@@ -33,6 +33,7 @@ from robotree.vr.requests import Raised, Returned
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
 TERM = 5.0
+SLOTS = ["tool", "other"]
 
 
 def new_core() -> RobotCore:
@@ -40,7 +41,7 @@ def new_core() -> RobotCore:
         address=Address("robot", "arm-1", "1"),
         home="host host-1",
         lease=Lessor.free("arm-1", term=TERM, unix=UNIX),
-        slots=Slots.empty("arm-1", [SlotSpec(name="tool", kind="Tool")]),
+        slots=Slots.empty("arm-1", [SlotSpec(name=slot, kind="Tool") for slot in SLOTS]),
         calls=Calls(),
         stop=Stop(),
     )
@@ -62,6 +63,10 @@ class CoreMachine(RuleBasedStateMachine):
         self.replies: dict[str, Returned | Raised] = {}
         self.began: set[str] = set()
         self.sent: dict[str, on.Invoke] = {}
+        self.renewals: list[Renew] = []
+        """Those that may still be answered."""
+        self.granted: dict[str, float] = {}
+        """Until when each child is ours unless it grants more, by slot."""
 
     # -- how events are handled ------------------------------------------------------------------
 
@@ -101,7 +106,19 @@ class CoreMachine(RuleBasedStateMachine):
                 case Interrupt(key=key):
                     assert key in self.running + self.readers, "only what runs is interrupted"
                 case _:
-                    pass
+                    self.take_of_bonds(effect)
+
+    def take_of_bonds(self, effect: on.Effect) -> None:
+        match effect:
+            case Renew(slot=slot):
+                assert slot in self.granted, "only a lease in force is renewed"
+                assert effect.sent == self.now
+                self.renewals.append(effect)
+            case ChildGone(slot=slot, reason=reason):
+                until = self.granted.pop(slot)
+                assert "did not answer" not in reason or until <= self.now, "no lease ends early"
+            case _:
+                pass
 
     @rule()
     def go_on_from_the_encoded_state(self) -> None:
@@ -274,6 +291,66 @@ class CoreMachine(RuleBasedStateMachine):
         with pytest.raises(StaleEpoch if right is None else NotInControl):
             self.handle(on.Set(values={"seen": 1}, epoch=7 if right is None else None))
 
+    # -- whom it commands ------------------------------------------------------------------------
+
+    @precondition(lambda self: len(self.granted) < len(SLOTS))
+    @rule(data=st.data())
+    def a_child_comes(self, data: st.DataObject) -> None:
+        slot = data.draw(st.sampled_from([slot for slot in SLOTS if slot not in self.granted]))
+        child = Address("robot", f"child-{next(self.numbers)}", "1")
+        self.handle(on.Reserve(slot=slot, child=child))
+        lease = Lessee.begin(epoch=next(self.numbers), term=TERM, sent=self.now - 0.1, now=self.now)
+        description = RobotDescription(address=child, kinds=("Tool", "Robot"))
+        self.handle(on.Bind(slot=slot, bond=Bond(child=child, lease=lease, description=description)))
+        self.granted[slot] = self.now - 0.1 + TERM
+
+    @precondition(lambda self: self.renewals)
+    @rule(data=st.data(), news=st.booleans())
+    def a_child_grants_a_renewal(self, data: st.DataObject, *, news: bool) -> None:
+        """In any order, late ones too, and those of bonds that are over."""
+        renewal = data.draw(st.sampled_from(self.renewals))
+        self.renewals.remove(renewal)
+        if self.core.due <= self.now:
+            self.handle(on.Tick(unix=UNIX + self.now))
+        slot = renewal.slot
+        bond = self.core.state.slots.held(slot, renewal.child, renewal.epoch)
+        described = RobotDescription(address=renewal.child, kinds=("Tool", "Robot"), doc="news")
+        self.handle(
+            on.Renewed(
+                slot=slot,
+                child=renewal.child,
+                epoch=renewal.epoch,
+                sent=renewal.sent,
+                term=TERM,
+                description=described if news else None,
+            )
+        )
+        if bond is not None:
+            self.granted[slot] = max(self.granted[slot], renewal.sent + TERM)
+            assert bond.lease.expires == self.granted[slot], "it counts from when the request left"
+
+    @precondition(lambda self: self.granted)
+    @rule(data=st.data(), how=st.sampled_from([on.Free, on.Lose, on.Described]))
+    def a_child_is_released_or_lost_or_asked_anew(self, data: st.DataObject, how: type) -> None:
+        slot = data.draw(st.sampled_from(sorted(self.granted)))
+        if self.core.due <= self.now:
+            self.handle(on.Tick(unix=UNIX + self.now))
+        bond = self.core.state.slots[slot].bond
+        if bond is None:
+            return
+        child, epoch = bond.child, bond.lease.epoch
+        if how is on.Free:
+            self.handle(on.Free(slot=slot))
+        elif how is on.Lose:
+            self.handle(on.Lose(slot=slot, child=child, epoch=epoch + 1, reason="another one"))
+            assert slot in self.granted, "a bond is known by child and epoch"
+            self.handle(on.Lose(slot=slot, child=child, epoch=epoch, reason="it has ended"))
+        else:
+            description = RobotDescription(address=child, kinds=("Tool",))
+            self.handle(on.Described(slot=slot, child=child, epoch=epoch, description=description))
+            assert self.renewals[-1].child == child
+        assert (slot in self.granted) == (how is on.Described)
+
     # -- stops -----------------------------------------------------------------------------------
 
     @rule(order=st.sampled_from(["", "a", "b"]))
@@ -307,6 +384,13 @@ class CoreMachine(RuleBasedStateMachine):
         assert calls.waiting == self.waiting
         assert calls.readers == len(self.readers)
         assert set(calls.live) == {*self.running, *self.waiting, *self.readers}
+
+    @invariant()
+    def leases_are_renewed_in_time_and_end_when_nobody_answers(self) -> None:
+        bonds = self.core.state.slots.bonds()
+        assert bonds.keys() == self.granted.keys()
+        for bond in bonds.values():
+            assert self.core.due <= min(bond.lease.due, bond.lease.expires)
 
     @invariant()
     def both_cores_are_the_same(self) -> None:

@@ -143,7 +143,8 @@ class RobotAgent:
         return self.live.robot
 
     def _new_children(self, term: float) -> Children:
-        return Children(self.live, self.transport, lineage=self.lineage, on_change=self.changed, term=term)
+        presence = self._shared.presence
+        return Children(self.live, self.transport, presence, on_change=self.changed, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -329,11 +330,6 @@ class RobotAgent:
         """Describe the robot as it is now."""
         return self._news.description()
 
-    def lineage(self) -> tuple[str, ...]:
-        """Return the names from the topmost ancestor down to the robot."""
-        tenure = self.live.core.state.lease.tenure
-        return (*(() if tenure is None else tenure.lineage), self.robot.name)
-
     def _on_loop(self, action: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
             self._loop.call_soon_threadsafe(action)
@@ -344,14 +340,16 @@ class RobotAgent:
             self._on_loop(self._lease_changed)
         elif isinstance(effect, LeaseChanged):
             self._on_loop(self._lease_changed)
+        elif isinstance(effect, on.Renew):
+            self._virtual("have children").renew(effect)
+        elif isinstance(effect, on.ChildGone):
+            self._on_loop(partial(self._virtual("have children").gone, effect))
 
     def _lease_changed(self) -> None:
         """Somebody else commands the robot, or nobody, or its parent has other ancestors."""
         tenure = self.live.core.state.lease.tenure
         if tenure is None:
             self._unwatch_parent()
-        if self._children is not None:
-            self._children.renew_now()
         if self.open:
             self._news.update_listing()
             self._news.changed()
@@ -453,13 +451,13 @@ class RobotAgent:
         return self._granted(news)
 
     def _granted(self, news: RobotDescription | None) -> Granted:
-        lease, children = self.live.core.state.lease, self._children
+        lease, slots = self.live.core.state.lease, self.live.core.state.slots
         return Granted(
             epoch=lease.epoch,
             term=lease.term_granted,
             robot=news,
-            depth=0 if children is None else children.depth,
-            ways=0.0 if children is None else children.ways,
+            depth=slots.depth,
+            ways=slots.ways,
         )
 
     def _retract(self, request: Retract) -> Reply:

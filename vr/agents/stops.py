@@ -96,10 +96,8 @@ class Stops:
     # -- inside -----------------------------------------------------------------------------------
 
     def _budget(self, within: float) -> Budget:
-        children = self._children
-        return (
-            Budget(within) if children is None else Budget(within, depth=children.depth, ways=children.ways)
-        )
+        slots = self._live.core.state.slots
+        return Budget(within, depth=slots.depth, ways=slots.ways)
 
     def _begin(self, request: SafeStop, budget: Budget) -> asyncio.Task[tuple[str, ...]]:
         reason = request.reason or "protective stop"

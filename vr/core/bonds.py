@@ -214,6 +214,16 @@ class Slots(msgspec.Struct):
         """Return the bonds in force, by slot."""
         return {name: slot.bond for name, slot in self.by_name.items() if slot.bond is not None}
 
+    @property
+    def depth(self) -> int:
+        """Levels of robots below: 1 with children that have none."""
+        return max((1 + bond.depth for bond in self.bonds().values()), default=0)
+
+    @property
+    def ways(self) -> float:
+        """[s] that the ways down to the last of those below and back take together."""
+        return max((bond.lease.round_trip + bond.ways for bond in self.bonds().values()), default=0.0)
+
     def children(self) -> list[Address]:
         """Return who is bound or is being asked."""
         return [slot.child for slot in self.by_name.values() if slot.child is not None]

@@ -186,14 +186,6 @@ class Lose(_Value, frozen=True, kw_only=True):
     reason: str
 
 
-class Renewing(_Value, frozen=True, kw_only=True):
-    """The child in a slot is asked to prolong its lease."""
-
-    slot: str
-    child: Address
-    epoch: int
-
-
 class Renewed(_Value, frozen=True, kw_only=True):
     """The child in a slot has prolonged its lease."""
 
@@ -201,12 +193,21 @@ class Renewed(_Value, frozen=True, kw_only=True):
     child: Address
     epoch: int
     sent: float
-    """[s] When the request left."""
+    """[s] As the effect `Renew` said."""
     term: float
     depth: int = 0
     ways: float = 0.0
     description: RobotDescription | None = None
     """If it has changed."""
+
+
+class Described(_Value, frozen=True, kw_only=True):
+    """The child in a slot has said anew who it is."""
+
+    slot: str
+    child: Address
+    epoch: int
+    description: RobotDescription
 
 
 # -- events: what it keeps -------------------------------------------------------------------------
@@ -261,7 +262,7 @@ class Release(_Value, frozen=True, kw_only=True):
 
 Event = (
     Invoke | Finish | Detach | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed
-    | Reserve | Unreserve | Bind | Free | Lose | Renewing | Renewed | Set | Reload | SafeStop | Halted
+    | Reserve | Unreserve | Bind | Free | Lose | Renewed | Described | Set | Reload | SafeStop | Halted
     | StopConfirmed | Release
 )  # fmt: skip
 
@@ -303,10 +304,21 @@ class LeaseEnded(_Value, frozen=True, kw_only=True):
     reason: str
 
 
+class Renew(_Value, frozen=True, kw_only=True):
+    """Ask the child in a slot to prolong its lease, now."""
+
+    slot: str
+    child: Address
+    epoch: int
+    sent: float
+    """[s] From when its answer counts."""
+
+
 class ChildGone(_Value, frozen=True, kw_only=True):
     """A slot is empty again: end the calls of the child that was in it."""
 
     slot: str
+    child: Address
     reason: str
     """Why it was lost; empty: it was released."""
 
@@ -333,6 +345,7 @@ Effect = (
     | Settled
     | LeaseChanged
     | LeaseEnded
+    | Renew
     | ChildGone
     | FieldsChanged
     | PageChanged

@@ -14,7 +14,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
+
 from robotree.vr.core import events as on
+from robotree.vr.core.bonds import Bond, Slots
 from robotree.vr.core.calls import Call, Ended
 from robotree.vr.core.events import (
     Begin,
@@ -26,6 +29,7 @@ from robotree.vr.core.events import (
     LeaseChanged,
     LeaseEnded,
     PageChanged,
+    Renew,
     Settled,
     StopBegun,
 )
@@ -50,11 +54,12 @@ Effects = list[Effect]
 class RobotCore:
     """One robot: its state, and what each event does to it."""
 
-    __slots__ = ("_handlers", "state")
+    __slots__ = ("_bonds_due", "_handlers", "state")
 
     def __init__(self, state: State) -> None:
         """Take a state, new or decoded."""
         self.state = state
+        self._bonds_due = _bonds_due(state.slots)
         self._handlers: dict[type, Callable[[Any, float], Effects]] = {
             on.Invoke: self._invoke,
             on.Finish: self._finish,
@@ -73,8 +78,8 @@ class RobotCore:
             on.Bind: self._bind,
             on.Free: self._free,
             on.Lose: self._lose,
-            on.Renewing: self._renewing,
             on.Renewed: self._renewed,
+            on.Described: self._described,
             on.Set: self._set,
             on.Reload: self._reload,
             on.SafeStop: self._safe_stop,
@@ -104,11 +109,17 @@ class RobotCore:
     def due(self) -> float:
         """[s] when `Tick` will change something if nothing else does before."""
         tenure = self.state.lease.tenure
-        due = math.inf if tenure is None else tenure.expires
+        due = self._bonds_due if tenure is None else min(self._bonds_due, tenure.expires)
         for call in self.state.calls.live.values():
             if call.deadline_at < due and call.cause is None:
                 due = call.deadline_at
         return due
+
+    @property
+    def lineage(self) -> tuple[str, ...]:
+        """Names from the topmost ancestor down to the robot."""
+        tenure = self.state.lease.tenure
+        return (*(() if tenure is None else tenure.lineage), self.name)
 
     @property
     def outranked(self) -> bool:
@@ -259,7 +270,9 @@ class RobotCore:
     def _tick(self, event: on.Tick, now: float) -> Effects:
         effects: Effects = []
         if tenure := self.state.lease.tick(now, event.unix):
-            effects += self._freed(tenure, f"{tenure.parent.name} fell silent")
+            effects += self._freed(tenure, f"{tenure.parent.name} fell silent", now)
+        if self._bonds_due <= now:
+            effects += self._keep_bonds(now)
         for call in list(self.state.calls.live.values()):
             if call.deadline_at <= now and call.key in self.state.calls.live:
                 effects += self._end(call, DeadlineExceeded(robot=self.name, command=call.command))
@@ -276,6 +289,7 @@ class RobotCore:
         )
         return [
             LeaseChanged(),
+            *self._keep_bonds(now, all_of_them=True),
             *self._end_all(f"{parent.name} has enslaved {self.name}", but_readers=True),
         ]
 
@@ -283,13 +297,13 @@ class RobotCore:
         before = self.state.lease.tenure
         tenure = self.state.lease.renew(event.parent, event.epoch, event.lineage, now=now)
         changed = before is None or (before.parent, before.lineage) != (tenure.parent, tenure.lineage)
-        return [LeaseChanged()] if changed else []
+        return [LeaseChanged(), *self._keep_bonds(now, all_of_them=True)] if changed else []
 
-    def _end_lease(self, event: on.EndLease, _: float) -> Effects:
+    def _end_lease(self, event: on.EndLease, now: float) -> Effects:
         lease = self.state.lease
         if event.taken_back:
             ended = lease.retract(event.parent, event.petition, unix=event.unix)
-            return [] if ended is None else self._freed(ended, event.reason)
+            return [] if ended is None else self._freed(ended, event.reason, now)
         tenure = lease.tenure
         if tenure is None or event.epoch not in {None, tenure.epoch}:
             return []
@@ -300,12 +314,13 @@ class RobotCore:
         if not same:
             return []
         lease.end(event.unix)
-        return self._freed(tenure, event.reason)
+        return self._freed(tenure, event.reason, now)
 
-    def _freed(self, tenure: Tenure, reason: str) -> Effects:
+    def _freed(self, tenure: Tenure, reason: str, now: float) -> Effects:
         parent, slot = tenure.parent, tenure.slot
         ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}")
-        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason)]
+        renewals = self._keep_bonds(now, all_of_them=True)
+        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *renewals]
 
     def _obeyed(self, event: on.Obeyed, _: float) -> Effects:
         self.state.lease.hear(event.epoch)
@@ -322,22 +337,41 @@ class RobotCore:
         return []
 
     def _bind(self, event: on.Bind, _: float) -> Effects:
-        self.state.slots.bind(event.slot, event.bond)
+        bond = event.bond  # the event stays as it is: no part of the state is known outside
+        lease = msgspec.structs.replace(bond.lease)
+        self.state.slots.bind(event.slot, msgspec.structs.replace(bond, lease=lease))
+        self._bonds_due = _bonds_due(self.state.slots)
         return []
 
     def _free(self, event: on.Free, _: float) -> Effects:
-        self.state.slots.free(event.slot)
-        return [ChildGone(slot=event.slot, reason="")]
+        bond = self.state.slots.free(event.slot)
+        self._bonds_due = _bonds_due(self.state.slots)
+        return [ChildGone(slot=event.slot, child=bond.child, reason="")]
 
     def _lose(self, event: on.Lose, _: float) -> Effects:
         if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
             return []
-        return [ChildGone(slot=event.slot, reason=event.reason)]
+        self._bonds_due = _bonds_due(self.state.slots)
+        return [ChildGone(slot=event.slot, child=event.child, reason=event.reason)]
 
-    def _renewing(self, event: on.Renewing, now: float) -> Effects:
-        if bond := self.state.slots.held(event.slot, event.child, event.epoch):
-            bond.lease.asked(now)
-        return []
+    def _keep_bonds(self, now: float, *, all_of_them: bool = False) -> Effects:
+        """Renew what is due, and lose the children who have not answered in time.
+
+        Args:
+            now: [s]
+            all_of_them: renew every lease: the children must know their new ancestors, so that a cycle of
+                bonds is found at once.
+        """
+        effects: Effects = []
+        for slot, bond in self.state.slots.bonds().items():
+            child, lease = bond.child, bond.lease
+            if lease.expires <= now:
+                reason = f"{child.name} did not answer for {lease.term:.3g} s"
+                effects += self._lose(on.Lose(slot=slot, child=child, epoch=lease.epoch, reason=reason), now)
+            elif all_of_them or lease.due <= now:
+                effects.append(_renew(slot, bond, now))
+        self._bonds_due = _bonds_due(self.state.slots)
+        return effects
 
     def _renewed(self, event: on.Renewed, now: float) -> Effects:
         if bond := self.state.slots.held(event.slot, event.child, event.epoch):
@@ -346,7 +380,18 @@ class RobotCore:
             bond.depth, bond.ways = event.depth, event.ways
             if event.description is not None:
                 bond.description = event.description
+            self._bonds_due = _bonds_due(self.state.slots)
         return []
+
+    def _described(self, event: on.Described, now: float) -> Effects:
+        bond = self.state.slots.held(event.slot, event.child, event.epoch)
+        if bond is None:
+            return []
+        bond.description = event.description
+        renewal = _renew(event.slot, bond, now)  # else the child believes that its parent knows less
+        self._bonds_due = _bonds_due(self.state.slots)
+        return [renewal]
+
 
     # -- what it keeps ----------------------------------------------------------------------------
 
@@ -359,6 +404,7 @@ class RobotCore:
     def _reload(self, event: on.Reload, _: float) -> Effects:
         state = self.state
         state.slots.revise(event.slots)
+        self._bonds_due = _bonds_due(state.slots)
         state.fields.clear()  # the same object: running readers of the old page look into it
         state.fields.update(event.fields)
         return [PageChanged()]
@@ -387,3 +433,14 @@ class RobotCore:
             raise NotConfirmed(order="the resume", told=[], untold=[[self.name, reason]], advice=[])
         stop.release()
         return []
+
+
+def _renew(slot: str, bond: Bond, now: float) -> Renew:
+    bond.lease.asked(now)
+    return Renew(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
+
+
+def _bonds_due(slots: Slots) -> float:
+    """[s] when the next lease of a child is to be renewed, or over."""
+    leases = (bond.lease for bond in slots.bonds().values())
+    return min((min(lease.due, lease.expires) for lease in leases), default=math.inf)
