@@ -11,24 +11,25 @@ from robotree.vr.address import Address
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Slots
 from robotree.vr.core.calls import LONGEST_QUEUE, Calls
-from robotree.vr.core.events import Begin, ChildGone, Event, Interrupt, Renew, Settled
+from robotree.vr.core.events import Begin, ChildGone, Event, Interrupt, Renew, Settled, StopSettled
 from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State, decode_state, encode_state
-from robotree.vr.core.stop import Stop
+from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import (
     Busy,
     CommandCancelled,
     DeadlineExceeded,
     KeyReused,
+    NotConfirmed,
     NotInControl,
     StaleEpoch,
     StillRunning,
     Stopped,
     VrError,
 )
-from robotree.vr.requests import Raised, Returned
+from robotree.vr.requests import Done, Raised, Returned
 
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
@@ -67,6 +68,9 @@ class CoreMachine(RuleBasedStateMachine):
         """Those that may still be answered."""
         self.granted: dict[str, float] = {}
         """Until when each child is ours unless it grants more, by slot."""
+        self.asked: dict[int, dict[str, bool | None]] = {}
+        """What each part has answered to each stop: whether it confirms; None: nothing yet."""
+        self.settled: set[int] = set()
 
     # -- how events are handled ------------------------------------------------------------------
 
@@ -105,6 +109,12 @@ class CoreMachine(RuleBasedStateMachine):
                             some.remove(key)
                 case Interrupt(key=key):
                     assert key in self.running + self.readers, "only what runs is interrupted"
+                case StopSettled(generation=generation, reply=reply):
+                    assert generation not in self.settled, "a stop is settled once"
+                    self.settled.add(generation)
+                    answers = self.asked[generation].values()
+                    assert None not in answers, "when all have answered"
+                    assert isinstance(reply, Done) == all(answers), "all confirm it, or it is not confirmed"
                 case _:
                     self.take_of_bonds(effect)
 
@@ -356,10 +366,30 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(order=st.sampled_from(["", "a", "b"]))
     def a_stop_is_ordered(self, order: str) -> None:
         stop = self.core.state.stop
+        if self.core.due <= self.now:
+            self.handle(on.Tick(unix=UNIX + self.now))
         known, before = stop.known(order), stop.generation
         self.handle(on.SafeStop(reason="a hand", order=order))
         assert stop.generation == before + (0 if known else 1), "copies of one order are one stop"
+        if not known:
+            self.asked[stop.generation] = dict.fromkeys([HARDWARE, *self.granted])
+            assert stop.parts[stop.generation].keys() == self.asked[stop.generation].keys()
         assert not self.waiting
+
+    @precondition(lambda self: self.asked)
+    @rule(data=st.data(), confirms=st.booleans())
+    def a_part_answers(self, data: st.DataObject, *, confirms: bool) -> None:
+        """Once, twice, late, after the release: the first answer counts."""
+        generation = data.draw(st.sampled_from(sorted(self.asked)))
+        part = data.draw(st.sampled_from([*self.asked[generation], "nobody"]))
+        error = NotConfirmed(order="the protective stop", told=[], untold=[[part, "it hangs"]], advice=[])
+        answer = Done(told=("below",)) if confirms else Raised.of(error)
+        if self.asked[generation].get(part, True) is None:
+            self.asked[generation][part] = confirms
+        confirmed = self.core.state.stop.confirmed
+        self.handle(on.StopAnswered(generation=generation, part=part, answer=answer))
+        assert (generation in self.settled) == (None not in self.asked[generation].values())
+        assert self.core.state.stop.confirmed >= confirmed
 
     @rule(late=st.booleans())
     def it_is_released(self, *, late: bool) -> None:
@@ -391,6 +421,17 @@ class CoreMachine(RuleBasedStateMachine):
         assert bonds.keys() == self.granted.keys()
         for bond in bonds.values():
             assert self.core.due <= min(bond.lease.due, bond.lease.expires)
+
+    @invariant()
+    def the_newest_confirmed_stop_is_one_that_all_parts_have_confirmed(self) -> None:
+        confirmed = [generation for generation, parts in self.asked.items() if all(parts.values())]
+        assert self.core.state.stop.confirmed == max(confirmed, default=0)
+
+    @invariant()
+    def answers_are_kept_while_somebody_may_ask_for_them(self) -> None:
+        stop = self.core.state.stop
+        assert stop.parts.keys() >= {*stop.orders.values(), *(self.asked.keys() - self.settled)}
+        assert len(stop.parts) <= len(self.asked.keys() - self.settled) + len(stop.orders) + 1
 
     @invariant()
     def both_cores_are_the_same(self) -> None:

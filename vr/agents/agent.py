@@ -342,6 +342,8 @@ class RobotAgent:
             self._on_loop(self._lease_changed)
         elif isinstance(effect, on.Renew):
             self._virtual("have children").renew(effect)
+        elif isinstance(effect, on.StopSettled):
+            self._on_loop(partial(self._stops.settled, effect))
         elif isinstance(effect, on.ChildGone):
             self._on_loop(partial(self._virtual("have children").gone, effect))
 

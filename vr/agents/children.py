@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from robotree.vr.address import Address
 from robotree.vr.agents.shared import Presence, Undo
@@ -281,21 +281,24 @@ class Children:
 
     # -- orders -----------------------------------------------------------------------------------
 
-    async def safe_stop(self, reason: str, order: str, confirmations: Confirmations, budget: Budget) -> None:
-        """Stop all children, at the same time.
+    async def safe_stop(self, slot: str, reason: str, order: str, budget: Budget) -> Sequence[str]:
+        """Stop the child in a slot, and all below it.
 
         Args:
+            slot: of the child.
             reason: of the stop.
             order: that it is part of.
-            confirmations: takes what they answer.
             budget: of time.
+
+        Returns:
+            The names of those that have confirmed it.
+
+        Raises:
+            VrError: not all have.
         """
-
-        def stop(bond: Bond) -> Awaitable[Sequence[str]]:
-            within = budget.below(bond.lease.round_trip)
-            return self._client(bond).safe_stop(reason, order=order, timeout=budget.wait, within=within)
-
-        await _ask_all(self._slots.bonds().values(), confirmations, stop)
+        bond = self._slots.require(slot)
+        within = budget.below(bond.lease.round_trip)
+        return await self._client(bond).safe_stop(reason, order=order, timeout=budget.wait, within=within)
 
     async def resume(
         self,
@@ -320,25 +323,19 @@ class Children:
             else:
                 confirmations.deny(bond.child.name, "whoever resumes has not seen it")
 
-        def resume(bond: Bond) -> Awaitable[Sequence[str]]:
+        async def resume(bond: Bond) -> None:
             within = budget.below(bond.lease.round_trip, waited)
-            timeout = max(budget.wait - waited, LEAST)
-            return self._client(bond).resume(
-                epoch=bond.lease.epoch, seen=seen, timeout=timeout, within=within
-            )
+            timeout, epoch = max(budget.wait - waited, LEAST), bond.lease.epoch
+            answer: Sequence[str] | VrError
+            try:
+                answer = await self._client(bond).resume(
+                    epoch=epoch, seen=seen, timeout=timeout, within=within
+                )
+            except VrError as error:
+                answer = error
+            confirmations.take(bond.child.name, answer)
 
-        await _ask_all(chosen, confirmations, resume)
-
-
-async def _ask_all(
-    bonds: Iterable[Bond],
-    confirmations: Confirmations,
-    order: Callable[[Bond], Awaitable[Sequence[str]]],
-) -> None:
-    asked = list(bonds)
-    answers = await asyncio.gather(*map(order, asked), return_exceptions=True)
-    for bond, answer in zip(asked, answers, strict=True):
-        confirmations.take(bond.child.name, answer)
+        await asyncio.gather(*map(resume, chosen))
 
 
 def _now() -> float:

@@ -6,15 +6,15 @@ What stands behind the robot is asked beside its children, as one more of those 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Sequence
 
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
-from robotree.vr.core.stop import Stop
-from robotree.vr.errors import NoAnswer
-from robotree.vr.requests import Done, Reply, Resume, SafeStop
+from robotree.vr.core.stop import HARDWARE, Stop
+from robotree.vr.errors import NoAnswer, VrError
+from robotree.vr.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.running.live import LiveRobot
 
 
@@ -34,8 +34,9 @@ class Stops:
         """
         self._live, self._hooks, self._children, self._on_change = live, hooks, children, on_change
         self._key = live.core.state.address.key
-        self._answers: dict[int, asyncio.Task[tuple[str, ...]]] = {}
-        """The answers to the stops in force, by generation."""
+        self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
+        """What waits for the answers to stops, by generation."""
+        self._asking: set[asyncio.Task[None]] = set()
         self._releases = 0
         """How many resumes wait for what stands behind the robot."""
 
@@ -54,13 +55,23 @@ class Stops:
             NotConfirmed: not everything below has confirmed it.
         """
         budget = self._budget(request.within)
-        answer = self._answers.get(self._stop.known(request.order))
-        if answer is None:
-            return Done(told=await asyncio.shield(self._begin(request, budget)))
-        done, _ = await asyncio.wait([answer], timeout=budget.within)
-        if not done:  # the copy before this one has more time
-            raise NoAnswer(key=self._key, seconds=budget.within)
-        return Done(told=answer.result())
+        known = self._stop.known(request.order)
+        generation = known or self._begin(request, budget)
+        reply = self._stop.reply(generation)
+        if reply is None:
+            settled = self._settling[generation]
+            await asyncio.wait([settled], timeout=budget.within if known else None)
+            if not settled.done():  # the copy before this one has more time
+                raise NoAnswer(key=self._key, seconds=budget.within)
+            reply = settled.result()
+        if isinstance(reply, Raised):
+            raise reply.revive()
+        return reply
+
+    def settled(self, effect: on.StopSettled) -> None:
+        """All parts of the robot have answered a stop."""
+        if (settling := self._settling.pop(effect.generation, None)) is not None:
+            settling.set_result(effect.reply)
 
     async def resume(self, request: Resume) -> Reply:
         """Release those below first: nobody may use a child that is still stopped.
@@ -89,7 +100,6 @@ class Stops:
             self._take_own(confirmations, doubt)
             if not doubt:
                 live.post(on.Release(generation=seen))
-                self._answers.clear()
                 self._on_change()
         return Done(told=tuple(confirmations.settle()))
 
@@ -99,34 +109,43 @@ class Stops:
         slots = self._live.core.state.slots
         return Budget(within, depth=slots.depth, ways=slots.ways)
 
-    def _begin(self, request: SafeStop, budget: Budget) -> asyncio.Task[tuple[str, ...]]:
-        reason = request.reason or "protective stop"
-        if not self._stop.reason:
-            self._answers.clear()
-        self._live.post(on.SafeStop(reason=reason, order=request.order))
-        generation = self._stop.generation
+    def _begin(self, request: SafeStop, budget: Budget) -> int:
+        """Stop, and ask all parts of the robot to confirm it; returns the generation."""
+        reason, order = request.reason or "protective stop", request.order
+        self._live.post(on.SafeStop(reason=reason, order=order))
+        generation = max(self._stop.parts)
+        self._settling[generation] = asyncio.get_running_loop().create_future()
         confirming = self._hooks.safe_stop(reason)
         self._on_change()
-        answer = asyncio.ensure_future(self._confirmed(confirming, reason, request.order, generation, budget))
-        if request.order:
-            self._answers[generation] = answer
-            for old in self._answers.keys() - self._stop.orders.values():
-                del self._answers[old]
-        return answer
+        self._ask(generation, HARDWARE, self._own(confirming, budget))
+        if self._children is not None:
+            for slot in self._stop.parts[generation]:
+                if slot != HARDWARE:
+                    self._ask(generation, slot, self._children.safe_stop(slot, reason, order, budget))
+        return generation
 
-    async def _confirmed(
-        self, confirming: Confirming, reason: str, order: str, generation: int, budget: Budget
-    ) -> tuple[str, ...]:
-        confirmations, children = Confirmations("the protective stop"), self._children
-        if children is None:
-            doubt = await confirming.doubt(budget.wait)
-        else:
-            below = children.safe_stop(reason, order, confirmations, budget)
-            doubt, _ = await asyncio.gather(confirming.doubt(budget.wait), below)
-        self._take_own(confirmations, doubt)
-        told = tuple(confirmations.settle())
-        self._live.post(on.StopConfirmed(generation=generation))
-        return told
+    def _ask(self, generation: int, part: str, confirmed: Awaitable[Sequence[str]]) -> None:
+        async def ask() -> None:
+            answer: Done | Raised
+            try:
+                answer = Done(told=tuple(await confirmed))
+            except VrError as error:
+                answer = Raised.of(error)
+            self._live.post(on.StopAnswered(generation=generation, part=part, answer=answer))
+
+        task = asyncio.ensure_future(ask())
+        self._asking.add(task)
+        task.add_done_callback(self._asking.discard)
+
+    async def _own(self, confirming: Confirming, budget: Budget) -> Sequence[str]:
+        """Wait until what stands behind the robot has confirmed a stop.
+
+        Raises:
+            VrError: it has not.
+        """
+        confirmations = Confirmations("the protective stop")
+        self._take_own(confirmations, await confirming.doubt(budget.wait))
+        return confirmations.settle()
 
     async def _release_own(self, within: float) -> str:
         """Release what stands behind the robot, within [s]; return why that is not confirmed, or nothing."""

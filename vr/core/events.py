@@ -9,7 +9,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
 from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.requests import Raised, Returned
+from robotree.vr.requests import Done, Raised, Returned
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
@@ -248,10 +248,12 @@ class Halted(_Value, frozen=True, kw_only=True):
     reason: str
 
 
-class StopConfirmed(_Value, frozen=True, kw_only=True):
-    """Everything below has confirmed a stop."""
+class StopAnswered(_Value, frozen=True, kw_only=True):
+    """A part of the robot has answered a stop: `HARDWARE`, or the child in a slot for all below it."""
 
     generation: int
+    part: str
+    answer: Done | Raised
 
 
 class Release(_Value, frozen=True, kw_only=True):
@@ -263,7 +265,7 @@ class Release(_Value, frozen=True, kw_only=True):
 Event = (
     Invoke | Finish | Detach | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed
     | Reserve | Unreserve | Bind | Free | Lose | Renewed | Described | Set | Reload | SafeStop | Halted
-    | StopConfirmed | Release
+    | StopAnswered | Release
 )  # fmt: skip
 
 
@@ -323,10 +325,11 @@ class ChildGone(_Value, frozen=True, kw_only=True):
     """Why it was lost; empty: it was released."""
 
 
-class StopBegun(_Value, frozen=True, kw_only=True):
-    """Stop what stands behind the robot and all below it, for this generation."""
+class StopSettled(_Value, frozen=True, kw_only=True):
+    """All parts have answered a stop: reply to those who wait for it."""
 
     generation: int
+    reply: Done | Raised
 
 
 class FieldsChanged(_Value, frozen=True, kw_only=True):
@@ -349,5 +352,5 @@ Effect = (
     | ChildGone
     | FieldsChanged
     | PageChanged
-    | StopBegun
+    | StopSettled
 )

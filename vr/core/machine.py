@@ -31,10 +31,11 @@ from robotree.vr.core.events import (
     PageChanged,
     Renew,
     Settled,
-    StopBegun,
+    StopSettled,
 )
 from robotree.vr.core.lease import Tenure
 from robotree.vr.core.state import State
+from robotree.vr.core.stop import HARDWARE
 from robotree.vr.errors import (
     CommandCancelled,
     CommandFailed,
@@ -84,7 +85,7 @@ class RobotCore:
             on.Reload: self._reload,
             on.SafeStop: self._safe_stop,
             on.Halted: self._halted,
-            on.StopConfirmed: self._stop_confirmed,
+            on.StopAnswered: self._stop_answered,
             on.Release: self._release,
         }
 
@@ -392,7 +393,6 @@ class RobotCore:
         self._bonds_due = _bonds_due(self.state.slots)
         return [renewal]
 
-
     # -- what it keeps ----------------------------------------------------------------------------
 
     def _set(self, event: on.Set, now: float) -> Effects:
@@ -415,16 +415,17 @@ class RobotCore:
         stop = self.state.stop
         if stop.known(event.order):
             return []
-        generation = stop.begin(event.reason, event.order)
-        return [*self._end_all(event.reason), StopBegun(generation=generation)]
+        children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
+        stop.begin(event.reason, event.order, {HARDWARE: self.name, **children})
+        return self._end_all(event.reason)
 
     def _halted(self, event: on.Halted, _: float) -> Effects:
         self.state.stop.hear(event.reason)
         return self._end_all(event.reason, but_readers=True) if event.reason else []
 
-    def _stop_confirmed(self, event: on.StopConfirmed, _: float) -> Effects:
-        self.state.stop.confirm(event.generation)
-        return []
+    def _stop_answered(self, event: on.StopAnswered, _: float) -> Effects:
+        reply = self.state.stop.take(event.generation, event.part, event.answer)
+        return [] if reply is None else [StopSettled(generation=event.generation, reply=reply)]
 
     def _release(self, event: on.Release, _: float) -> Effects:
         stop = self.state.stop

@@ -2,16 +2,35 @@
 
 Each stop that begins, ordered from outside or reported by the robot itself (a controller in a stop of its
 own), is one more generation. A release names the generation that it ends and is refused when a later one has
-begun (docs/decisions/0013). Whatever stands behind the robot and all its children confirm a generation, or
-not; the robot stays stopped until a release of the newest generation is confirmed by all of them. Pure.
+begun (docs/decisions/0013). What stands behind the robot and all its children, its *parts*, answer each
+ordered stop: they confirm it, or an error says who has not. The robot stays stopped until a release of the
+newest generation is confirmed by all of them. Pure.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import msgspec
+
+from robotree.vr.core.confirmation import Confirmations
+from robotree.vr.errors import NotConfirmed
+from robotree.vr.requests import Done, Raised
+
+HARDWARE = ""
+"""The part that stands behind the robot; the others are its children, by slot."""
 
 MOST_ORDERS = 64
 """Orders of stops in force that are remembered; a copy of an older one counts as a new stop."""
+
+
+class Part(msgspec.Struct):
+    """One that has to confirm a stop."""
+
+    name: str
+    """Of the robot, for people."""
+    answer: Done | Raised | None = None
+    """None: it has not answered."""
 
 
 class Stop(msgspec.Struct, kw_only=True):
@@ -29,6 +48,8 @@ class Stop(msgspec.Struct, kw_only=True):
     """Reason of the newest stop, also after its release."""
     orders: dict[str, int] = {}
     """Generation of each order that is in force."""
+    parts: dict[int, dict[str, Part]] = {}
+    """Who has to confirm a stop, by generation: of the stops in force, and of all that are not answered."""
 
     @property
     def in_force(self) -> str:
@@ -39,8 +60,14 @@ class Stop(msgspec.Struct, kw_only=True):
         """Return the generation of an order that is obeyed already; 0: it is new."""
         return self.orders.get(order, 0) if self.reason else 0
 
-    def begin(self, reason: str, order: str) -> int:
-        """Stop once more; returns the generation."""
+    def begin(self, reason: str, order: str, parts: Mapping[str, str]) -> int:
+        """Stop once more; returns the generation.
+
+        Args:
+            reason: for people.
+            order: that it is part of; empty: of none.
+            parts: who has to confirm it: names of robots, by part.
+        """
         if not self.reason:
             self.orders.clear()  # those before the last release
         self.generation += 1
@@ -49,6 +76,8 @@ class Stop(msgspec.Struct, kw_only=True):
             self.orders[order] = self.generation
             while len(self.orders) > MOST_ORDERS:
                 del self.orders[next(iter(self.orders))]
+        self._forget()
+        self.parts[self.generation] = {part: Part(name) for part, name in parts.items()}
         return self.generation
 
     def hear(self, halted: str) -> bool:
@@ -60,11 +89,45 @@ class Stop(msgspec.Struct, kw_only=True):
         self.halted = halted
         return begins
 
-    def confirm(self, generation: int) -> None:
-        """Everything below has confirmed a generation."""
-        self.confirmed = max(self.confirmed, generation)
+    def take(self, generation: int, part: str, answer: Done | Raised) -> Done | Raised | None:
+        """Take what one part has answered; its first answer counts.
+
+        Returns:
+            What the whole robot answers, if this was the last part of it.
+        """
+        one = self.parts.get(generation, {}).get(part)
+        if one is None or one.answer is not None:
+            return None
+        one.answer = answer
+        reply = self.reply(generation)
+        if isinstance(reply, Done):
+            self.confirmed = max(self.confirmed, generation)
+        return reply
+
+    def reply(self, generation: int) -> Done | Raised | None:
+        """Return what the robot and all below it answer to a stop; None: not all of its parts have."""
+        confirmations = Confirmations("the protective stop")
+        for part in self.parts.get(generation, {}).values():
+            match part.answer:
+                case Done(told=told):
+                    confirmations.take(part.name, told)
+                case Raised() as raised:
+                    confirmations.take(part.name, raised.revive())
+                case None:
+                    return None
+        try:
+            return Done(told=tuple(confirmations.settle()))
+        except NotConfirmed as error:
+            return Raised.of(error)
 
     def release(self) -> None:
         """End the ordered stop."""
         self.reason = ""
         self.orders.clear()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the answers to stops that are not in force any more, once they are complete."""
+        in_force = set(self.orders.values())
+        for generation in [one for one in self.parts if one not in in_force and self.reply(one)]:
+            del self.parts[generation]
