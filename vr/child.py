@@ -1,8 +1,8 @@
 """Child slots, and what a virtual robot's code sees of the child in one.
 
     self.rover.move(x=1)         waits for the end, returns the result
-    self.rover.move.tell(x=1)    waits only until the child has accepted it
-    self.rover.move.start(x=1)   returns a future: start on two children, then ask both for the result
+    self.rover.move.start(x=1)   returns a future; what it has started ends with the running command
+    self.rover.move.tell(x=1)    the same without a future, and it goes on when the command has ended
 
 A result of several parts reads like an object: `self.arm.get_info().z`.
 
@@ -18,10 +18,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, cast, overload
 
+import msgspec
+
 from robotree.vr.context import CallFuture, activity_here, running
-from robotree.vr.description import LARGEST_GROUP, SlotSpec
+from robotree.vr.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.errors import BadArgument
 from robotree.vr.plain import plain_arguments
+from robotree.vr.units import Unit, convert
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
@@ -78,13 +81,16 @@ class Child:
     def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Child | ChildRobot:
         return self if robot is None else ChildRobot(robot.child_slots, self.name)
 
-    def exposed(self, command: str = "") -> Exposed:
+    def exposed(self, command: str = "", **units: Unit) -> Exposed:
         """Let callers from above use one of the child's commands: `move = rover.exposed()`.
 
         Args:
             command: its name at the child; empty: that of the attribute.
+            **units: in which the callers give parameters and read parts of the result, where these are
+                other ones than the child's: `go_to = arm.exposed(x=Unit("mm"))`. `result` means a result
+                that has no parts.
         """
-        return Exposed(self, command)
+        return Exposed(self, command, {name: unit.symbol for name, unit in units.items()})
 
     def spec(self) -> SlotSpec:
         """Describe the empty slot."""
@@ -194,9 +200,57 @@ def _observed(look: Callable[[], Any]) -> Any:
 class Exposed:
     """A child's command under a name of this robot."""
 
-    def __init__(self, child: Child, command: str) -> None:
+    def __init__(self, child: Child, command: str, units: Mapping[str, str] | None = None) -> None:
         """Made by `Child.exposed`."""
-        self.child, self.command = child, command
+        self.child, self.command, self.units = child, command, dict(units or {})
+
+    def seen(self, spec: CommandSpec) -> CommandSpec:
+        """Return a command of the child as callers from above see it.
+
+        Raises:
+            ValueError: a unit measures something else than the child's, or is for nothing that it has.
+        """
+        if not self.units:
+            return spec
+        fields = (*spec.parameters, *spec.result)
+        for name, unit in self.units.items():
+            found = [field for field in fields if (field.name or "result") == name]
+            if not found or not all(field.unit for field in found):
+                raise ValueError(f"{self.child.name}.{self.command} has no {name!r} with a unit")
+            convert(1.0, found[0].unit, unit)
+        return msgspec.structs.replace(
+            spec,
+            parameters=tuple(map(self._seen, spec.parameters)),
+            result=tuple(map(self._seen, spec.result)),
+        )
+
+    def _seen(self, field: FieldSpec) -> FieldSpec:
+        unit = self.units.get(field.name or "result", field.unit)
+        if unit == field.unit:
+            return field
+        lower, upper, default = (
+            _converted(value, field.unit, unit) for value in (field.lower, field.upper, field.default)
+        )
+        return msgspec.structs.replace(field, unit=unit, lower=lower, upper=upper, default=default)
+
+    def for_child(self, spec: CommandSpec, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what callers gave in their units, in those of the child."""
+        wanted = {field.name: field.unit for field in spec.parameters if field.name in self.units}
+        return {
+            name: _converted(value, self.units[name], wanted[name]) if name in wanted else value
+            for name, value in arguments.items()
+        }
+
+    def for_caller(self, spec: CommandSpec, result: Any) -> Any:
+        """Return what the child gave in its units, in those of the callers."""
+        given = {field.name or "result": field.unit for field in spec.result}
+        if isinstance(result, dict):
+            parts = cast("dict[str, Any]", result)
+            return Record(
+                (name, _converted(value, given[name], self.units[name]) if name in self.units else value)
+                for name, value in parts.items()
+            )
+        return _converted(result, given["result"], self.units["result"]) if "result" in self.units else result
 
     def __set_name__(self, owner: type[Any], name: str) -> None:
         self.command = self.command or name
@@ -259,7 +313,7 @@ class ChildCommand:
         return running().start(self._slot, self._command, self._named(values, arguments))
 
     def tell(self, *values: Any, **arguments: Any) -> None:
-        """Have it carried out, and wait only until the child has accepted it."""
+        """Have it carried out, wait only until the child has accepted it; it goes on after this command."""
         running().tell(self._slot, self._command, self._named(values, arguments))
 
     def _named(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Mapping[str, Any]:
@@ -285,3 +339,12 @@ class ChildCommand:
         for name in positional.keys() & arguments:
             raise BadArgument(command=label, parameter=name, reason="is given twice")
         return positional | arguments
+
+
+def _converted(value: Any, given: str, wanted: str) -> Any:
+    """Return a number, or the numbers in a list, in another unit; what is none stays."""
+    if isinstance(value, (list, tuple)):
+        return [_converted(one, given, wanted) for one in cast("Sequence[Any]", value)]
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return value
+    return convert(float(value), given, wanted)

@@ -11,9 +11,11 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import msgspec
+
+T = TypeVar("T")
 
 
 class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
@@ -133,6 +135,19 @@ class Activity(Protocol):
         ...
 
     @property
+    def simulated(self) -> bool:
+        """Whether it runs in virtual time."""
+        ...
+
+    def is_here(self) -> bool:
+        """Whether the present thread already works for it."""
+        ...
+
+    def handed_on(self, work: Callable[..., T]) -> Callable[..., T]:
+        """Return a function that works for it in another thread, with keys of its own."""
+        ...
+
+    @property
     def context(self) -> CommandContext:
         """Its papers."""
         ...
@@ -227,6 +242,15 @@ def activity_here() -> Activity | None:
     """Return the command that runs here, or None."""
     activity = _running.get(None)
     return None if activity is None else activity.in_this_thread()
+
+
+def commander_here() -> Activity | None:
+    """Return the command for which the present thread works; None: for none.
+
+    A context alone does not say so: event loops and timers take it over from the thread that calls them.
+    """
+    activity = _running.get(None)
+    return activity if activity is not None and activity.is_here() else None
 
 
 def enter(activity: Activity) -> None:

@@ -94,6 +94,15 @@ def read_quantity(text: str, unit: str) -> float:
     return _convert(number, given, unit)
 
 
+def convert(number: float, given: str, wanted: str) -> float:
+    """Return a number in another unit.
+
+    Raises:
+        ValueError: one of the units is not known, or they measure different things.
+    """
+    return number if given == wanted else _convert(number, given, wanted)
+
+
 def in_unit(unit: str) -> str:
     """Return ` in UNIT`, or nothing for a plain number."""
     return f" in {unit}" if unit else ""

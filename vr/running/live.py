@@ -26,7 +26,7 @@ from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
-from robotree.vr.errors import CommandCancelled, NoSuchCommand, VrError
+from robotree.vr.errors import BadArgument, CommandCancelled, NoSuchCommand, VrError
 from robotree.vr.fields import SET
 from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Raised, Returned
 from robotree.vr.robot import Robot
@@ -438,7 +438,10 @@ class LiveRobot:
         spec = child.command(exposed.command)
         if spec is None or not spec.available:
             raise NotDescribed(exposed.child.name, exposed.command)
-        return msgspec.structs.replace(spec, name=name)
+        try:
+            return msgspec.structs.replace(exposed.seen(spec), name=name)
+        except ValueError as error:
+            raise BadArgument(command=f"{self.name}.{name}", parameter="units", reason=str(error)) from None
 
     def takes_units(self, call: Call) -> bool:
         """Whether an argument is a text where a number is wanted, so that units have to be looked up."""
@@ -474,7 +477,10 @@ class LiveRobot:
         spec = None if bond is None else bond.description.command(exposed.command)
         if spec is None:
             return CommandSpec(name=name, through=through, available=False)
-        return msgspec.structs.replace(spec, name=name, through=through)
+        try:
+            return msgspec.structs.replace(exposed.seen(spec), name=name, through=through)
+        except ValueError as error:
+            return CommandSpec(name=name, through=through, available=False, doc=f"Cannot be used: {error}.")
 
     # -- carrying out -----------------------------------------------------------------------------
 
@@ -501,7 +507,7 @@ class LiveRobot:
                 _author, command, robot, call.sent if self._turned else call.arguments, self._turned
             )
         elif exposed is not None:
-            work = partial(frame.pass_on, exposed.child.name, exposed.command, call.arguments)
+            work = partial(self._pass_on, frame, exposed, call.arguments)
         else:  # it was accepted while another page was in force
             work = partial(self.spec, call.command)
         if not worker.stack:
@@ -519,6 +525,16 @@ class LiveRobot:
             self.gone(key)
         else:
             self.post(on.Finish(key=key, reply=reply))
+
+    def _pass_on(self, frame: Frame, exposed: Exposed, arguments: Arguments) -> Any:
+        """Carry out an exposed command, in the units of its callers."""
+        slot, command = exposed.child.name, exposed.command
+        if not exposed.units:
+            return frame.pass_on(slot, command, arguments)
+        spec = self.core.state.slots.require(slot).description.command(command)
+        if spec is None:
+            raise NoSuchCommand(robot=str(slot), command=command, known="none")
+        return exposed.for_caller(spec, frame.pass_on(slot, command, exposed.for_child(spec, arguments)))
 
     def _reply(
         self, context: CommandContext, command: Command | None, value: Any, error: BaseException | None

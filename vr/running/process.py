@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robotree.vr.running.journal import Journal, NoJournal
+from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.running.worker import Frame, Worker
 
@@ -37,6 +38,7 @@ class Process:
             runner: what threads and time are; None: the operating system's.
             journal: where the events of its robots are written; None: nowhere.
         """
+        hand_on()
         self.runner: Runner = Threads() if runner is None else runner
         self.journal: Journal = NoJournal() if journal is None else journal
         self.robots: dict[str, Any] = {}

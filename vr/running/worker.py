@@ -161,6 +161,16 @@ class Frame:
         """See `Activity.cancelled`."""
         return self.cause is not None
 
+    @property
+    def simulated(self) -> bool:
+        """See `Activity.simulated`."""
+        return self.worker.process.runner.simulated
+
+    def is_here(self) -> bool:
+        """See `Activity.is_here`."""
+        here = self.worker.process.runner.here()
+        return here == self.worker.thread or here in self.guests
+
     def in_this_thread(self) -> Frame:
         """See `Activity.in_this_thread`."""
         here = self.worker.process.runner.here()
@@ -175,12 +185,11 @@ class Frame:
         return guest
 
     def handed_on(self, work: Callable[..., _T]) -> Callable[..., _T]:
-        """Return a function that works for this command in another thread, or later in this one."""
-        self.check()
-        self.steps += 1
-        guest = self.part(str(self.steps), Worker(self.worker.process), guest=True)
-        with self.worker.guard:
-            self.guests[-self.steps] = guest
+        """See `Activity.handed_on`."""
+        frame = self.in_this_thread()
+        frame.steps += 1
+        guest = frame.part(str(frame.steps), Worker(self.worker.process), guest=True)
+        frame.guests[-frame.steps] = guest
 
         def run(*values: Any, **arguments: Any) -> _T:
             guest.worker.thread = guest.worker.process.runner.here()
