@@ -1,7 +1,7 @@
 """What authors do, written as a student would write it; one test for each story.
 
-Most stories have tests of their own beside what they are about: `TOLD_ELSEWHERE` names one for each, and a test
-looks that it is there. The stories of this file are those that had none.
+Most stories have tests of their own beside what they are about: `TOLD_ELSEWHERE` names one for each, and a
+test looks that it is there. The stories of this file are those that had none.
 """
 
 from __future__ import annotations
