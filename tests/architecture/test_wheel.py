@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -51,17 +52,38 @@ def test_nothing_but_robotree_lands_in_site_packages(wheel: Path) -> None:
     assert {root for root in roots if not root.endswith(".dist-info")} == {"robotree"}
 
 
-def test_the_wheel_alone_closes_the_lever_with_one_command(wheel: Path, tmp_path: Path, place: Path) -> None:
-    """The thesis' chapter 4.2, played by real processes, by a product that nothing else is installed with."""
-    venv.create(tmp_path / "env", with_pip=False)
-    python = tmp_path / "env" / "bin" / "python"
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The programs of an environment with the wheel, what it needs, and pytest."""
+    env = tmp_path_factory.mktemp("env")
+    venv.create(env, with_pip=False)
     uv = shutil.which("uv") or shutil.which("uv", path=Path(sys.executable).parent)
     assert uv, "`make setup` provides uv"
     lock = ROOT / "requirements.lock"
-    run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel)
+    python = env / "bin" / "python"
+    run(uv, "pip", "install", "--quiet", "--python", python, "--constraints", lock, wheel, "pytest")
+    return env / "bin"
+
+
+def test_an_author_tests_a_page_of_the_guide_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
+    guide = (ROOT / "docs" / "guide" / "tests.md").read_text()
+    name, body = re.findall(r"^```python (test_\w+\.py)\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)[0]
+    (tmp_path / name).write_text(body)
+    done = run(installed / "python", "-m", "pytest", "-q", "--rootdir", tmp_path, tmp_path, PYTHONPATH="")
+    assert "1 passed" in done.stdout
+    shown = run(
+        installed / "python", "-m", "pytest", "--help", "--rootdir", tmp_path, tmp_path, PYTHONPATH=""
+    )
+    assert "--robotree-seed" in shown.stdout
+
+
+def test_the_wheel_alone_closes_the_lever_with_one_command(
+    installed: Path, tmp_path: Path, place: Path
+) -> None:
+    """The thesis' chapter 4.2, played by real processes; beside the product only pytest is installed."""
     done = run(
         *(
-            tmp_path / "env" / "bin" / "robotree",
+            installed / "robotree",
             "demo",
             "--speedup",
             "6",
