@@ -61,7 +61,9 @@ def _check(line: Line) -> int:
 
     program = _program(line.text("FILE"))
     Engine(program)  # CLIPS takes each rule
-    text = f"{line.text('FILE')} is good: {len(program.rules)} rules, {len(program.templates)} kinds of facts"
+    rules, kinds = len(program.rules), len(program.templates)
+    counted = f"{rules} rule{'s' * (rules != 1)}, {kinds} kind{'s' * (kinds != 1)} of facts"
+    text = f"{line.text('FILE')} is good: {counted}"
     if line.flag("--listing"):
         text = program.listing
     data = {
@@ -112,7 +114,7 @@ def _dry_run(line: Line) -> int:
         _show(rehearsal.opening, as_json=as_json)
         for text in sys.stdin:
             if text.strip() and not text.startswith("#"):
-                _show([rehearsal.play(text.strip())], as_json=as_json)
+                _show([_tried(rehearsal, text.strip())], as_json=as_json)
         return exit_codes.DONE
     for trial in _table(line.text("TABLE"), line.text("FILE"))[1]:
         if not as_json:
@@ -121,6 +123,17 @@ def _dry_run(line: Line) -> int:
         _show(rehearsal.opening, as_json=as_json)
         _show((rehearsal.play(step.when, step.mark) for step in trial.steps), as_json=as_json)
     return exit_codes.DONE
+
+
+def _tried(rehearsal: Rehearsal, text: str) -> Played:
+    """Play a line as it was typed; one that cannot be played is told, and the next one may be better."""
+    from robotree.vr.errors import BrokenScript
+    from robotree.vr.scripts.trial import Played
+
+    try:
+        return rehearsal.play(text)
+    except BrokenScript as error:
+        return Played(when=text, orders=(), fired=(), fault=str(error.data["reason"]))
 
 
 def _show(steps: Iterable[Played], *, as_json: bool) -> None:

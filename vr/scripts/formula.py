@@ -73,20 +73,28 @@ class _Reader:
             return left
         right = self._sum()
         head = _COMPARE[sign]
+        if head not in {"=", "<>"}:
+            left, right = self._number(left), self._number(right)
         if head in {"=", "<>"} and not (_numeric(left) or _numeric(right)):
             head = {"=": "eq", "<>": "neq"}[head]
         return form(head, left, right, mark=self._mark)
 
+    def _number(self, node: Node) -> Node:
+        """Refuse a word where a number must stand: mostly a variable without its dollar sign."""
+        if isinstance(node, Atom) and node.sort not in {"number", "variable"}:
+            self._fail(f"{node.text!r} is no number (a variable is written ${node.text}) in")
+        return node
+
     def _sum(self) -> Node:
         node = self._product()
         while sign := self._take("+", "-"):
-            node = form(sign, node, self._product(), mark=self._mark)
+            node = form(sign, self._number(node), self._number(self._product()), mark=self._mark)
         return node
 
     def _product(self) -> Node:
         node = self._value()
         while sign := self._take("*", "/"):
-            node = form(sign, node, self._value(), mark=self._mark)
+            node = form(sign, self._number(node), self._number(self._value()), mark=self._mark)
         return node
 
     def _value(self) -> Node:

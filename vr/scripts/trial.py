@@ -21,6 +21,7 @@ A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `fa
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -31,6 +32,9 @@ from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import Happening, said
 from robotree.vr.scripts.program import Program
 from robotree.vr.written import Entries, Mark, Scalar, Word, Written, entries, items, read, value_of, word
+
+HAPPENINGS = ("start", "finish", "done", "failed", "progress", "timer", "lost", "found")
+"""What a line can begin with, beside the messages of the script."""
 
 
 class Step(msgspec.Struct, frozen=True, kw_only=True):
@@ -196,6 +200,10 @@ class Rehearsal:
         """
         told = happening(line, mark)
         heard = next((one for one in self.program.hears if one.name == told.act), None)
+        special = line.split(maxsplit=1)[0] in HAPPENINGS
+        if heard is None and not special and not _wanted(self.program, told.act):
+            known = ", ".join(one.name for one in self.program.hears) or "nothing"
+            raise mark.error(f"the script does not hear {told.act!r}; it hears: {known}")
         if heard is not None and told.performative == "inform" and len(told.arguments) != len(heard.parts):
             takes = ", ".join(name for name, _ in heard.parts) or "nothing"
             raise mark.error(f"{heard.name} takes {takes}: {line}")
@@ -211,6 +219,14 @@ class Rehearsal:
             fault = str(error)
         fired = tuple(one.rule for one in self.engine.firings if one.number == before)
         return Played(when=line, orders=orders, fired=fired, fault=fault, mark=mark)
+
+
+def _wanted(program: Program, act: str) -> bool:
+    """Whether a rule looks for this message, or for any."""
+    texts = [rule.clips for rule in program.rules]
+    return any(f"(act {act})" in text or "(act ?" in text for text in texts) or any(
+        "(msg" in text and "(act" not in text for text in texts
+    )
 
 
 def run(program: Program, trial: Trial) -> Iterator[Played]:
@@ -242,5 +258,18 @@ def _differs(step: Step, played: Played) -> str:
 
 
 def _lacks(step: Step, facts: Sequence[str]) -> str:
-    absent = [fact for fact in step.facts if fact not in facts]
-    return f"there is no fact {absent[0]}" if absent else ""
+    """Say which wanted fact is not there; one that names some slots only is met whatever the others hold."""
+    parts = [_parts(fact) for fact in facts]
+    for wanted in step.facts:
+        head, slots = _parts(wanted)
+        same = [(fact, held) for fact, (kind, held) in zip(facts, parts, strict=True) if kind == head]
+        if not any(slots <= held for _, held in same):
+            there = f"; there are: {' '.join(fact for fact, _ in same)}" if same else ""
+            return f"there is no fact {wanted}{there}"
+    return ""
+
+
+def _parts(fact: str) -> tuple[str, frozenset[str]]:
+    """Return kind and slots of a fact as CLIPS writes it: `(visitor (id Anna) (stage served))`."""
+    head, _, slots = fact.strip().removeprefix("(").removesuffix(")").partition(" ")
+    return head, frozenset(re.findall(r'\((?:[^()"]|"(?:[^"\\]|\\.)*")*\)', slots))

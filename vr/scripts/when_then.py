@@ -283,6 +283,8 @@ class _Rule:
         self._given = entries(given, "a rule", given.mark)
         self._given.expect(("rule", "name", "doc", "priority", "when", "then"), "a rule")
         self._number = 0
+        self._names: set[str] = set()
+        """Of facts, as conditions have named them."""
 
     def whole(self) -> tuple[Form, Program]:
         """Return the `defrule`, for the guard."""
@@ -337,7 +339,8 @@ class _Rule:
                 raise key.mark.error("what is not there cannot have a name (as)")
             return [form("not", pattern, mark=key.mark)]
         if (alias := one.get("as")) is not None:
-            return [_variable(alias), Atom("symbol", "<-", key.mark), pattern]
+            self._names.add((named := _variable(alias)).text)
+            return [named, Atom("symbol", "<-", key.mark), pattern]
         return [pattern]
 
     def _pattern(self, name: Word, given: Written) -> Form:
@@ -426,13 +429,24 @@ class _Rule:
 
     # -- then
 
+    def _named(self, given: Written) -> Atom:
+        """Return the name of a fact that a condition has given."""
+        found = _variable(given)
+        if found.text not in self._names:
+            name = found.text.removeprefix("?")
+            known = ", ".join(sorted(one.removeprefix("?") for one in self._names)) or "none"
+            raise given.mark.error(
+                f"no condition is named {name}: write `as: {name}` below the condition; named are: {known}"
+            )
+        return found
+
     def _action(self, given: Written) -> list[Node]:
         key, value, one = _only(given, "an action", {"as", "with"})
         mark = key.mark
         if key.text != "do" and len(one.entries) > 1:
             raise given.mark.error("only `do` has `with` and `as`")
         if key.text.startswith("update "):
-            fact = _variable(Word(key.text.removeprefix("update ").strip(), mark))
+            fact = self._named(Word(key.text.removeprefix("update ").strip(), mark))
             return [form("modify", fact, *_slots(value, mark), mark=mark)]
         match key.text:
             case "do":
@@ -441,7 +455,7 @@ class _Rule:
                 facts = entries(value, "a fact", mark)
                 made = [form("assert", _fact(Entries((fact,), mark), "a fact"), mark=mark) for fact in facts]
             case "forget":
-                made = [form("retract", *map(_variable, items(value, mark).items), mark=mark)]
+                made = [form("retract", *map(self._named, items(value, mark).items), mark=mark)]
             case "wait":
                 made = [self._wait(mark, value)]
             case "role":

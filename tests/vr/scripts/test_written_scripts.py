@@ -12,7 +12,7 @@ from robotree.vr.errors import BrokenScript
 from robotree.vr.scripts.engine import Engine
 from robotree.vr.scripts.happening import Happening, said
 from robotree.vr.scripts.script import read_program
-from robotree.vr.scripts.trial import read_table, run
+from robotree.vr.scripts.trial import Rehearsal, read_table, run
 from robotree.vr.scripts.when_then import read_yaml
 from tests.vr.scripts.stage import EXAMPLES
 
@@ -95,6 +95,15 @@ MISTAKES = {
         rule("- if: $n <"),
         "8:13: something is missing at the end of the formula: $n <",
     ),
+    "a variable without its dollar sign": (
+        rule("- cup: {n: $n}\n- if: n > 3"),
+        "'n' is no number (a variable is written $n) in the formula: n > 3",
+    ),
+    "a fact that no condition names": (
+        rule("- cup: {}\n  as: c", "- update cup: {n: 1}"),
+        "no condition is named cup: write `as: cup` below the condition; named are: c",
+    ),
+    "a forgotten name": (rule("- cup: {}", "- forget: c"), "no condition is named c"),
     "a time that is none": (
         rule("- cup: {}", "- wait: {name: a, for: soon}"),
         "'soon' is no time: write it as `5 s`",
@@ -222,6 +231,36 @@ def test_a_table_that_is_wrong_says_where_and_what_came_instead() -> None:
 
 
 # -- the same facts in the same order give the same orders ------------------------------------------
+
+
+def test_a_table_names_the_slots_that_matter_and_shows_what_is_there_instead() -> None:
+    program = read_yaml(rule("- seen: {id: $id}", "- remember: {cup: {id: $id, n: 2}}"), "s.yaml")
+
+    def fault(fact: str) -> str:
+        steps = f"    steps:\n      - when: seen anna 1\n        facts: {fact}\n"
+        table = f"script: s.yaml\ntests:\n  - test: t\n{steps}"
+        (trial,) = read_table(table, "t.yaml")[1]
+        (played,) = run(program, trial)
+        return played.fault
+
+    assert not fault("(cup (n 2))")
+    assert not fault("(cup (id anna) (n 2) (colours))")
+    assert fault("(cup (n 3))") == "there is no fact (cup (n 3)); there are: (cup (id anna) (n 2) (colours))"
+    assert fault("(cat (n 2))") == "there is no fact (cat (n 2))"
+
+
+def test_a_message_that_no_rule_hears_is_a_mistake_of_a_table() -> None:
+    program = read_yaml(rule("- seen: {id: $id}"), "s.yaml")
+    with pytest.raises(BrokenScript, match=r"the script does not hear 'sene'; it hears: seen"):
+        Rehearsal(program).play("sene anna 1")
+    free = read_yaml(rule("- message: {act: $a}"), "s.yaml")
+    assert Rehearsal(free).play("sene").orders == ("log x",)
+
+
+def test_a_happening_that_is_forgotten_is_handled_by_one_rule_only() -> None:
+    source = rule("- seen: {n: $n}\n  as: m\n- cup: {id: $c}", "- forget: m\n- log: $c")
+    source += "begin with:\n  - cup: {id: one}\n  - cup: {id: two}\n"
+    assert len(Rehearsal(read_yaml(source, "s.yaml")).play("seen anna 1").orders) == 1
 
 
 def test_the_same_happenings_in_the_same_order_give_the_same_orders() -> None:
