@@ -6,15 +6,16 @@ way.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Protocol
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.protocol.messages import Reason, Verb
 from robotree.sim.companion.guard import Objection, Person
+from robotree.sim.companion.part import Part
 from robotree.sim.companion.planner import Forbidden
 from robotree.sim.companion.routes import Blocked, Floor, Point
 from robotree.sim.companion.tuning import (
@@ -25,7 +26,7 @@ from robotree.sim.companion.tuning import (
     BaseTuning,
 )
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, or_now, planned, require
+from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector
@@ -93,7 +94,7 @@ class BaseLook:
     led: Vector
 
 
-class Base:
+class Base(Part):
     """The base in the body.
 
     Args:
@@ -111,49 +112,14 @@ class Base:
         self._load = self._waited = self._halted = 0.0
         self._legs: list[Line] = []
         self._driven = self._length = 0.0
-        self._running: Callable[[], Progress] = ended
-        self._plans: Mapping[Verb, Plan] = {
+        plans: Mapping[Verb, Plan] = {
             Verb.MOVE: self._move,
             Verb.TURN: self._turn,
             Verb.DRIVE: self._drive,
             Verb.LEAN: self._lean_to,
             Verb.HOLD: lambda _: self.hold,
         }
-
-    @property
-    def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
-        return self._plans.keys()
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """It follows no set-points: each way is judged as a whole."""
-        return ()
-
-    @property
-    def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it."""
-        return BASE_PARAMETERS
-
-    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
-        """Check and plan one movement; nothing moves yet.
-
-        Raises:
-            GoalRefused: with the reason; nothing has changed.
-        """
-        return planned(self._plans, verb, args)
-
-    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
-        """No set-point is followed.
-
-        Raises:
-            BadArgument: always.
-        """
-        raise BadArgument("kind", kind, f"none with {len(args)} arguments: this base follows no set-points")
-
-    def progress(self) -> Progress:
-        """How far the movement is that was begun last."""
-        return self._running()
+        super().__init__("the base", BASE_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement and come to a stand here."""

@@ -1,15 +1,16 @@
 """The head as a device: a neck that turns, a loudspeaker; what the cameras see is told by telemetry."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, SetpointKind, Speech, Verb
+from robotree.protocol.messages import Reason, Speech, Verb
+from robotree.sim.companion.part import Part
 from robotree.sim.companion.tuning import HEAD_PARAMETERS, HeadTuning
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, or_now, planned, require
+from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector
@@ -26,7 +27,7 @@ LARGEST_STOCK: Final = 16
 """Texts that wait to be spoken."""
 
 
-class Head:
+class Head(Part):
     """The head in the body.
 
     Args:
@@ -43,47 +44,12 @@ class Head:
         self._q = np.array(q)
         self._waited = 0.0
         self._texts: dict[int, str] = {}
-        self._running: Callable[[], Progress] = ended
-        self._plans: Mapping[Verb, Plan] = {
+        plans: Mapping[Verb, Plan] = {
             Verb.LOOK: self._look,
             Verb.SAY: self._say,
             Verb.HOLD: lambda _: self.hold,
         }
-
-    @property
-    def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
-        return self._plans.keys()
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """It follows no set-points."""
-        return ()
-
-    @property
-    def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it."""
-        return HEAD_PARAMETERS
-
-    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
-        """Check one movement or speech; nothing happens yet.
-
-        Raises:
-            GoalRefused: with the reason; nothing has changed.
-        """
-        return planned(self._plans, verb, args)
-
-    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
-        """No set-point is followed.
-
-        Raises:
-            BadArgument: always.
-        """
-        raise BadArgument("kind", kind, f"none with {len(args)} arguments: a head follows no set-points")
-
-    def progress(self) -> Progress:
-        """How far it is."""
-        return self._running()
+        super().__init__("the head", HEAD_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Stay."""

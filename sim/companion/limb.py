@@ -5,13 +5,13 @@ hangs on a spring whose far end is the hand of that posture, so the force that i
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
 
-from robotree.protocol.messages import Reason, SetpointKind, Verb
+from robotree.protocol.messages import Reason, Verb
 from robotree.sim.arm.compliance import Attractor, Gains, NaturalAdmittance
 from robotree.sim.arm.device import STILL_FOR, YIELDING
 from robotree.sim.arm.gripper import Grip, Gripper
@@ -19,6 +19,7 @@ from robotree.sim.arm.kinematics import Dynamics
 from robotree.sim.arm.wrist import WristSensor
 from robotree.sim.companion.figure import ARM_JOINTS, Pose, direction_of
 from robotree.sim.companion.model import HandPorts
+from robotree.sim.companion.part import Part
 from robotree.sim.companion.planner import Goal, Other
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
 from robotree.sim.companion.ways import Way
@@ -28,10 +29,8 @@ from robotree.sim.firmware.device import (
     Plan,
     Progress,
     Start,
-    Tunable,
     ended,
     or_now,
-    planned,
     require,
 )
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
@@ -111,7 +110,7 @@ class LimbState:
     peak_force: float
 
 
-class Limb:
+class Limb(Part):
     """One arm in the body.
 
     Args:
@@ -135,53 +134,14 @@ class Limb:
         self._wrench: Vector = np.zeros(6)
         self._error: Vector = np.zeros(3)
         self._load = self._waited = self._still = self._peak = self._brake_left = 0.0
-        self._running: Callable[[], Progress] = ended
-        self._plans: Mapping[Verb, Plan] = {
+        plans: Mapping[Verb, Plan] = {
             Verb.GO_TO: self._go_to,
             Verb.REACH: self._reach,
             Verb.POSTURE: self._posture,
             Verb.GRIP: self._grip,
             Verb.HOLD: lambda _: self.hold,
         }
-
-    @property
-    def verbs(self) -> Collection[Verb]:
-        """What it can be asked to do."""
-        return self._plans.keys()
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """It follows no set-points: each goal is judged as a whole."""
-        return ()
-
-    @property
-    def parameters(self) -> Collection[Tunable]:
-        """What can be tuned on it."""
-        return LIMB_PARAMETERS
-
-    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
-        """Check and plan one movement; nothing moves yet.
-
-        Args:
-            verb: GO_TO, REACH, POSTURE, GRIP or HOLD.
-            args: (7,) as in robotree.xml.
-
-        Raises:
-            GoalRefused: with the reason; nothing has changed.
-        """
-        return planned(self._plans, verb, args)
-
-    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
-        """No set-point is followed.
-
-        Raises:
-            BadArgument: always.
-        """
-        raise BadArgument("kind", kind, f"none with {len(args)} arguments: a limb follows no set-points")
-
-    def progress(self) -> Progress:
-        """How far the movement is that was begun last."""
-        return self._running()
+        super().__init__("an arm", LIMB_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement, brake, and rest here; the fingers keep what they hold."""

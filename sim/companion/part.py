@@ -1,0 +1,59 @@
+"""What base, arms and head of the companion have in common as devices: a table of verbs, and what runs."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Final
+
+from robotree.protocol.messages import SetpointKind, Verb
+from robotree.sim.errors import BadArgument
+from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, planned
+
+
+class Part:
+    """One part of the body as a device. It follows no set-points: each goal is judged as a whole.
+
+    Args:
+        name: for what is refused, with its article.
+        parameters: what can be tuned on it.
+        plans: what checks and plans each verb.
+    """
+
+    def __init__(self, name: str, parameters: Collection[Tunable], plans: Mapping[Verb, Plan]) -> None:
+        self._name, self._plans = name, plans
+        self.parameters: Final = parameters
+        """What can be tuned on it."""
+        self._running: Callable[[], Progress] = ended
+
+    @property
+    def verbs(self) -> Collection[Verb]:
+        """What it can be asked to do."""
+        return self._plans.keys()
+
+    @property
+    def setpoint_kinds(self) -> Collection[SetpointKind]:
+        """None."""
+        return ()
+
+    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
+        """Check and plan one movement; nothing moves yet.
+
+        Args:
+            verb: one of `verbs`.
+            args: (7,) as in robotree.xml.
+
+        Raises:
+            GoalRefused: with the reason; nothing has changed.
+        """
+        return planned(self._plans, verb, args)
+
+    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
+        """No set-point is followed.
+
+        Raises:
+            BadArgument: always.
+        """
+        text = f"none with {len(args)} arguments: {self._name} follows no set-points"
+        raise BadArgument("kind", kind, text)
+
+    def progress(self) -> Progress:
+        """How far the movement is that was begun last."""
+        return self._running()
