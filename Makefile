@@ -13,7 +13,7 @@ INTEROP := .venv-interop
 INTEROP_LOCK := requirements-interop.lock
 COMPARISON := .venv-comparison
 COMPARISON_LOCK := requirements-comparison.lock
-SUBPACKAGES := files protocol sim vr proxy testing tui
+SUBPACKAGES := files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test interpreters check soak interop comparison lock format clean

@@ -23,6 +23,7 @@ from robotree.vr.errors import (
     VrError,
 )
 from robotree.vr.fields import state
+from robotree.vr.kind import Kind, promised
 from robotree.vr.robot import Robot
 from robotree.vr.units import Range, Unit
 from robotree.vr.virtual_robot import VirtualRobot
@@ -34,6 +35,8 @@ __all__ = [
     "Child",
     "Children",
     "state",
+    "Kind",
+    "promised",
     # its commands
     "command",
     "Unit",

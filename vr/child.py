@@ -16,18 +16,23 @@ An array of children of one kind is `rovers = Children("Rover", least=1, most=4)
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, overload
 
 import msgspec
 
 from robotree.vr.context import CallFuture, activity_here, running
 from robotree.vr.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.errors import BadArgument
+from robotree.vr.kind import Kind, promises_of
 from robotree.vr.plain import plain_arguments
 from robotree.vr.units import Unit, convert
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
+
+
+T = TypeVar("T", bound=Kind)
+K = TypeVar("K")
 
 
 class HasSlots(Protocol):
@@ -58,27 +63,65 @@ def readable(value: Any) -> Any:
     return value
 
 
-class Child:
-    """A slot for one child, declared in the class body: `rover = Child("Rover")`."""
+class Slotted:
+    """What slots and groups of slots have in common: a kind, as a name or as an interface."""
 
-    def __init__(self, kind: str, doc: str = "", *, optional: bool = False) -> None:
-        """Declare the slot.
+    def __init__(self, kind: str | type[Kind], doc: str) -> None:
+        """Take the kind and what the children are for.
 
-        Args:
-            kind: the child must be of a class of this name, or of a subclass.
-            doc: what it is for.
-            optional: the robot can be used without it.
+        Raises:
+            TypeError: it is no kind.
         """
-        self.kind, self.doc, self.name, self.optional = kind, doc, "", optional
+        interface: type[Any] | None = kind if isinstance(kind, type) else None
+        if interface is not None and not issubclass(interface, Kind):
+            raise TypeError(
+                f"{interface.__name__} is no kind; import one from robotree.kinds, "
+                f"write one with `robotree stubs NAME`, or give its name: {interface.__name__!r}"
+            )
+        if interface is None and not (isinstance(kind, str) and kind.isidentifier()):
+            raise TypeError(f"{kind!r} is no kind; write the name of a class, such as 'Arm'")
+        self.kind: str = interface.__name__ if interface else str(kind)
+        self.doc, self.name, self.interface = doc, "", interface
 
     def __set_name__(self, owner: type[Any], name: str) -> None:
         self.name = name
 
+    def spec(self) -> SlotSpec:
+        """Describe it, without children."""
+        raise NotImplementedError
+
+    def promises(self) -> tuple[CommandSpec, ...]:
+        """Return the commands that the kind promises; none when it is only a name."""
+        return promises_of(self.interface) if self.interface else ()
+
+
+class Child(Slotted, Generic[K]):
+    """A slot for one child, declared in the class body: `rover = Child("Rover")` or `Child(Rover)`."""
+
     @overload
-    def __get__(self, robot: None, owner: type[Any]) -> Child: ...
+    def __init__(self: Child[ChildRobot], kind: str, doc: str = "", *, optional: bool = False) -> None: ...
     @overload
-    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildRobot: ...
-    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Child | ChildRobot:
+    def __init__(self: Child[T], kind: type[T], doc: str = "", *, optional: bool = False) -> None: ...
+    def __init__(self, kind: Any, doc: str = "", *, optional: bool = False) -> None:
+        """Declare the slot.
+
+        Args:
+            kind: the child must be of a class of this name, or of a subclass, and have the commands that the
+                page uses; or, with an interface (`Kind`), those that it promises.
+            doc: what it is for.
+            optional: the robot can be used without it.
+
+        Raises:
+            TypeError: `kind` is none.
+        """
+        super().__init__(kind, doc)
+        self.optional = optional
+
+    @overload
+    def __get__(self, robot: None, owner: type[Any]) -> Child[K]: ...
+    @overload
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> K: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Any:
         return self if robot is None else ChildRobot(robot.child_slots, self.name)
 
     def exposed(self, command: str = "", **units: Unit) -> Exposed:
@@ -97,37 +140,43 @@ class Child:
         return SlotSpec(name=self.name, kind=self.kind, doc=self.doc, optional=self.optional)
 
 
-class Children:
+class Children(Slotted, Generic[K]):
     """An array of children of one kind: `rovers = Children("Rover", least=1, most=4)`."""
 
-    def __init__(self, kind: str, doc: str = "", *, least: int = 1, most: int | None = None) -> None:
+    @overload
+    def __init__(
+        self: Children[ChildRobot], kind: str, doc: str = "", *, least: int = 1, most: int | None = None
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Children[T], kind: type[T], doc: str = "", *, least: int = 1, most: int | None = None
+    ) -> None: ...
+    def __init__(self, kind: Any, doc: str = "", *, least: int = 1, most: int | None = None) -> None:
         """Declare the slots `NAME[0]`, `NAME[1]` and so on.
 
         Args:
-            kind: each child must be of a class of this name, or of a subclass.
+            kind: of each child, as for `Child`.
             doc: what they are for.
             least: how many must be bound before the robot can be used; 0: it can be used without.
             most: how many can be bound; None: 1000.
 
         Raises:
-            TypeError: `least` or `most` is no such number.
+            TypeError: `kind` is none, or `least` or `most` no such number.
         """
+        super().__init__(kind, doc)
         upper = LARGEST_GROUP if most is None else most
         if not 0 <= least <= upper <= LARGEST_GROUP or upper < 1:
             raise TypeError(
-                f"Children({kind!r}, least={least}, most={most}): `least` is 0 or more, "
+                f"Children({self.kind!r}, least={least}, most={most}): `least` is 0 or more, "
                 f"`most` at least that, and from 1 to {LARGEST_GROUP}"
             )
-        self.kind, self.doc, self.name, self.least, self.most = kind, doc, "", least, upper
-
-    def __set_name__(self, owner: type[Any], name: str) -> None:
-        self.name = name
+        self.least, self.most = least, upper
 
     @overload
-    def __get__(self, robot: None, owner: type[Any]) -> Children: ...
+    def __get__(self, robot: None, owner: type[Any]) -> Children[K]: ...
     @overload
-    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildGroup: ...
-    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Children | ChildGroup:
+    def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildGroup[K]: ...
+    def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Children[K] | ChildGroup[K]:
         return self if robot is None else ChildGroup(robot.child_slots, self.name)
 
     def spec(self) -> SlotSpec:
@@ -142,7 +191,7 @@ class Children:
         )
 
 
-class ChildGroup:
+class ChildGroup(Generic[K]):
     """The children of a group that are bound, by index; false while there are none."""
 
     __slots__ = ("_group", "_slots")
@@ -154,10 +203,10 @@ class ChildGroup:
     def __len__(self) -> int:
         return len(self._bound())
 
-    def __iter__(self) -> Iterator[ChildRobot]:
+    def __iter__(self) -> Iterator[K]:
         return iter([self._child(index) for index in self._bound()])
 
-    def __getitem__(self, index: int) -> ChildRobot:
+    def __getitem__(self, index: int) -> K:
         """Return the child with an index.
 
         Raises:
@@ -173,16 +222,17 @@ class ChildGroup:
         slot = self._slots[name]
         if _observed(lambda: slot.bond) is None:
             raise self._slots.emptiness(name)
-        return ChildRobot(self._slots, name)
+        child: K = self._child(index)
+        return child
 
-    def items(self) -> list[tuple[int, ChildRobot]]:
+    def items(self) -> list[tuple[int, K]]:
         """Return index and child of all that are bound; an index is skipped where a child was lost."""
         return [(index, self._child(index)) for index in self._bound()]
 
     def __str__(self) -> str:
         return ", ".join(map(str, self)) or f"nobody in {self._group}"
 
-    def _child(self, index: int) -> ChildRobot:
+    def _child(self, index: int) -> Any:
         return ChildRobot(self._slots, f"{self._group}[{index}]")
 
     def _bound(self) -> list[int]:
@@ -200,7 +250,7 @@ def _observed(look: Callable[[], Any]) -> Any:
 class Exposed:
     """A child's command under a name of this robot."""
 
-    def __init__(self, child: Child, command: str, units: Mapping[str, str] | None = None) -> None:
+    def __init__(self, child: Child[Any], command: str, units: Mapping[str, str] | None = None) -> None:
         """Made by `Child.exposed`."""
         self.child, self.command, self.units = child, command, dict(units or {})
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import msgspec
 
@@ -32,7 +32,15 @@ class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
     """[s] on the monotonic clock: when it must be done."""
 
 
-class CallFuture(Protocol):
+if TYPE_CHECKING:
+    import typing_extensions
+
+    R_co = typing_extensions.TypeVar("R_co", covariant=True, default=Any)
+else:
+    R_co = TypeVar("R_co", covariant=True)
+
+
+class CallFuture(Protocol[R_co]):
     """A child's command under way."""
 
     @property
@@ -45,7 +53,7 @@ class CallFuture(Protocol):
         """How far it is: 0 to 1, NaN while it has said nothing."""
         ...
 
-    def result(self, timeout: float | None = None) -> Any:
+    def result(self, timeout: float | None = None) -> R_co:
         """Wait for the end and return the result.
 
         Args:
@@ -61,7 +69,7 @@ class CallFuture(Protocol):
         """Ask the child to end it."""
         ...
 
-    def detach(self) -> CallFuture:
+    def detach(self) -> CallFuture[R_co]:
         """Have it go on when the running command ends. Waits until the child has accepted it.
 
         From then on it ends by itself, with the bond, by a stop, by `cancel`, or when an operator cancels it

@@ -84,6 +84,9 @@ class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How many slots of the group must be filled before the robot can be used."""
     most: int = 1
     """How many slots the group can have; 1 for a slot that stands alone."""
+    commands: tuple[str, ...] = ()
+    """Names of the commands that a child must have, beside its kind: the page uses them, or the kind promises
+    them."""
     child: Address | None = None
     lost: str = ""
     """Why the slot is empty, if a child was lost; empty when there never was one or it was released."""

@@ -10,7 +10,7 @@ that a caller on the far side of the network catches the same class with the sam
                       ChildCancelled · DeadlineExceeded · Busy · CommandInDoubt · Stopped
                       StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
-      BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind
+      BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
                       StillBonded · NotVirtual
       TransportError  Unreachable · NoAnswer · NotConfirmed · TransportClosed · Garbled · RealmUnusable
                       NetworkUnusable
@@ -398,6 +398,12 @@ class WrongKind(BondError):
     """The child is not of the kind that the slot wants."""
 
     sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is of kind {kind}"
+
+
+class DoesNotFit(BondError):
+    """The child is called as the slot wants, and lacks what robots of this kind can do."""
+
+    sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is called so, but {reason}"
 
 
 class StillBonded(BondError):

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from robotree.vr.address import Address
-from robotree.vr.description import Listing, RobotDescription, Template
+from robotree.vr.description import CommandSpec, Listing, RobotDescription, Template
 from robotree.vr.errors import Garbled, VrError
 
 PATIENCE = 5.0
@@ -78,6 +78,10 @@ class Petition(_Message, frozen=True, kw_only=True):
     slot: str
     kind: str
     """Kind that the slot takes."""
+    promises: tuple[CommandSpec, ...] = ()
+    """Commands that the kind promises."""
+    uses: tuple[str, ...] = ()
+    """Names of commands that the robot must have."""
     lineage: tuple[str, ...]
     """Names from the topmost ancestor down to the parent, to refuse cycles."""
     term: float

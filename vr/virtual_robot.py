@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Self, cast
 
-from robotree.vr.child import Child, Children, Exposed
+import msgspec
+
+from robotree.vr.child import Child, Children, Exposed, Slotted
 from robotree.vr.core.bonds import Slots
+from robotree.vr.description import SlotSpec
 from robotree.vr.fields import Kept, declare
 from robotree.vr.robot import Robot
 from robotree.vr.units import Unit
+from robotree.vr.usage import used_commands
+
+_CACHE = "__robotree_slots__"
 
 
 class VirtualRobot(Robot):
@@ -64,12 +70,32 @@ class VirtualRobot(Robot):
         """
         super().__init__(name, attributes)
         self.field_values.robot = name
-        self.child_slots = Slots.empty(name, (child.spec() for child in slots_of(type(self)).values()))
+        self.child_slots = Slots.empty(name, slot_specs(type(self)))
 
 
-def slots_of(cls: type[Any]) -> dict[str, Child | Children]:
+def slots_of(cls: type[Any]) -> dict[str, Slotted]:
     """Return the slots and groups of slots that a class and its bases declare, by name."""
-    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Child | Children)}
+    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Slotted)}
+
+
+def slot_specs(cls: type[Any]) -> tuple[SlotSpec, ...]:
+    """Describe the slots of a class, with the commands that a child must have: used or promised ones."""
+    known: tuple[SlotSpec, ...] | None = cls.__dict__.get(_CACHE)
+    if known is None:
+        known = tuple(_specs(cls))
+        setattr(cls, _CACHE, known)
+    return known
+
+
+def _specs(cls: type[Any]) -> Iterator[SlotSpec]:
+    slots = slots_of(cls)
+    groups = {name for name, slot in slots.items() if isinstance(slot, Children)}
+    used = used_commands(cls, slots.keys() - groups, groups)
+    for exposed in exposures_of(cls).values():
+        used.setdefault(exposed.child.name, set()).add(exposed.command)
+    for name, slot in slots.items():
+        needed = used[name] | {promise.name for promise in slot.promises()}
+        yield msgspec.structs.replace(slot.spec(), commands=tuple(sorted(needed)))
 
 
 def exposures_of(cls: type[Any]) -> dict[str, Exposed]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("files", "protocol", "sim", "vr", "proxy", "testing", "tui")
+ROOMS = ("files", "kinds", "protocol", "sim", "vr", "proxy", "testing", "tui")
 MAPPED = (*ROOMS, "examples")
 SOURCES = sorted(path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 SERIALISERS = {"pickle", "cloudpickle", "dill", "marshal", "shelve"}

@@ -40,6 +40,13 @@ ACTIONS: tuple[Action, ...] = (
         examples=("show arm-1",),
     ),
     Action(
+        usage="stubs NAME [--out FILE]",
+        help="Print the interface of a robot as Python, for `Child` in a page, which editors understand.",
+        group=LOOK,
+        run="stubs",
+        examples=("stubs arm-1", "stubs painter --out painter_kind.py"),
+    ),
+    Action(
         usage="look VIEW [FILE] [--camera CAMERA] [--size SIZE]",
         help="Fetch a picture of a workspace into a JPEG file.",
         group=LOOK,

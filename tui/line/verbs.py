@@ -184,6 +184,23 @@ async def show(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     return Outcome({**plain(robot), "readings": readings}, text)
 
 
+async def stubs(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
+    """Write the interface of a robot."""
+    import asyncio
+
+    from robotree.vr.stubs import interface
+
+    name, path = line.text("NAME"), line.text("--out")
+    robot = await fleet.describe(name)
+    source = interface(robot, origin=f"Written by `robotree stubs {name}`.")
+    if not path:
+        return Outcome({"kind": robot.kind, "source": source}, source.rstrip("\n"))
+    await asyncio.to_thread(overwrite, Path(path), source.encode())
+    module = Path(path).stem
+    told = f"{path}  from {module} import {robot.kind}; then: Child({robot.kind})"
+    return Outcome({"kind": robot.kind, "file": path}, told)
+
+
 async def look(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Fetch one picture into a file."""
     import asyncio

@@ -7,7 +7,7 @@ what it heard last and when, so that silence can be told from calm.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Container, Generator, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
@@ -618,10 +618,20 @@ class Store:
         """Whether a robot has just come."""
         return now - self._came.get(name, -FLASH) < FLASH
 
-    def candidates(self, parent: str, kind: str) -> list[Listing]:
-        """Return the free robots that a slot of this kind takes, without the parent and those above it."""
+    def candidates(self, parent: str, kind: str, commands: Collection[str] = ()) -> list[Listing]:
+        """Return the free robots that a slot takes, without the parent and those above it.
+
+        Args:
+            parent: whose slot it is.
+            kind: that it takes.
+            commands: names of those that a robot must have for it.
+        """
         above = self.lineage(parent)
-        return [one for name, one in sorted(self.robots.items()) if kind in one.kinds and name not in above]
+        return [
+            one
+            for name, one in sorted(self.robots.items())
+            if kind in one.kinds and name not in above and set(commands) <= set(one.commands)
+        ]
 
     def lineage(self, name: str) -> tuple[str, ...]:
         """Return a robot and all that command it, upwards."""

@@ -33,6 +33,7 @@ from robotree.vr.core.stop import Stop
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import (
     CycleOfBonds,
+    DoesNotFit,
     NotVirtual,
     ReloadWaits,
     StillBonded,
@@ -42,6 +43,7 @@ from robotree.vr.errors import (
 )
 from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.fitting import misfit
 from robotree.vr.requests import (
     Accepted,
     Delete,
@@ -417,11 +419,7 @@ class RobotAgent:
     # -- who commands it --------------------------------------------------------------------------
 
     def _petition(self, request: Petition) -> Reply:
-        name, kinds = self.robot.name, self.robot.kinds()
-        if request.kind not in kinds:
-            raise WrongKind(
-                robot=request.parent.name, slot=request.slot, wanted=request.kind, child=name, kind=kinds[0]
-            )
+        self._expect_to_fit(request)
         self.live.post(
             on.Ask(
                 parent=request.parent,
@@ -436,6 +434,22 @@ class RobotAgent:
         description = self.description()
         self._told = description.commands
         return self._granted(description)
+
+    def _expect_to_fit(self, request: Petition) -> None:
+        """Refuse a slot for which this robot is not made.
+
+        Raises:
+            WrongKind: it takes another kind.
+            DoesNotFit: this robot lacks a command of the kind.
+        """
+        parent, slot, wanted = request.parent.name, request.slot, request.kind
+        name, kinds = self.robot.name, self.robot.kinds()
+        if wanted not in kinds:
+            raise WrongKind(robot=parent, slot=slot, wanted=wanted, child=name, kind=kinds[0])
+        if request.promises or request.uses:
+            reason = misfit(self.description(), request.promises, request.uses)
+            if reason:
+                raise DoesNotFit(robot=parent, slot=slot, wanted=wanted, child=name, reason=reason)
 
     def _renew(self, request: Renew) -> Reply:
         renewal = on.Prolong(parent=request.parent, epoch=request.epoch, lineage=request.lineage)

@@ -17,7 +17,7 @@ from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.core.lease import DEFAULT_TERM, Lessee
-from robotree.vr.description import RobotDescription
+from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.envelope import seal
 from robotree.vr.errors import (
     CycleOfBonds,
@@ -33,6 +33,7 @@ from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.requests import Granted, Raised, Renew, Reply, decode_reply
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
+from robotree.vr.virtual_robot import slots_of
 
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
@@ -161,11 +162,21 @@ class Children:
         lineage, child = self._live.core.lineage, client.address
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
-        kind = self._slots[slot].spec.kind
+        spec = self._slots[slot].spec
+        promises = self._promises(spec.group or slot)
+        promised = {promise.name for promise in promises}
+        uses = tuple(name for name in spec.commands if name not in promised)
 
         async def petition() -> tuple[float, Granted]:
             return _now(), await client.petition(
-                self._parent, slot, kind=kind, lineage=lineage, term=self._term, key=key
+                self._parent,
+                slot,
+                kind=spec.kind,
+                promises=promises,
+                uses=uses,
+                lineage=lineage,
+                term=self._term,
+                key=key,
             )
 
         try:
@@ -181,6 +192,10 @@ class Children:
         return Bond(
             child=child, lease=lease, description=granted.robot, depth=granted.depth, ways=granted.ways
         )
+
+    def _promises(self, slot: str) -> tuple[CommandSpec, ...]:
+        declared = slots_of(type(self._live.robot)).get(slot)
+        return () if declared is None else declared.promises()
 
     async def _lives(self, key: str) -> bool:
         """Whether somebody lives under a key, heard or not: after one of two hung, their link is gone."""

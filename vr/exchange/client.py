@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from robotree.vr.address import Address
 from robotree.vr.core.confirmation import unmeasured
 from robotree.vr.core.lease import DEFAULT_TERM
-from robotree.vr.description import Arguments, RobotDescription
+from robotree.vr.description import Arguments, CommandSpec, RobotDescription
 from robotree.vr.envelope import seal
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import (
@@ -332,6 +332,8 @@ class RobotClient:
         slot: str,
         *,
         kind: str,
+        promises: tuple[CommandSpec, ...] = (),
+        uses: tuple[str, ...] = (),
         lineage: tuple[str, ...],
         term: float = DEFAULT_TERM,
         key: str = "",
@@ -342,11 +344,22 @@ class RobotClient:
             parent: who asks.
             slot: for which of its slots.
             kind: that the slot takes.
+            promises: commands that the kind promises.
+            uses: names of commands that the robot must have.
             lineage: names from the topmost ancestor down to the parent.
             term: [s] asked for.
             key: by which `retract` knows it again.
         """
-        petition = Petition(parent=parent, slot=slot, kind=kind, lineage=lineage, term=term, key=key)
+        petition = Petition(
+            parent=parent,
+            slot=slot,
+            kind=kind,
+            promises=promises,
+            uses=uses,
+            lineage=lineage,
+            term=term,
+            key=key,
+        )
         return await self._ask(petition, Granted, urgent=True, sender=parent.key)
 
     async def retract(self, parent: Address, key: str, *, timeout: float = PATIENCE) -> None:

@@ -36,7 +36,7 @@ from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
 from robotree.vr.transport import Hear
-from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slots_of
+from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""
@@ -218,7 +218,7 @@ class LiveRobot:
             return _nothing
         (robot, done), self._coming = coming, None
         state = self.core.state
-        specs = tuple(slot.spec() for slot in slots_of(type(robot)).values())
+        specs = slot_specs(type(robot))
         fields, notes = robot.field_values.taken_over(state.fields)
         slots = set(state.slots.by_name)
         try:

@@ -29,6 +29,7 @@ class Opening:
     slot: str
     kind: str
     doc: str = ""
+    commands: tuple[str, ...] = ()
 
     @property
     def path(self) -> str:
@@ -44,7 +45,7 @@ def openings(store: Store, name: str) -> list[Opening]:
         name: a robot. With empty slots of its own: those. Without: the empty slots of others that take it.
     """
     every = [
-        Opening(robot.name, slot.name, slot.kind, slot.doc)
+        Opening(robot.name, slot.name, slot.kind, slot.doc, slot.commands)
         for robot in sorted(store.descriptions.values(), key=lambda one: one.name)
         for slot in robot.slots
         if slot.child is None
@@ -93,7 +94,7 @@ class EnslaveDialog(Modal[Line | None]):
     def _offer(self) -> None:
         opening = self._opening
         children = self.query_one("#children", OptionList)
-        found = self._store.candidates(opening.parent, opening.kind)
+        found = self._store.candidates(opening.parent, opening.kind, opening.commands)
         children.clear_options()
         for listing in found:
             about = wording.summary(listing.doc)

@@ -1,0 +1,81 @@
+"""The interface of MoveTo. Written by `python docs/kinds.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from robotree.vr import Kind, Range, Unit, promised
+
+
+@dataclass(kw_only=True)
+class MoveToInfo:
+    """Values by name."""
+
+    x: Annotated[float, Unit("m"), Range(-0.65, 0.65), "forward, from the foot of the arm"]
+    y: Annotated[float, Unit("m"), Range(-0.65, 0.65), "to the left"]
+    z: Annotated[float, Unit("m"), Range(0.025, 0.8), "up, from the table"]
+    twist: Annotated[
+        float,
+        Unit("rad"),
+        Range(-3.141592653589793, 3.141592653589793),
+        "of the gripper, counterclockwise from above",
+    ]
+    fx: Annotated[float, Unit("N"), "of the world on the tool"]
+    fy: Annotated[float, Unit("N"), "of the world on the tool"]
+    fz: Annotated[float, Unit("N"), "of the world on the tool"]
+    tx: Annotated[float, Unit("N*m"), "of the world on the tool"]
+    ty: Annotated[float, Unit("N*m"), "of the world on the tool"]
+    tz: Annotated[float, Unit("N*m"), "of the world on the tool"]
+    width: Annotated[float, Unit("m"), Range(0.0, 0.08), "between the fingers"]
+    holding: Annotated[bool, "whether something is between the fingers"]
+    busy: Annotated[bool, "whether it moves to a goal"]
+
+
+class MoveTo(Kind):
+    """An arm that moves smoothly and looks where it goes."""
+
+    @promised(effect="repeat")
+    def move(
+        self,
+        x: Annotated[float, Unit("m"), Range(-0.8, 0.8)],
+        y: Annotated[float, Unit("m"), Range(-0.8, 0.8)],
+        z: Annotated[float, Unit("m"), Range(-0.8, 0.8)],
+        twist: Annotated[float, Unit("rad"), Range(-3.141592653589793, 3.141592653589793)],
+        speed: Annotated[float, Unit("m/s"), Range(0.01, 0.2), "along the way"] = 0.1,
+    ) -> None:
+        """Go to a point in small steps."""
+        raise NotImplementedError
+
+    @promised(effect="repeat")
+    def go_to(
+        self,
+        x: Annotated[float, Unit("m"), Range(-0.65, 0.65), "forward, from the foot of the arm"],
+        y: Annotated[float, Unit("m"), Range(-0.65, 0.65), "to the left"],
+        z: Annotated[float, Unit("m"), Range(0.025, 0.8), "up, from the table"],
+        twist: Annotated[
+            float,
+            Unit("rad"),
+            Range(-3.141592653589793, 3.141592653589793),
+            "of the gripper, counterclockwise from above",
+        ],
+        speed: Annotated[
+            float, Unit("m/s"), Range(0.005, 0.25), "along the way; slower where contact is expected"
+        ] = 0.15,
+    ) -> None:
+        """Move the gripper to a point, on a line if there is one, and turn it."""
+        raise NotImplementedError
+
+    @promised(effect="read")
+    def get_info(self) -> MoveToInfo:
+        """Tell place, twist, forces on every axis, and what the gripper does."""
+        raise NotImplementedError
+
+    @promised(effect="repeat")
+    def grip(
+        self,
+        action: Literal["open", "close", "width"],
+        width: Annotated[float, Unit("m"), Range(0.0, 0.08), "between the fingers"] = 0.08,
+    ) -> None:
+        """Open or close the gripper, or bring it to a width; it stops at what is between the fingers."""
+        raise NotImplementedError

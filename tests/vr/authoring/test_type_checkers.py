@@ -1,0 +1,164 @@
+"""Editors and type checkers know the commands of children: right and wrong pages under pyright and mypy."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.vr.authoring.test_values import Painter
+
+ROOT = Path(__file__).parents[3]
+TOOLS = Path(sys.executable).parent
+
+RIGHT = '''
+from robotree.kinds import Arm, Rover
+from robotree.vr import Child, Children, VirtualRobot, command
+
+
+class Right(VirtualRobot):
+    """Uses its children as they are."""
+
+    arm = Child(Arm)
+    rovers = Children(Rover, least=1, most=4)
+    other = Child("Conveyor", optional=True)
+
+    @command
+    def go(self, x: float) -> float:
+        """Go there."""
+        here = self.arm.get_info()
+        self.arm.go_to(x=x, y=here.y, z=here.z + 0.1, twist=0)
+        self.arm.go_to(x, 0.0, 0.3, 0.0, speed=0.1)
+        moving = self.arm.get_info.start()
+        self.arm.grip.tell(action="open")
+        height: float = moving.result().z
+        for index, rover in self.rovers.items():
+            rover.move(x=index * 0.1, y=0)
+        first: float = self.rovers[0].get_info().vx
+        if self.other:
+            self.other.run(speed=1)
+        return height + first
+
+    get_info = arm.exposed()
+'''
+WRONG = '''
+from robotree.kinds import Arm, Rover
+from robotree.vr import Child, Children, VirtualRobot, command
+
+
+class Wrong(VirtualRobot):
+    """Makes one mistake in each marked line."""
+
+    arm = Child(Arm)
+    rovers = Children(Rover)
+
+    @command
+    def go(self) -> None:
+        """Go there."""
+        self.arm.go_to(x="far", y=0, z=0, twist=0)  # wrong
+        self.arm.go_to(x=0.1, y=0, z=0)  # wrong
+        self.arm.no_such()  # wrong
+        self.arm.get_info().height  # wrong
+        self.arm.grip(action="ajar")  # wrong
+        self.arm.go_to.start(x=0.1, y=0, z="up", twist=0)  # wrong
+        self.arm.go_to.tell(a=1)  # wrong
+        word: str = self.arm.get_info.start().result().z  # wrong
+        for rover in self.rovers:
+            rover.fly()  # wrong
+        self.rovers[0].move(x=None, y=0)  # wrong
+        print(word)
+
+
+class NoKind(VirtualRobot):
+    """Gives a class that is no interface."""
+
+    arm = Child(int)  # wrong
+'''
+OWN = '''
+from painter_kind import Painter
+from robotree.vr import Child, VirtualRobot, command
+
+
+class Studio(VirtualRobot):
+    """Uses the interface that was written from a living robot."""
+
+    painter = Child(Painter)
+
+    @command
+    def paint(self) -> int:
+        """Paint."""
+        self.painter.stroke(heights=[0.1], hand="up")  # wrong
+        seen = self.painter.look()
+        nearest: float = seen.nearest  # wrong
+        print(nearest, seen.cups[0].at.x + 1)
+        return self.painter.follow(points=[])
+'''
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of an author's own, with pages."""
+    from robotree.vr.address import Address
+    from robotree.vr.command import commands_of
+    from robotree.vr.description import RobotDescription
+    from robotree.vr.stubs import interface
+
+    made = tmp_path_factory.mktemp("pages")
+    specs = tuple(one.spec for one in commands_of(Painter).values())
+    painter = RobotDescription(address=Address("robot", "p", "1"), kinds=Painter.kinds(), commands=specs)
+    (made / "painter_kind.py").write_text(interface(painter, origin="Written by a test."))
+    for name, text in (("right", RIGHT), ("wrong", WRONG), ("own", OWN)):
+        (made / f"{name}.py").write_text(text)
+    return made
+
+
+def marked(folder: Path) -> set[tuple[str, int]]:
+    return {
+        (path.name, number)
+        for path in folder.glob("*.py")
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if line.endswith("# wrong")
+    }
+
+
+def test_pyright_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
+    settings = {
+        "extraPaths": [str(ROOT / "typings")],
+        "typeCheckingMode": "standard",
+        "reportUnusedExpression": False,
+    }
+    settings |= {"venvPath": str(TOOLS.parents[1]), "venv": TOOLS.parent.name}
+    (folder / "pyrightconfig.json").write_text(json.dumps(settings))
+    said = subprocess.run(
+        [str(TOOLS / "pyright"), "--outputjson"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    found = json.loads(said.stdout)["generalDiagnostics"]
+    places = {(Path(one["file"]).name, one["range"]["start"]["line"] + 1) for one in found}
+    assert places == marked(folder), found
+
+
+def test_mypy_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
+    command = [
+        str(TOOLS / "mypy"),
+        "--strict",
+        "--follow-imports=silent",
+        "--namespace-packages",
+        "--explicit-package-bases",
+    ]
+    command += [f"--cache-dir={ROOT / '.mypy_cache'}", "--no-error-summary", "--no-color-output", "."]
+    said = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={"MYPYPATH": f"{ROOT / 'typings'}:{folder}"},
+    )
+    places = {
+        (one[1], int(one[2])) for one in re.finditer(r"^(\w+\.py):(\d+): error", said.stdout, re.MULTILINE)
+    }
+    assert places == marked(folder), said.stdout + said.stderr
