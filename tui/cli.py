@@ -157,7 +157,7 @@ def _ask(line: Line, realm: str) -> int:
     """Carry out a verb over the robots of a realm."""
     from robotree.tui.line.shell import once
 
-    return _run(once(line, realm), listening=line.verb == "watch")
+    return _run(once(line, realm), listening=line.verb == "watch" or line.flag("--follow"))
 
 
 def _look(line: Line, realm: str, *, readonly: bool) -> int:

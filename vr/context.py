@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import msgspec
 
+from robotree.vr.requests import Level
+
 T = TypeVar("T")
 
 
@@ -204,6 +206,10 @@ class Activity(Protocol):
 
     def keep(self, change: Callable[[], None]) -> None:
         """Change what the robot keeps. No cancellation point: a command that ends may still note why."""
+        ...
+
+    def say(self, level: Level, text: str, *, piece: bool = False) -> None:
+        """Enter a text, or a piece of a line, in the robot's log. No cancellation point."""
         ...
 
     def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:

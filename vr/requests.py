@@ -8,7 +8,7 @@ Decoding never trusts the sender: what cannot be read is `Garbled`. Each request
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
@@ -187,6 +187,13 @@ class DescribeHost(_Message, frozen=True, kw_only=True):
 # -- asked of a lookup service ---------------------------------------------------------------------
 
 
+class ReadLog(_Message, frozen=True, kw_only=True):
+    """Asked of a robot: what has its code said? Answered by `Logged`."""
+
+    after: int = 0
+    """Number of the last line that is known; 0: none is."""
+
+
 class Register(_Message, frozen=True, kw_only=True):
     """A process enters, changes or takes out listings and prolongs its lease. Answered by `Registered`.
 
@@ -264,6 +271,27 @@ class Reloaded(_Message, frozen=True, kw_only=True):
     robot: RobotDescription
     notes: tuple[str, ...] = ()
     """What could not stay, and what is new, as sentences."""
+
+
+Level = Literal["debug", "info", "warning", "error", "done", "failed", "cancelled"]
+"""How important a line is; of the last three, how a command ended."""
+
+
+class Said(msgspec.Struct, frozen=True):
+    """One line of a robot's log."""
+
+    number: int
+    """Of the lines of this robot; each has a higher one."""
+    unix: float
+    """[s] since 1970, on the clock of its host."""
+    level: Level
+    text: str
+
+
+class Logged(_Message, frozen=True, kw_only=True):
+    """Lines of a robot's log, the oldest first."""
+
+    lines: tuple[Said, ...] = ()
 
 
 class Granted(_Message, frozen=True, kw_only=True):
@@ -369,6 +397,12 @@ class Unlisted(_Message, frozen=True, kw_only=True):
     revision: int
 
 
+class Heard(_Message, frozen=True, kw_only=True):
+    """A robot tells what its code says, under its key + `/log`."""
+
+    lines: tuple[Said, ...]
+
+
 class State(_Message, frozen=True, kw_only=True):
     """A robot tells how it is, at every change and slowly otherwise, under its key + `/state`."""
 
@@ -391,13 +425,14 @@ class State(_Message, frozen=True, kw_only=True):
 
 Request = (
     Describe | Call | Detach | Cancel | Petition | Retract | Renew | Release | SafeStop | Resume | Enslave
-    | Free | Delete | Create | Reload | DescribeHost | Register | Query | Look | DescribeView
+    | Free | Delete | Create | Reload | ReadLog | DescribeHost | Register | Query | Look
+    | DescribeView
 )  # fmt: skip
 Reply = (
-    Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Registered | Found
-    | Picture | ViewDescribed | Done | Raised
+    Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | Registered
+    | Found | Picture | ViewDescribed | Done | Raised
 )  # fmt: skip
-Event = Listed | Unlisted | State
+Event = Heard | Listed | Unlisted | State
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()

@@ -62,6 +62,16 @@ ACTIONS: tuple[Action, ...] = (
         examples=("watch arm-1 --json",),
     ),
     Action(
+        usage="log [NAME] [--follow]",
+        help="Print what the code of a robot says (print, warnings, logging) and how its commands ended;"
+        " --follow: go on until it is interrupted. Without NAME, in the full screen: the whole log.",
+        group=LOOK,
+        run="log",
+        where=ANYWHERE,
+        key="g",
+        examples=("log team", "log team --follow --json"),
+    ),
+    Action(
         usage="info",
         help="Print versions, paths, what the terminal can, and the realm.",
         group=LOOK,
@@ -455,7 +465,6 @@ ACTIONS: tuple[Action, ...] = (
         key="L",
     ),
     Action("camera", "Show the picture of the next camera.", SCREEN, where=SHOWN, key="V"),
-    Action("log", "Show the whole log.", SCREEN, where=SHOWN, key="g"),
     Action(
         "filter",
         "Show only rows that contain these letters.",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, cast
 
 from robotree.files import overwrite
-from robotree.tui.errors import OldList, SomeHang, SupervisorError, ValueRefused
+from robotree.tui.errors import BadLine, OldList, SomeHang, SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen import forest, status, unlisted, wording
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
 
     from robotree.vr.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.requests import State
+    from robotree.vr.requests import Said, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -238,6 +238,40 @@ async def watch(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
             await asyncio.Event().wait()
     except TimeoutError:
         pass
+    finally:
+        await watching.close()
+    return Outcome(None)
+
+
+async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Tell what the code of a robot says."""
+    import asyncio
+
+    name = line.text("NAME")
+    if not name:
+        raise BadLine("log: NAME is missing", "log NAME [--follow]")
+    if not line.flag("--follow"):
+        said = await fleet.read_log(name)
+        return Outcome([plain(one) for one in said], "\n".join(map(wording.said, said)))
+    last = 0
+
+    def tell(_: str, said: Sequence[Said]) -> None:
+        nonlocal last
+        for one in said:
+            if one.number > last:
+                last = one.number
+                teller.outcome(Outcome(plain(one), wording.said(one)))
+
+    def tell_new(name: str, said: Sequence[Said]) -> None:
+        nonlocal last
+        if said and said[0].number < last:  # it was made anew
+            last = 0
+        tell(name, said)
+
+    watching = await fleet.watch_log(name, tell_new)
+    try:
+        tell(name, await fleet.read_log(name))
+        await asyncio.Event().wait()
     finally:
         await watching.close()
     return Outcome(None)

@@ -136,7 +136,9 @@ class Supervisor(OperatorApp):
             return
         if line is None:
             return
-        if not BY_VERB[line.verb].run:
+        if line.verb == "log" and (line.flag("--follow") or not line.text("NAME")):
+            line = Line("log")  # what robots say comes there by itself
+        if not BY_VERB[line.verb].run or line == Line("log"):
             self.ask_for(line.verb)
         elif BY_VERB[line.verb].danger:
             self._confirm(line)

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
-from robotree.tui.seen.store import Store
+from robotree.tui.seen.store import Store, Weight
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.address import Address
     from robotree.vr.description import RobotDescription
-    from robotree.vr.requests import State
+    from robotree.vr.requests import Said, State
     from robotree.vr.supervision.fleet import Fleet
     from robotree.vr.transport import Registration
 
@@ -27,6 +27,14 @@ PAUSE = 0.4
 
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
+
+WEIGHTS: Mapping[str, Weight] = {
+    "debug": "plain",
+    "info": "plain",
+    "warning": "warning",
+    "error": "error",
+}
+"""How what a robot's code says is shown, by its level."""
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +47,7 @@ class Feed:
         self.fleet, self.store, self.clock = fleet, store, clock
         self._hint = asyncio.Event()
         self._watching: Registration | None = None
+        self._listening: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._patrol: asyncio.Task[None] | None = None
         self._silent: set[str] = set()
@@ -51,6 +60,7 @@ class Feed:
         self._take_lists()
         self._forget = self.fleet.on_change(self._take_lists)
         self._watching = await self.fleet.watch_state(None, self._take_state)
+        self._listening = await self.fleet.watch_log(None, self._take_lines)
         self._patrol = asyncio.create_task(self._keep_looking(), name="feed of the supervisor")
 
     async def close(self) -> None:
@@ -62,9 +72,10 @@ class Feed:
             self._patrol.cancel()
             await asyncio.gather(self._patrol, return_exceptions=True)
             self._patrol = None
-        if self._watching:
-            await self._watching.close()
-            self._watching = None
+        for registration in (self._watching, self._listening):
+            if registration:
+                await registration.close()
+        self._watching = self._listening = None
 
     def _take_lists(self) -> None:
         now = self.clock()
@@ -82,6 +93,12 @@ class Feed:
         self.store.take_state(name, state, self.clock())
         if self.store.shape != shape:
             self._hint.set()
+
+    def _take_lines(self, name: str, lines: Sequence[Said]) -> None:
+        """Enter what the code of a robot says; how commands ended is known from elsewhere."""
+        for line in lines:
+            if line.level in WEIGHTS:
+                self.store.tell(f"{name}: {line.text}", WEIGHTS[line.level], self.clock(), name)
 
     def hint(self) -> None:
         """Ask for the tree again soon: it has changed."""

@@ -5,6 +5,7 @@ Pure; plain text without markup or colour.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
@@ -12,6 +13,7 @@ from robotree.tui.seen import status
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
+    from robotree.vr.requests import Said
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
@@ -229,6 +231,12 @@ def portrait(robot: RobotDescription) -> str:
 def vacant(slot: SlotSpec) -> str:
     """Say that a slot is empty, and whether that matters."""
     return "empty, optional" if slot.optional else "empty"
+
+
+def said(line: Said) -> str:
+    """Return one line of a robot's log: when, how important, what."""
+    clock = time.strftime("%H:%M:%S", time.localtime(line.unix))
+    return f"{clock}  {line.level:9}  {line.text}"
 
 
 def settings(robot: RobotDescription) -> tuple[FieldSpec, ...]:

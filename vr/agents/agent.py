@@ -17,6 +17,7 @@ from typing import Any
 from robotree.vr.address import Address
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import Children
+from robotree.vr.agents.echo import Echo
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.news import Listings, News
 from robotree.vr.agents.outside import OutsideCalls
@@ -53,7 +54,10 @@ from robotree.vr.requests import (
     Enslave,
     Free,
     Granted,
+    Level,
+    Logged,
     Petition,
+    ReadLog,
     Release,
     Renew,
     Reply,
@@ -127,7 +131,7 @@ class RobotAgent:
             on_effect=self._take_effect,
             on_change=self.changed,
         )
-        self._hooks = Hooks(robot, self._process.runner)
+        self._hooks = Hooks(robot, self._process.runner, self._say)
         self._news = News(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
@@ -138,6 +142,10 @@ class RobotAgent:
         self._told: tuple[CommandSpec, ...] = ()
         """The commands of which the parent knows."""
         self._begin_life()
+
+    def _say(self, level: Level, text: str, *, piece: bool = False) -> None:
+        """Take what the robot's hooks say."""
+        self.live.say("", level, text, piece=piece)
 
     @property
     def robot(self) -> Robot:
@@ -150,6 +158,7 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
+        self._echo = Echo(self.live.log, self.address, self.transport)
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
         self._unwatch_parent: Undo = _nothing
@@ -404,6 +413,8 @@ class RobotAgent:
         match request:
             case Describe():
                 return Described(robot=self.description())
+            case ReadLog(after=after):
+                return Logged(lines=tuple(self.live.log.since(after)))
             case Petition():
                 return self._petition(request)
             case Retract():

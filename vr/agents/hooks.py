@@ -18,6 +18,7 @@ from functools import partial
 
 from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
+from robotree.vr.running.heard import Voice, speaking
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
 from robotree.vr.running.trace import trace
@@ -91,8 +92,9 @@ class Confirming:
 class Hooks:
     """The hooks of one robot."""
 
-    def __init__(self, robot: Robot, runner: Runner) -> None:
-        """Take the robot whose hooks are meant, and what runs them."""
+    def __init__(self, robot: Robot, runner: Runner, voice: Voice) -> None:
+        """Take the robot whose hooks are meant, what runs them, and what takes what they say."""
+        self._voice = voice
         self._robot, self._runner = robot, runner
         self._latest: dict[str, float] = {}
         self._sampling = threading.Lock()
@@ -164,7 +166,8 @@ class Hooks:
             raise
 
     def _in_turn(self, name: str, hook: Hook) -> Future[bool]:
-        self._latest_turn = self._turns.submit(partial(_went_well, f"{self._robot.name}.{name}", hook))
+        work = partial(_went_well, f"{self._robot.name}.{name}", hook, self._voice)
+        self._latest_turn = self._turns.submit(work)
         return self._latest_turn
 
     def _foreign(self, name: str) -> bool:
@@ -184,7 +187,8 @@ class Hooks:
 
     def _sample(self) -> None:
         try:
-            readings = self._robot.readings()
+            with speaking(self._voice):
+                readings = self._robot.readings()
             self._latest = {str(name): float(value) for name, value in readings.items() if _is_number(value)}
         except Exception as error:  # noqa: BLE001 # the boundary to an author's code
             if not self._complained:
@@ -196,10 +200,11 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not math.isinf(value)
 
 
-def _went_well(what: str, hook: Hook) -> bool:
+def _went_well(what: str, hook: Hook, voice: Voice) -> bool:
     """Run an author's hook in its thread; return whether it has ended as it should."""
     try:
-        left = hook()
+        with speaking(voice):
+            left = hook()
     except Exception as error:  # noqa: BLE001 # the boundary to an author's code
         _log.error("%s failed\n%s", what, trace(error))
         return False

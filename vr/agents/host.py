@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -30,11 +30,13 @@ from robotree.vr.requests import (
     Described,
     DescribeHost,
     HostDescribed,
+    Level,
     Reload,
     Reloaded,
     Reply,
     Request,
 )
+from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
 from robotree.vr.transport import Registration, Transport
@@ -44,6 +46,17 @@ AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
 
 _log = logging.getLogger(__name__)
+
+
+def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[Level, str, bool]]]:
+    """Make a robot; return it with what its page said meanwhile."""
+    heard: list[tuple[Level, str, bool]] = []
+
+    def hear(level: Level, text: str, *, piece: bool = False) -> None:
+        heard.append((level, text, piece))
+
+    with speaking(hear):
+        return make(), heard
 
 
 class Host:
@@ -143,7 +156,7 @@ class Host:
             await expect_free(self._transport, Address("robot", name, ""))
             loop = asyncio.get_running_loop()
             make = partial(bundle.create, name, settings=settings, limit=self._limit)
-            robot = await loop.run_in_executor(self._loaders, make)
+            robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
             agent = RobotAgent(
                 robot,
                 self._transport,
@@ -152,6 +165,8 @@ class Host:
                 process=self._process,
                 shared=self._shared,
             )
+            for level, text, piece in heard:
+                agent.live.say("", level, text, piece=piece)
             await self._settle(agent)
             await self._begin(agent)
         finally:
@@ -180,8 +195,10 @@ class Host:
             raise NoSuchRobot(name=name)
         loop = asyncio.get_running_loop()
         load = partial(bundle.again, agent.robot, limit=self._limit)
-        robot = await loop.run_in_executor(self._loaders, load)
+        robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
         notes = await agent.reload(robot, origin, now=now, within=within)
+        for level, text, piece in heard:
+            agent.live.say("", level, text, piece=piece)
         if not agent.live.core.state.calls.running:
             await self._begin(agent)
         return Reloaded(robot=agent.description(), notes=tuple(notes))

@@ -13,6 +13,7 @@ from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
+from robotree.vr.running.heard import listening
 
 Ready = Callable[[str], None]
 """Told the key of an agent that is up."""
@@ -53,6 +54,7 @@ async def run_host(
     check_name(name)
     sys.setswitchinterval(TURN)
     async with contextlib.AsyncExitStack() as stack:
+        stack.enter_context(listening())
         transport = await join(realm)
         stack.push_async_callback(transport.close)
         registrar = Registrar(transport)

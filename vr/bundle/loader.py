@@ -6,6 +6,7 @@ of its own, so what two robots of one page keep in their classes is not shared; 
 
 from __future__ import annotations
 
+import contextvars
 import itertools
 import linecache
 import logging
@@ -156,7 +157,8 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         outcome.append((value, error))
         ended.set()
 
-    thread = InterruptibleThread(work, done, name=f"load {path}")
+    context = contextvars.copy_context()  # who takes what it says
+    thread = InterruptibleThread(lambda: context.run(work), done, name=f"load {path}")
     thread.start()
     if not ended.wait(limit):
         thread.interrupt()

@@ -30,11 +30,13 @@ from robotree.vr.requests import (
     Free,
     Granted,
     HostDescribed,
+    Logged,
     Look,
     Petition,
     Picture,
     Progress,
     Raised,
+    ReadLog,
     Release,
     Reload,
     Reloaded,
@@ -45,6 +47,7 @@ from robotree.vr.requests import (
     Retract,
     Returned,
     SafeStop,
+    Said,
     ViewDescribed,
     decode_reply,
 )
@@ -306,6 +309,10 @@ class RobotClient:
     async def describe(self, *, urgent: bool = False) -> RobotDescription:
         """Ask who it is and how it is; `urgent`: ahead of everything else, as a stop is."""
         return (await self._ask(Describe(), Described, urgent=urgent)).robot
+
+    async def read_log(self, after: int = 0) -> Sequence[Said]:
+        """Ask what its code has said, the oldest line first; `after`: the number of the last line known."""
+        return (await self._ask(ReadLog(after=after), Logged)).lines
 
     async def enslave(self, slot: str, child: Address) -> RobotDescription:
         """Bind a child to one of its slots."""

@@ -21,6 +21,7 @@ from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
+from robotree.vr.core import calls as on_calls
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
@@ -28,8 +29,9 @@ from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
 from robotree.vr.errors import BadArgument, CommandCancelled, NoSuchCommand, VrError
 from robotree.vr.fields import SET
-from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Raised, Returned
+from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.robot import Robot
+from robotree.vr.running.heard import Log
 from robotree.vr.running.outcome import check_result, raised
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
@@ -118,12 +120,7 @@ class LiveRobot:
         self._lock = process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
-        self.page = ""
-        """Where its author keeps its page, for a reload; empty: nobody knows."""
-        self._coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
-        """The page that waits for a boundary between commands."""
-        self._turned = False
-        """Whether accepted calls may have been checked for another page."""
+        self._begin_page()
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
@@ -136,6 +133,17 @@ class LiveRobot:
         """The robots that live in this process, by key."""
         self._ledgers: dict[str, _Ledger] = {}
         """The numbered calls of each child in another process, by `parent/slot/epoch`."""
+
+    def _begin_page(self) -> None:
+        """Its first page is in force, and has said nothing."""
+        self.log = Log(self._runner.now, self._runner.unix)
+        """What its code says."""
+        self.page = ""
+        """Where its author keeps its page, for a reload; empty: nobody knows."""
+        self._coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
+        """The page that waits for a boundary between commands."""
+        self._turned = False
+        """Whether accepted calls may have been checked for another page."""
 
     # -- the one door -----------------------------------------------------------------------------
 
@@ -418,6 +426,24 @@ class LiveRobot:
             listener.note(fraction, text)
         self._on_change()
 
+    def say(self, key: str, level: Level, text: str, *, piece: bool = False) -> None:
+        """Take what a running command says; empty key: what other code of the robot says."""
+        if piece:
+            self.log.write(key, level, text)
+        else:
+            self.log.say(level, text)
+
+    def _enter_end(self, call: on_calls.Call, reply: Returned | Raised) -> None:
+        """Enter in the log how a command ended: that, of those that only read, failures alone."""
+        self.log.end(call.key)
+        if isinstance(reply, Returned):
+            if not call.reads:
+                self.log.say("done", f"{call.command} is done")
+        elif reply.error in {"CommandCancelled", "ChildCancelled"}:
+            self.log.say("cancelled", str(reply.revive()))
+        else:
+            self.log.say("failed", str(reply.revive()))
+
     # -- what it can do ---------------------------------------------------------------------------
 
     def spec(self, name: str) -> CommandSpec:
@@ -524,6 +550,7 @@ class LiveRobot:
         if worker.dead:
             self.gone(key)
         else:
+            self._enter_end(call, reply)
             self.post(on.Finish(key=key, reply=reply))
 
     def _pass_on(self, frame: Frame, exposed: Exposed, arguments: Arguments) -> Any:

@@ -24,7 +24,7 @@ import msgspec
 
 from robotree.vr.context import CommandContext, enter
 from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
-from robotree.vr.requests import LONGEST_CLEANUP
+from robotree.vr.requests import LONGEST_CLEANUP, Level
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.together import Group, Part, Started
 
@@ -62,6 +62,10 @@ class Caller(Protocol):
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far the command is."""
+        ...
+
+    def say(self, key: str, level: Level, text: str, *, piece: bool) -> None:
+        """Take what the command says."""
         ...
 
     def note_child(self, key: str, child: str, text: str) -> None:
@@ -278,6 +282,10 @@ class Frame:
             change()
         finally:
             worker.arm(self)
+
+    def say(self, level: Level, text: str, *, piece: bool = False) -> None:
+        """See `Activity.say`."""
+        self.keep(lambda: self.live.say(self.context.key, level, text, piece=piece))
 
     def call(self, slot: str, command: str, arguments: Mapping[str, Any]) -> Any:
         """See `Activity.call`."""

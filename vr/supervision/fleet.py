@@ -21,7 +21,16 @@ from robotree.vr.exchange.client import (
     ViewClient,
 )
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.requests import HostDescribed, Picture, Reloaded, State, ViewDescribed, decode_event
+from robotree.vr.requests import (
+    Heard,
+    HostDescribed,
+    Picture,
+    Reloaded,
+    Said,
+    State,
+    ViewDescribed,
+    decode_event,
+)
 from robotree.vr.running.chance import token
 from robotree.vr.supervision.orders import Orders
 from robotree.vr.supervision.stop import OnLate
@@ -125,6 +134,35 @@ class Fleet:
 
         pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
         return await self._transport.subscribe(f"{pattern}/state", hear)
+
+    async def watch_log(
+        self, name: str | None, callback: Callable[[str, Sequence[Said]], None]
+    ) -> Registration:
+        """Hear what the code of one robot says, whenever it lives, or of all.
+
+        Args:
+            name: of the robot; None: all.
+            callback: takes the name of a robot and new lines of its log.
+
+        Raises:
+            BadName: that cannot be a name.
+        """
+
+        def hear(key: str, body: bytes) -> None:
+            address = Address.parse(key.rpartition("/")[0])
+            try:
+                event = decode_event(body, key=key)
+            except VrError:
+                return  # a robot of another version
+            if address is not None and isinstance(event, Heard):
+                callback(address.name, event.lines)
+
+        pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
+        return await self._transport.subscribe(f"{pattern}/log", hear)
+
+    async def read_log(self, name: str, after: int = 0) -> Sequence[Said]:
+        """Ask a robot what its code has said, the oldest line first; `after`: the last line known."""
+        return await self._ask(name, lambda robot: robot.read_log(after))
 
     # -- what they are ----------------------------------------------------------------------------
 

@@ -1,0 +1,223 @@
+"""What the code of robots says: `print`, warnings and `logging` go to the log of the robot that runs them.
+
+A host is one process with one standard output and many robots. Whose line it is follows from the context in
+which it is written: that of a running command (`context.activity_here`), also in a thread that the command
+was handed on to, or that of a hook or a constructor (`speaking`). All else goes where it went before.
+
+A log is bounded in two ways: it keeps the last `KEPT` lines, and it takes `BURST` lines at once and `RATE` a
+second after that; of what comes quicker it says how many lines were dropped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import sys
+import threading
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any, Literal, Protocol, TextIO
+
+from robotree.vr.context import activity_here
+from robotree.vr.requests import Level, Said
+from robotree.vr.running.naming import authors_file
+
+KEPT = 500
+"""Lines of each robot."""
+LONGEST = 500
+"""Characters of a line."""
+BURST, RATE = 200, 50.0
+"""Lines at once, and lines a second."""
+
+
+class Voice(Protocol):
+    """Takes what is said."""
+
+    def __call__(self, level: Level, text: str, *, piece: bool = False) -> None:
+        """Take one text, or a piece of one that ends with a line break when its line does."""
+        ...
+
+
+_voice: ContextVar[Voice | None] = ContextVar("robotree_voice", default=None)
+
+
+class Log:
+    """What one robot says. Its methods may be called from any thread."""
+
+    def __init__(
+        self,
+        now: Callable[[], float],
+        unix: Callable[[], float],
+        on_line: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Begin empty.
+
+        Args:
+            now: returns the time [s] on a monotonic clock.
+            unix: returns the time [s] since 1970.
+            on_line: told that there are new lines. In any thread, very often: must be quick.
+        """
+        self.on_line = on_line
+        self._now, self._unix = now, unix
+        self._lines: deque[Said] = deque(maxlen=KEPT)
+        self._lock = threading.Lock()
+        self._number = 0
+        self._room, self._at = float(BURST), now()
+        self._dropped = 0
+        self._begun: dict[str, str] = {}
+        """Lines that have no end yet, by command and level."""
+
+    def write(self, key: str, level: Level, text: str) -> None:
+        """Take a piece of text; what has no line break yet waits for it.
+
+        Args:
+            key: of the command that says it; empty: none does.
+            level: how important it is.
+            text: of any length.
+        """
+        place = f"{key}|{level}"
+        *whole, rest = (self._begun.pop(place, "") + text).split("\n")
+        if len(rest) > LONGEST:
+            whole, rest = [*whole, rest], ""
+        if rest:
+            self._begun[place] = rest
+        for line in whole:
+            self.say(level, line)
+
+    def end(self, key: str) -> None:
+        """A command has ended: say what has no line break."""
+        for place in [one for one in self._begun if one.rpartition("|")[0] == key]:
+            level: Any = place.rpartition("|")[2]
+            self.say(level, self._begun.pop(place))
+
+    def say(self, level: Level, text: str) -> None:
+        """Take a line."""
+        with self._lock:
+            now = self._now()
+            self._room = min(float(BURST), self._room + (now - self._at) * RATE)
+            self._at = now
+            if self._room < 1.0:
+                self._dropped += 1
+                return
+            self._room -= 1.0
+            self._own_up()
+            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…")
+        self.on_line()
+
+    def since(self, number: int) -> list[Said]:
+        """Return the lines after the one of a number, the oldest first."""
+        with self._lock:
+            self._own_up()
+            return [line for line in self._lines if line.number > number]
+
+    def _own_up(self) -> None:
+        """Say how many lines were dropped."""
+        if self._dropped:
+            count, self._dropped = self._dropped, 0
+            self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
+
+    def _append(self, level: Level, text: str) -> None:
+        self._number += 1
+        self._lines.append(Said(number=self._number, unix=self._unix(), level=level, text=text))
+
+
+# -- who speaks ------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def speaking(voice: Voice) -> Generator[None]:
+    """Let what is said in the block be that of one robot."""
+    token = _voice.set(voice)
+    try:
+        yield
+    finally:
+        _voice.reset(token)
+
+
+def voice_here() -> Voice | None:
+    """Return who takes what is said here; None: nobody."""
+    activity = activity_here()
+    return _voice.get() if activity is None else activity.say
+
+
+class _Stream(io.TextIOBase):
+    """A standard stream that hands on what robots say."""
+
+    def __init__(self, stream: TextIO, level: Level) -> None:
+        super().__init__()
+        self._stream = stream
+        self._level: Level = level
+
+    def write(self, text: str) -> int:
+        """Write, and let the robot's log have it."""
+        voice = voice_here()
+        if voice is not None:
+            voice(self._level, text, piece=True)
+        return self._stream.write(text)
+
+    def flush(self) -> None:
+        """Flush."""
+        self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+class _Handler(logging.Handler):
+    """Hands on what robots log."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Let the robot's log have a record; others go where they go without any handler."""
+        voice = voice_here()
+        if voice is not None:
+            voice(_level(record.levelno), self.format(record))
+        elif logging.lastResort is not None and record.levelno >= logging.lastResort.level:
+            logging.lastResort.handle(record)
+
+
+def _level(number: int) -> Literal["debug", "info", "warning", "error"]:
+    if number >= logging.ERROR:
+        return "error"
+    if number >= logging.WARNING:
+        return "warning"
+    return "info" if number >= logging.INFO else "debug"
+
+
+@contextlib.contextmanager
+def listening() -> Generator[None]:
+    """Hear what robots say in this process, in the block: for the process of a host."""
+    before = sys.stdout, sys.stderr, warnings.showwarning
+    root, handler = logging.getLogger(), _Handler(logging.NOTSET)
+    level = root.level
+    for other in root.handlers:
+        other.setLevel(max(other.level, level))  # it gets no more than before
+    sys.stdout, sys.stderr = _Stream(sys.stdout, "info"), _Stream(sys.stderr, "warning")
+    root.addHandler(handler)
+    root.setLevel(logging.INFO)
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        voice = voice_here()
+        if voice is None:
+            before[2](message, category, filename, lineno, file, line)
+        else:
+            page = Path(authors_file(filename)).name
+            voice("warning", f"{category.__name__}: {message} ({page}, line {lineno})")
+
+    warnings.showwarning = show
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr, warnings.showwarning = before
+        root.removeHandler(handler)
+        root.setLevel(level)
