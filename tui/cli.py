@@ -34,6 +34,7 @@ from robotree.tui.terminal import (
 
 if TYPE_CHECKING:
     from robotree.tui.processes.serving import Ready
+    from robotree.vr.description import CommandSpec
 
 
 def program() -> NoReturn:
@@ -144,7 +145,18 @@ def _start(line: Line, *, readonly: bool) -> int:
 
             return int(import_module(f"robotree.tui.{verb.partition(' ')[0]}").start(line))
         case verb:
-            return _look(line, realm, readonly=readonly) if verb in {"info", "doctor"} else _ask(line, realm)
+            apart = {"check": _author, "new": _author, "info": _look, "doctor": _look}
+            return apart.get(verb, _ask)(line, realm, readonly)
+
+
+def _kinds() -> dict[str, dict[str, CommandSpec]]:
+    """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
+    from robotree.proxy.kinds import KINDS
+    from robotree.vr.command import commands_of
+
+    return {
+        cls.__name__: {name: one.spec for name, one in commands_of(cls).items()} for cls in KINDS.values()
+    }
 
 
 def _offline(line: Line) -> bool:
@@ -153,14 +165,21 @@ def _offline(line: Line) -> bool:
     return not what or bool(line.text("--after")) or what.lower().endswith((".yaml", ".yml", ".clp"))
 
 
-def _ask(line: Line, realm: str) -> int:
+def _author(line: Line, _realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
+    """Write or check a page."""
+    from robotree.tui import authoring
+
+    return (authoring.check if line.verb == "check" else authoring.new)(line, _kinds())
+
+
+def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Carry out a verb over the robots of a realm."""
     from robotree.tui.line.shell import once
 
     return _run(once(line, realm), listening=line.verb == "watch" or line.flag("--follow"))
 
 
-def _look(line: Line, realm: str, *, readonly: bool) -> int:
+def _look(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike
     """Look at this machine, not at robots alone."""
     from robotree.tui.diagnosis import doctor, info
 

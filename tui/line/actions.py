@@ -10,7 +10,7 @@ from robotree.tui.line.action import ANYWHERE, LINES, SHOWN, About, Action, Scop
 from robotree.tui.line.grammar import Shape
 
 LOOK, SHAPE, COMMAND, PROCESS, SCREEN = "Look", "Shape the tree", "Command", "Run", "Screen"
-WIRE, SCRIPTS = "Wire", "Scripts and roles"
+WIRE, SCRIPTS, AUTHOR = "Wire", "Scripts and roles", "Write a page"
 
 ACTIONS: tuple[Action, ...] = (
     # -- look
@@ -84,6 +84,22 @@ ACTIONS: tuple[Action, ...] = (
         group=LOOK,
         where=Where.SHELL,
         examples=("doctor", "doctor arm-1"),
+    ),
+    # -- write a page
+    Action(
+        usage="new NAME [--over KIND]",
+        help="Write a page NAME.py, its test and settings for an editor into this folder, on top of a KIND:"
+        " arm, rover, limb, head, base. Nothing is overwritten.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        examples=("new team --over arm",),
+    ),
+    Action(
+        usage="check FILE",
+        help="Check a page without any robot: what it would lose, what blocks, what its children lack.",
+        group=AUTHOR,
+        where=Where.SHELL,
+        examples=("check team.py", "check team.py --json"),
     ),
     # -- shape the tree
     Action(

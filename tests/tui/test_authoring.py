@@ -1,0 +1,147 @@
+"""An author without any robot: a page that is begun, checked, and told what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from robotree.tui.cli import main
+from robotree.vr.bundle.check import examine
+
+KINDS = {"Arm": ("go_to", "get_info")}
+HEADER = """\
+import random, subprocess, time
+from datetime import datetime
+from time import sleep as rest
+from typing import Annotated
+from robotree.vr import Child, Unit, VirtualRobot, command, state
+
+class Page(VirtualRobot):
+    arm = Child("Arm")
+    picked: int = state(0)
+    seen: list[str] = state([])
+    speed: float = 0.1
+"""
+
+PLACES = [
+    ("self.count = 1", "self.count does not survive"),
+    ("self.count += 1", "self.count does not survive"),
+    ("self.last, self.picked = 1, 2", "self.last does not survive"),
+    ("self.table['a'] = 1", "self.table does not survive"),
+    ("self.names.append('a')", "self.names does not survive"),
+    ("time.sleep(1)", "time.sleep holds the robot up"),
+    ("rest(1)", "time.sleep holds the robot up"),
+    ("subprocess.run(['ls'])", "subprocess.run may block"),
+    ("input('go?')", "input may block"),
+    ("random.choice([1, 2])", "random.choice is another one each time"),
+    ("time.time()", "time.time is another one each time"),
+    ("datetime.now()", "datetime.datetime.now is another one each time"),
+    ("self.arm.go_too(x=1)", "arm is a Arm, which has no command 'go_too'"),
+]
+"""Lines inside a command, and what is found in them."""
+
+
+def found(body: str, mark: str = "@command") -> list[str]:
+    source = f"{HEADER}\n    {mark}\n    def work(self) -> None:\n        {body}\n"
+    return [f"{one.line}: {one.what}" for one in examine(source, KINDS)]
+
+
+@pytest.mark.parametrize(("body", "what"), PLACES, ids=[body for body, _ in PLACES])
+def test_a_line_with_a_mistake_is_found(body: str, what: str) -> None:
+    (line,) = found(body)
+    assert line.startswith(f"15: {what}")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "self.picked += 1",
+        "self.seen.append('a')",
+        "self.speed = 0.2",
+        "self._cache = 1",
+        "self.sleep(1)",
+        "self.arm.go_to(x=1)",
+        "self.arm.set(speed=1)",
+        "local = []; local.append(1)",
+        "print(self.now(), self.random())",
+    ],
+)
+def test_what_is_right_is_left_alone(body: str) -> None:
+    assert found(body) == []
+
+
+def test_a_command_that_reads_and_changes_state_is_found() -> None:
+    assert found("self.picked += 1", '@command(effect="read")') == [
+        '15: work says effect="read" and changes self.picked'
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("get_inf = arm.exposed()", "13: arm is a Arm, which has no command 'get_inf'"),
+        ('info = arm.exposed("get_inf")', "13: arm is a Arm, which has no command 'get_inf'"),
+        ('wide: Annotated[float, Unit("metrs")] = 1.0', "13: "),
+    ],
+)
+def test_what_the_class_promises_wrongly_is_found(line: str, what: str) -> None:
+    (one,) = examine(f"{HEADER}\n    {line}\n", KINDS)
+    assert f"{one.line}: {one.what}".startswith(what)
+
+
+def test_a_derived_page_knows_what_its_base_declares() -> None:
+    source = (
+        f"{HEADER}\nclass More(Page):\n    @command\n    def more(self) -> None:\n        self.picked += 1\n"
+    )
+    assert examine(source, KINDS) == []
+
+
+def test_check_prints_file_line_and_what_to_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = f"{HEADER}\n    @command\n    def work(self) -> None:\n        time.sleep(1)\n"
+    Path("page.py").write_text(page)
+    assert main(["check", "page.py"]) == 1
+    assert capsys.readouterr().out == (
+        "page.py:15: time.sleep holds the robot up: "
+        "write self.sleep(seconds): a cancel and a stop end it at once\n"
+    )
+    assert main(["check", "page.py", "--json"]) == 1
+    (one,) = json.loads(capsys.readouterr().out)
+    assert (one["file"], one["line"]) == ("page.py", 15)
+    Path("page.py").write_text(page + "  nonsense")
+    assert main(["check", "page.py"]) == 1
+    assert capsys.readouterr().out.startswith("page.py:16: ")
+    Path("page.py").write_text(page.replace("time.sleep(1)", "self.sleep(1)").replace("= 0.1", '= "a"'))
+    assert main(["check", "page.py"]) == 1
+    assert "a host refuses the page like this" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("over", [[], ["--over", "arm"]])
+def test_a_new_page_passes_its_check_and_nothing_is_overwritten(
+    over: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "my-team", *over]) == 0
+    said = capsys.readouterr().out
+    assert "robotree check my_team.py" in said
+    assert "robotree create my_team.py as my-team" in said
+    assert main(["check", "my_team.py"]) == 0
+    compile(Path("test_my_team.py").read_text(), "test_my_team.py", "exec")
+    json.loads(Path("pyrightconfig.json").read_text())
+    json.loads(Path(".vscode/settings.json").read_text())
+    Path("my_team.py").write_text("mine")
+    assert main(["new", "my-team"]) != 0
+    assert Path("my_team.py").read_text() == "mine"
+
+
+@pytest.mark.parametrize("words", [["new", "1st"], ["new", "team", "--over", "whale"]])
+def test_a_page_that_cannot_be_begun_is_refused(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) != 0
+    assert list(tmp_path.iterdir()) == []

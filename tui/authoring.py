@@ -1,0 +1,196 @@
+"""`robotree check` and `robotree new`: for authors of pages, without any robot.
+
+robotree check team.py
+robotree new team --over arm
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robotree.tui import exit_codes
+from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
+from robotree.tui.line.grammar import Line
+from robotree.tui.terminal import answer
+
+if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.bundle.check import Finding
+    from robotree.vr.description import CommandSpec
+
+Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
+"""The commands of the kinds that come with robotree, by name of the kind."""
+
+_LINE = re.compile(r"line (\d+): ")
+
+
+def check(line: Line, kinds: Kinds) -> int:
+    """Print what is probably wrong with a page.
+
+    Args:
+        line: understood.
+        kinds: that come with robotree.
+
+    Returns:
+        The exit code: 0 when nothing was found.
+    """
+    from robotree.tui.line.verbs import shipped
+    from robotree.vr.bundle import Bundle
+
+    path, wanted = values.source(line.text("FILE"))
+    bundle = Bundle.read(shipped(path), wanted)
+    found = _findings(bundle, kinds)
+    rows = [f"{path}:{one.line}: {one.what}: {one.instead}" for one in found]
+    data = [{"file": path, "line": one.line, "what": one.what, "instead": one.instead} for one in found]
+    answer("\n".join(rows) or f"{path}: nothing was found", lambda: data)
+    return exit_codes.REFUSED if found else exit_codes.DONE
+
+
+def _findings(bundle: Any, kinds: Kinds) -> list[Finding]:
+    """Read the page, then load it as a host would."""
+    from robotree.vr.bundle.check import Finding, examine
+    from robotree.vr.errors import BundleError
+
+    try:
+        found = examine(bundle.source, kinds)
+    except SyntaxError as error:
+        return [Finding(error.lineno or 1, str(error.msg), "write it as Python reads it")]
+    except ValueError as error:
+        return [Finding(1, str(error), "save the file as text")]
+    try:
+        bundle.load()
+    except BundleError as error:
+        text = str(error.data.get("reason", error))
+        where = _LINE.search(text)
+        number = int(where[1]) if where else 1
+        what = _LINE.sub("", text, count=1)
+        if not any(one.line == number and one.what in what for one in found):
+            found.append(Finding(number, what, "a host refuses the page like this"))
+    return sorted(found, key=lambda one: one.line)
+
+
+PAGE = '''"""{Class}: what it is for, in one line."""
+
+from typing import Annotated
+
+from robotree.vr import {imports}
+
+
+class {Class}(VirtualRobot):
+    """What it is for, in one line."""
+
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3), "how quickly it goes"] = 0.1
+    done: int = state(0)
+{slot}
+    @command
+    def work(self, times: Annotated[int, Range(1, 20)] = 3) -> int:
+        """Do it some times."""
+        for number in range(times):
+            self.sleep(0.1)
+            self.progress((number + 1) / times, f"{{number + 1}} of {{times}}")
+        self.done += 1
+        return self.done
+{exposed}'''
+
+TEST = '''"""How {Class} behaves."""
+
+from {module} import {Class}
+
+from robotree.testing import {imports}
+
+
+def test_it_counts_what_it_has_done() -> None:
+    {name} = rehearse({Class}{children})
+    assert {name}.call("work", times=2) == 1
+'''
+
+PYRIGHT = """{
+  "include": ["."],
+  "typeCheckingMode": "standard",
+  "reportMissingModuleSource": false
+}
+"""
+
+EDITOR = """{
+  "python.analysis.typeCheckingMode": "standard",
+  "python.testing.pytestEnabled": true,
+  "python.testing.pytestArgs": ["."]
+}
+"""
+
+
+def new(line: Line, kinds: Kinds) -> int:
+    """Write a page, its test and the settings of an editor into the present folder; nothing is overwritten.
+
+    Args:
+        line: understood.
+        kinds: that come with robotree.
+
+    Raises:
+        ValueRefused: the name cannot be that of a module, or there is no such kind.
+        FileExistsError: one of the files is there already; none was written.
+    """
+    name = line.text("NAME")
+    module = name.replace("-", "_")
+    if not module.isidentifier():
+        raise ValueRefused("NAME", f"{name!r} cannot be the name of a page; begin with a letter")
+    kind = _kind(line.text("--over"), kinds)
+    written = _files(module, kind)
+    present = [
+        path for path in written if Path(path).exists() and path in {f"{module}.py", f"test_{module}.py"}
+    ]
+    if present:
+        raise FileExistsError(f"{', '.join(present)} is there already; nothing was written")
+    made: list[str] = []
+    for path, text in written.items():
+        if not Path(path).exists():  # settings of the editor stay as they are
+            Path(path).parent.mkdir(exist_ok=True)
+            with Path(path).open("x", encoding="utf-8") as file:
+                file.write(text)
+            made.append(path)
+    then = [
+        f"robotree check {module}.py",
+        f"pytest test_{module}.py",
+        f"robotree create {module}.py as {name}",
+    ]
+    rows = [*(f"made {path}" for path in made), "", "next:", *(f"  {one}" for one in then)]
+    answer("\n".join(rows), lambda: {"made": made, "next": then})
+    return exit_codes.DONE
+
+
+def _kind(given: str, kinds: Kinds) -> str:
+    known = {one.lower(): one for one in kinds}
+    if given and given.lower() not in known:
+        raise ValueRefused("KIND", f"{given!r} is no kind that is known: {', '.join(kinds)}")
+    return known.get(given.lower(), "")
+
+
+def _files(module: str, kind: str) -> dict[str, str]:
+    """Return the texts of the files, by path."""
+    words = {
+        "module": module,
+        "name": module,
+        "Class": "".join(part.capitalize() for part in module.split("_")),
+        "imports": ", ".join([*(["Child"] if kind else []), "Range, Unit, VirtualRobot, command, state"]),
+        "slot": f'\n    {kind.lower()} = Child("{kind}", "the robot that does it")\n' if kind else "",
+        "exposed": f"\n    get_info = {kind.lower()}.exposed()\n" if kind else "",
+        "children": "",
+    }
+    page = PAGE.format(**words)
+    words["imports"] = "Fake, rehearse" if kind else "rehearse"
+    words["children"] = f", {kind.lower()}=Fake({kind})" if kind else ""
+    test = TEST.format(**words)
+    if kind:
+        test = test.replace(
+            "\nfrom robotree.testing",
+            f"\nfrom robotree.proxy.{kind.lower()} import {kind}\nfrom robotree.testing",
+        )
+    return {
+        f"{module}.py": page,
+        f"test_{module}.py": test,
+        "pyrightconfig.json": PYRIGHT,
+        ".vscode/settings.json": EDITOR,
+    }

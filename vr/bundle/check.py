@@ -1,0 +1,265 @@
+"""Mistakes of a page that can be seen without running a robot: each with its line, and what to write instead.
+
+Read as Python reads it, never run. What is found is advice: it may be meant. Pure.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Collection, Iterator, Mapping
+
+import msgspec
+
+from robotree.vr.units import Unit
+
+ROOT = "VirtualRobot"
+OF_EVERY_KIND = frozenset({"set"})
+"""Commands that a robot of any kind may have."""
+
+_WAITS = {
+    "time.sleep": "write self.sleep(seconds): a cancel and a stop end it at once",
+}
+_CLOCK = "write self.now(), which a rehearsal and a replay repeat"
+_CHANCE = "write self.random(), which a rehearsal and a replay repeat"
+_NOT_REPEATED = {
+    **dict.fromkeys(("time.time", "time.monotonic", "time.perf_counter", "time.time_ns"), _CLOCK),
+    **dict.fromkeys(("datetime.datetime.now", "datetime.datetime.utcnow", "datetime.date.today"), _CLOCK),
+    **dict.fromkeys(("uuid.uuid4", "uuid.uuid1", "os.urandom"), _CHANCE),
+}
+_CHANCES = ("random", "secrets", "numpy.random")
+_BLOCKING = ("requests", "subprocess", "socket", "urllib.request", "http.client", "httpx")
+_BLOCKING_CALLS = frozenset({"input", "os.system", "os.wait", "select.select"})
+_ASIDE = (
+    "no cancel and no stop ends it: call it in a thread (concurrent.futures), and wait with self.sleep "
+    "until it is done"
+)
+_CHANGES = frozenset(
+    {
+        "append",
+        "extend",
+        "insert",
+        "add",
+        "update",
+        "pop",
+        "popitem",
+        "remove",
+        "discard",
+        "clear",
+        "setdefault",
+    }
+)
+"""Methods that change a list, a dict or a set in place."""
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing that is probably a mistake."""
+
+    line: int
+    what: str
+    instead: str
+    """What to write instead, or to do."""
+
+
+def examine(source: str, kinds: Mapping[str, Collection[str]]) -> list[Finding]:
+    """Return what is probably wrong with a page, by line.
+
+    Args:
+        source: Python.
+        kinds: the commands of the kinds of robots that are known, by name of the kind.
+
+    Raises:
+        SyntaxError: it is no Python.
+        ValueError: it has null bytes.
+    """
+    tree = ast.parse(source)
+    pages = _pages(tree)
+    found = [*_of_calls(tree, _imports(tree)), *_of_units(tree)]
+    known = {**kinds, **{name: page.commands for name, page in pages.items()}}
+    for page in pages.values():
+        found += [*_of_state(page), *_of_children(page, known)]
+    return sorted(set(found), key=lambda one: (one.line, one.what))
+
+
+class _Page:
+    """One robot's class in a file."""
+
+    def __init__(self, node: ast.ClassDef, base: _Page | None) -> None:
+        self.name = node.name
+        self.methods = [one for one in node.body if isinstance(one, ast.FunctionDef)]
+        self.slots: dict[str, str] = dict(base.slots) if base else {}
+        self.declared: set[str] = set(base.declared) if base else set()
+        """Settings and state."""
+        self.exposed: list[tuple[str, str, int]] = []
+        """Slot, command and line."""
+        self.commands: set[str] = set(base.commands) if base else set()
+        self.commands |= {one.name for one in self.methods if _mark(one) is not None}
+        for item in node.body:
+            if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.value:
+                self.declared.add(item.target.id)
+            elif isinstance(item, ast.Assign) and isinstance(item.targets[0], ast.Name):
+                self._take(item.targets[0].id, item.value)
+
+    def _take(self, name: str, value: ast.expr) -> None:
+        match value:
+            case ast.Call(func=ast.Name(id="Child" | "Children"), args=[kind, *_]):
+                self.slots[name] = _kind(kind)
+            case ast.Call(func=ast.Attribute(value=ast.Name(id=slot), attr="exposed"), args=given):
+                command = given[0].value if given and isinstance(given[0], ast.Constant) else name
+                self.exposed.append((slot, str(command), value.lineno))
+                self.commands.add(name)
+            case _:
+                self.commands.discard(name)
+
+
+def _pages(tree: ast.Module) -> dict[str, _Page]:
+    found: dict[str, _Page] = {}
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            bases = [_dotted(base).rpartition(".")[2] for base in node.bases]
+            inherited = next((found[base] for base in bases if base in found), None)
+            if inherited is not None or ROOT in bases:
+                found[node.name] = _Page(node, inherited)
+    return found
+
+
+def _kind(node: ast.expr) -> str:
+    return str(node.value) if isinstance(node, ast.Constant) else _dotted(node).rpartition(".")[2]
+
+
+def _dotted(node: ast.AST) -> str:
+    """Return `a.b.c` as it is written; empty: it is something else."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute) and (left := _dotted(node.value)):
+        return f"{left}.{node.attr}"
+    return ""
+
+
+def _mark(method: ast.FunctionDef) -> str | None:
+    """Return the effect of a command; None: the method is none."""
+    for one in method.decorator_list:
+        if isinstance(one, ast.Call) and _dotted(one.func).rpartition(".")[2] == "command":
+            given = {each.arg: each.value for each in one.keywords}
+            effect = given.get("effect")
+            return str(effect.value) if isinstance(effect, ast.Constant) else "once"
+        if _dotted(one).rpartition(".")[2] == "command":
+            return "once"
+    return None
+
+
+# -- calls -----------------------------------------------------------------------------------------
+
+
+def _imports(tree: ast.Module) -> dict[str, str]:
+    """Return what the names that a file imports stand for: `{"sleep": "time.sleep"}`."""
+    found: dict[str, str] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {one.asname or one.name.partition(".")[0]: one.name if one.asname else
+                      one.name.partition(".")[0] for one in node.names}  # fmt: skip
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found |= {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
+    return found
+
+
+def _of_calls(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding]:
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        first, dot, rest = _dotted(node.func).partition(".")
+        if first != "input" and first not in imported:
+            continue
+        name = f"{imported.get(first, first)}{dot}{rest}"
+        if name in _WAITS:
+            yield Finding(node.lineno, f"{name} holds the robot up", _WAITS[name])
+        elif name in _BLOCKING_CALLS or name.startswith(tuple(f"{one}." for one in _BLOCKING)):
+            yield Finding(node.lineno, f"{name} may block", _ASIDE)
+        elif name in _NOT_REPEATED:
+            yield Finding(node.lineno, f"{name} is another one each time", _NOT_REPEATED[name])
+        elif name.startswith(tuple(f"{one}." for one in _CHANCES)):
+            yield Finding(node.lineno, f"{name} is another one each time", _CHANCE)
+
+
+def _of_units(tree: ast.Module) -> Iterator[Finding]:
+    for node in ast.walk(tree):
+        match node:
+            case ast.Call(func=function, args=[ast.Constant(value=str(symbol)), *_]) if (
+                _dotted(function).rpartition(".")[2] == "Unit"
+            ):
+                try:
+                    Unit(symbol)
+                except ValueError as error:
+                    yield Finding(
+                        node.lineno, str(error), "write a unit that is known, such as m, rad, N, m/s"
+                    )
+            case _:
+                pass
+
+
+# -- state -----------------------------------------------------------------------------------------
+
+
+def _of_state(page: _Page) -> Iterator[Finding]:
+    """Find what a page keeps and would lose, and what a reading command changes."""
+    for method in page.methods:
+        if method.name == "__init__":
+            continue
+        reads = _mark(method) == "read"
+        for name, line in _changed(method):
+            if name in page.declared:
+                if reads:
+                    yield Finding(
+                        line,
+                        f'{method.name} says effect="read" and changes self.{name}',
+                        "take the effect away, or leave self as it is",
+                    )
+            elif not name.startswith("_"):
+                yield Finding(
+                    line,
+                    f"self.{name} does not survive a reload or a restart",
+                    f"declare it in the class, `{name}: int = state(0)` with its type, or name it _{name}",
+                )
+
+
+def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:
+    """Return the attributes of self that a method changes, with the lines."""
+    for node in ast.walk(method):
+        targets: list[ast.expr] = []
+        match node:
+            case ast.Assign(targets=targets):
+                pass
+            case ast.AugAssign(target=target) | ast.AnnAssign(target=target):
+                targets = [target]
+            case ast.Call(func=ast.Attribute(value=ast.Attribute() as changed, attr=attr)) if (
+                attr in _CHANGES
+            ):
+                targets = [changed]
+            case _:
+                pass
+        for target in targets:
+            for one in target.elts if isinstance(target, ast.Tuple | ast.List) else [target]:
+                inner = one.value if isinstance(one, ast.Subscript) else one
+                if isinstance(inner, ast.Attribute) and _dotted(inner.value) == "self":
+                    yield inner.attr, inner.lineno
+
+
+# -- children --------------------------------------------------------------------------------------
+
+
+def _of_children(page: _Page, kinds: Mapping[str, Collection[str]]) -> Iterator[Finding]:
+    """Find commands that the kind of a slot lacks."""
+    used = [*page.exposed]
+    for method in page.methods:
+        for node in ast.walk(method):
+            match node:
+                case ast.Attribute(value=ast.Attribute(value=ast.Name(id="self"), attr=slot), attr=command):
+                    if not command.startswith("_"):
+                        used.append((slot, command, node.lineno))
+                case _:
+                    pass
+    for slot, command, line in used:
+        known = kinds.get(page.slots.get(slot, ""))
+        if known is not None and command not in known and command not in OF_EVERY_KIND:
+            kind = page.slots[slot]
+            names = ", ".join(sorted(known)) or "none"
+            yield Finding(line, f"{slot} is a {kind}, which has no command {command!r}", f"it has: {names}")
