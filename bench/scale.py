@@ -31,8 +31,8 @@ from robotree.vr.network.local import join
 from robotree.vr.supervision.fleet import Fleet
 
 ROBOTS, ROUNDS = 1000, 3
-IN_FLIGHT = 64
-"""Requests that wait for the host at once."""
+IN_FLIGHT = 256
+"""Requests that wait for the host at once: each start waits 0.1 s until its name is known to everybody."""
 REST = 10.0
 """[s] over which idling is measured."""
 TICK = os.sysconf("SC_CLK_TCK")

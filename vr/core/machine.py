@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 
@@ -55,39 +55,12 @@ Effects = list[Effect]
 class RobotCore:
     """One robot: its state, and what each event does to it."""
 
-    __slots__ = ("_bonds_due", "_handlers", "state")
+    __slots__ = ("_bonds_due", "state")
 
     def __init__(self, state: State) -> None:
         """Take a state, new or decoded."""
         self.state = state
         self._bonds_due = _bonds_due(state.slots)
-        self._handlers: dict[type, Callable[[Any, float], Effects]] = {
-            on.Invoke: self._invoke,
-            on.Finish: self._finish,
-            on.Detach: self._detach,
-            on.Cancel: self._cancel,
-            on.CancelAll: self._cancel_all,
-            on.Abandon: self._abandon,
-            on.Gone: self._gone,
-            on.Tick: self._tick,
-            on.Ask: self._ask,
-            on.Prolong: self._prolong,
-            on.EndLease: self._end_lease,
-            on.Obeyed: self._obeyed,
-            on.Reserve: self._reserve,
-            on.Unreserve: self._unreserve,
-            on.Bind: self._bind,
-            on.Free: self._free,
-            on.Lose: self._lose,
-            on.Renewed: self._renewed,
-            on.Described: self._described,
-            on.Set: self._set,
-            on.Reload: self._reload,
-            on.SafeStop: self._safe_stop,
-            on.Halted: self._halted,
-            on.StopAnswered: self._stop_answered,
-            on.Release: self._release,
-        }
 
     def handle(self, event: Event, now: float) -> Effects:
         """Change the state; return what is to be done, in this order.
@@ -99,7 +72,7 @@ class RobotCore:
         Raises:
             VrError: it is refused; nothing has changed.
         """
-        return self._handlers[type(event)](event, now)
+        return self._handlers[type(event)](self, event, now)
 
     @property
     def name(self) -> str:
@@ -434,6 +407,34 @@ class RobotCore:
             raise NotConfirmed(order="the resume", told=[], untold=[[self.name, reason]], advice=[])
         stop.release()
         return []
+
+    _handlers: ClassVar[dict[type, Callable[[Any, Any, float], Effects]]] = {
+        on.Invoke: _invoke,
+        on.Finish: _finish,
+        on.Detach: _detach,
+        on.Cancel: _cancel,
+        on.CancelAll: _cancel_all,
+        on.Abandon: _abandon,
+        on.Gone: _gone,
+        on.Tick: _tick,
+        on.Ask: _ask,
+        on.Prolong: _prolong,
+        on.EndLease: _end_lease,
+        on.Obeyed: _obeyed,
+        on.Reserve: _reserve,
+        on.Unreserve: _unreserve,
+        on.Bind: _bind,
+        on.Free: _free,
+        on.Lose: _lose,
+        on.Renewed: _renewed,
+        on.Described: _described,
+        on.Set: _set,
+        on.Reload: _reload,
+        on.SafeStop: _safe_stop,
+        on.Halted: _halted,
+        on.StopAnswered: _stop_answered,
+        on.Release: _release,
+    }
 
 
 def _renew(slot: str, bond: Bond, now: float) -> Renew:
