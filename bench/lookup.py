@@ -138,7 +138,7 @@ async def measure_requests(transport: LocalTransport, service: str, repetitions:
 async def measure_events(transport: LocalTransport, onlooker: Directory, repetitions: int) -> None:
     """Measure from an agent's wish to the onlooker's knowledge, in another session."""
     heard: asyncio.Queue[str] = asyncio.Queue()
-    onlooker.on_change(lambda change: heard.put_nowait(change.kind))
+    onlooker.on_change(lambda change: change.listing and heard.put_nowait(change.kind))
     registrar = Registrar(transport)
     arrivals: list[float] = []
     departures: list[float] = []
