@@ -236,8 +236,8 @@ def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:
                 targets = [changed]
             case _:
                 pass
-        for target in targets:
-            for one in target.elts if isinstance(target, ast.Tuple | ast.List) else [target]:
+        for changes in targets:
+            for one in changes.elts if isinstance(changes, ast.Tuple | ast.List) else [changes]:
                 inner = one.value if isinstance(one, ast.Subscript) else one
                 if isinstance(inner, ast.Attribute) and _dotted(inner.value) == "self":
                     yield inner.attr, inner.lineno
