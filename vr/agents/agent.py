@@ -113,7 +113,7 @@ class RobotAgent:
         self.transport = transport
         self.address = new_address("robot", robot.name)
         self.closed = asyncio.Event()
-        """Set when it has ended, whoever ended it."""
+        """Set when it has ended, for whatever reason."""
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
@@ -139,7 +139,7 @@ class RobotAgent:
         self._outside = OutsideCalls(
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
         )
-        self._told: tuple[CommandSpec, ...] = ()
+        self._known_to_parent: tuple[CommandSpec, ...] = ()
         """The commands of which the parent knows."""
         self._begin_life()
 
@@ -213,7 +213,7 @@ class RobotAgent:
         return abandoned
 
     def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
-        """End once, whoever asks how often, and whether or not they wait for it."""
+        """End; several requests to end are one, and it ends also if nobody waits for it."""
         if self._ending is None:
             self._ending = self._loop.create_task(self._end(grace))
         return self._ending
@@ -443,7 +443,7 @@ class RobotAgent:
         )
         self._watch(request.parent)
         description = self.description()
-        self._told = description.commands
+        self._known_to_parent = description.commands
         return self._granted(description)
 
     def _expect_to_fit(self, request: Petition) -> None:
@@ -473,8 +473,8 @@ class RobotAgent:
         if tenure is None or tenure.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
         description = self.description()
-        news = None if description.commands == self._told else description
-        self._told = description.commands
+        news = None if description.commands == self._known_to_parent else description
+        self._known_to_parent = description.commands
         return self._granted(news)
 
     def _granted(self, news: RobotDescription | None) -> Granted:

@@ -38,9 +38,9 @@ from robotree.vr.virtual_robot import slots_of
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""
 RECEIPT = 2.0
-"""[s] for a child to confirm that a petition is taken back, before it is told again."""
+"""[s] for a child to confirm that a petition is taken back, before the message is repeated."""
 RETRY = 0.2
-"""[s] before a child that cannot be reached is told again that a petition is taken back."""
+"""[s] before that message is repeated to a child that cannot be reached."""
 REUNION = 2.0
 """[s] for the link to a child that lives to come back: it is dialled at least once a second."""
 

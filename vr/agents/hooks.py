@@ -1,7 +1,7 @@
 """A robot's own hooks, called so that no author can hold up the event loop that all robots of a host share.
 
 Proxies are part of this project and their hooks are quick by contract, so they are called directly. What the
-author of a virtual robot overrides runs in threads of its own: its readings, which are then one sample old,
+author of a virtual robot overrides runs in separate threads: its readings, which are then one sample old,
 and one after the other, as they were asked for, what belongs to stops and their releases.
 """
 

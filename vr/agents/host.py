@@ -1,6 +1,6 @@
 """The process in which virtual robots live: makes them of source while everything runs, and ends them.
 
-Each robot has an agent of its own and runs its commands in threads of its own; the host only makes them,
+Each robot has its own agent and runs its commands in its own threads; the host only makes them,
 knows which there are, and ends those that are left when it ends itself.
 """
 

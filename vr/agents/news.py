@@ -254,7 +254,7 @@ class News:
         live, readings = self._live, self._readings()
         live.look_at_robot()
 
-        def tell(core: RobotCore) -> State:
+        def describe(core: RobotCore) -> State:
             state = core.state
             tenure, calls = state.lease.tenure, state.calls
             running = calls.live.get(calls.running)
@@ -272,8 +272,8 @@ class News:
                 readings=readings,
             )
 
-        told: State = live.look(tell)
-        return told
+        state: State = live.look(describe)
+        return state
 
     def listing(self) -> Listing | None:
         """Return what a lookup service should hold of it: nothing while it is enslaved."""

@@ -52,7 +52,7 @@ class View(Protocol):
 
 
 class ViewAgent:
-    """Serves one view to whoever looks."""
+    """Serves the pictures of one view."""
 
     def __init__(
         self,

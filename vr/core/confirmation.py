@@ -1,4 +1,4 @@
-"""Who of many that were told the same has confirmed it: all, or one error that names the others. Pure."""
+"""Who has confirmed an order that many were given: all, or one error that names the others. Pure."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Confirmations:
     def __init__(self, order: Order) -> None:
         """Begin: nobody has confirmed."""
         self._order: Order = order
-        self._told: set[str] = set()
+        self._confirmed: set[str] = set()
         self._first_hand: set[str] = set()
-        """Those who have answered themselves; of the others somebody above them has told."""
-        self._untold: dict[tuple[str, str], None] = {}
+        """Those who have answered themselves; of the others a robot above them has reported."""
+        self._unconfirmed: dict[tuple[str, str], None] = {}
         self._advice: dict[str, None] = {_ADVICE[order]: None}
 
     @property
@@ -51,7 +51,7 @@ class Confirmations:
 
     def names(self, name: str) -> bool:
         """Whether anything is known of a robot."""
-        return name in self._told or any(name == untold for untold, _ in self._untold)
+        return name in self._confirmed or any(name == untold for untold, _ in self._unconfirmed)
 
     def take(self, name: str, answer: Iterable[str] | BaseException) -> None:
         """Take the answer of one robot, for itself and for all below it.
@@ -64,16 +64,16 @@ class Confirmations:
             BaseException: `answer`, when it is nothing that a robot could have answered.
         """
         if not isinstance(answer, BaseException):
-            self._told.update((name, *answer))
+            self._confirmed.update((name, *answer))
             self._first_hand.add(name)
         elif isinstance(answer, NotConfirmed):  # it says itself who has and who has not
             self._first_hand.add(name)
-            self._told.update(answer.data["told"])
+            self._confirmed.update(answer.data["told"])
             for below, reason in answer.data["untold"]:
-                self._untold[below, reason] = None
+                self._unconfirmed[below, reason] = None
             self._advice.update(dict.fromkeys(answer.data["advice"]))
             if not self.names(name):
-                self._told.add(name)
+                self._confirmed.add(name)
         elif isinstance(answer, VrError):
             self.deny(name, _reason(answer))
         else:
@@ -86,7 +86,7 @@ class Confirmations:
             name: of the robot.
             reason: as a clause.
         """
-        self._untold[name, reason] = None
+        self._unconfirmed[name, reason] = None
 
     def miss(self, name: str, reason: str, remedy: str) -> None:
         """Note one that lives and could not even be asked; nobody knows better.
@@ -109,23 +109,23 @@ class Confirmations:
         if untold := self._open():
             raise NotConfirmed(
                 order=self._order,
-                told=sorted(self._told - {name for name, _ in untold}),
+                told=sorted(self._confirmed - {name for name, _ in untold}),
                 untold=[list(pair) for pair in untold],
                 advice=list(self._advice),
             )
-        return sorted(self._told)
+        return sorted(self._confirmed)
 
     def _open(self) -> list[tuple[str, str]]:
         """Return who has not confirmed, and why, without what others say of one that answers itself."""
         return [
             (name, reason)
-            for name, reason in self._untold
+            for name, reason in self._unconfirmed
             if not (name in self._first_hand and reason in HEARSAY)
         ]
 
 
 class Budget:
-    """How long a robot that was told waits: for its own hardware, and for those below it.
+    """How long a robot that has an order waits: for its own hardware, and for those below it.
 
     Of a tree of any depth, the one at the top hears who is late before its own time is over. So each level
     keeps the measured way to its children and a short turn of its own: an equal part of what the ways below
