@@ -2,9 +2,10 @@
 
     python bench/calls.py [--rounds N]
 
-All are measured in turns, in one run, against a plain Python call and against two threads that pass a token
-(`SimpleQueue`); the calls between processes against bare Unix sockets with the same bytes. Times in us:
-the fastest and the median.
+All are measured in turns, in one run, against two threads that pass a token (`SimpleQueue`); the calls
+between processes against bare Unix sockets and a bare Zenoh query with the same bytes, and against Pyro5 and
+gRPC if they can be imported (`pip install --target FOLDER Pyro5 msgpack grpcio`; then `PYTHONPATH=FOLDER`;
+they are no dependencies). Times in us: the fastest and the median.
 """
 
 from __future__ import annotations
@@ -22,8 +23,13 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import zenoh
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.address import Address
@@ -145,6 +151,97 @@ def bare_sockets(size: int) -> list[float]:
     return times
 
 
+def be_zenoh(root: str, ready: Any, enough: Any) -> None:
+    """A process that answers Zenoh queries in Zenoh's own thread."""
+    with zenoh.open(zenoh_config(root, listen=True)) as session:
+        answer = zenoh.handlers.Callback(lambda query: query.reply("far", query.payload), indirect=False)
+        session.declare_queryable("far", answer)
+        ready.set()
+        enough.wait()
+
+
+def be_pyro(root: str, ready: Any, enough: Any) -> None:
+    """A process with one Pyro5 object, on a Unix socket."""
+    import Pyro5.api
+
+    Pyro5.config.SERIALIZER = "msgpack"
+
+    @Pyro5.api.expose  # type: ignore[misc] # has no stubs
+    class Echo:
+        def step(self, x: float) -> float:
+            return x
+
+    daemon = Pyro5.api.Daemon(unixsocket=f"{root}/pyro")
+    daemon.register(Echo(), "far")
+    ready.set()
+    daemon.requestLoop(lambda: not enough.is_set())
+
+
+def be_grpc(root: str, ready: Any, enough: Any) -> None:
+    """A process with one gRPC method that takes and gives bytes, on a Unix socket."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    import grpc
+
+    server = grpc.server(ThreadPoolExecutor(4))
+    method = grpc.unary_unary_rpc_method_handler(lambda body, _: body)
+    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler("far", {"step": method}),))
+    server.add_insecure_port(f"unix:{root}/grpc")
+    server.start()
+    ready.set()
+    enough.wait()
+    server.stop(None)
+
+
+def zenoh_config(root: str, *, listen: bool) -> zenoh.Config:
+    """Two peers over one Unix socket."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/gossip/enabled", "false")
+    here = f'["unixsock-stream/{root}/zenoh"]'
+    config.insert_json5("listen/endpoints", here if listen else "[]")
+    config.insert_json5("connect/endpoints", "[]" if listen else here)
+    return config
+
+
+def peers(root: str, size: int) -> dict[str, Callable[[], object]]:
+    """Connect to those of the others that are there; returns one round trip of each."""
+    body = bytes(size)
+    session = zenoh.open(zenoh_config(root, listen=False))
+
+    def query() -> None:
+        done = threading.Event()
+        answers = zenoh.handlers.Callback(lambda _: None, done.set, indirect=False)
+        session.get("far", answers, payload=body)
+        done.wait()
+
+    trips: dict[str, Callable[[], object]] = {"bare Zenoh query, two processes": query}
+    if find_spec("Pyro5"):
+        import Pyro5.api
+
+        Pyro5.config.SERIALIZER = "msgpack"
+        proxy = Pyro5.api.Proxy(f"PYRO:far@./u:{root}/pyro")
+        trips["Pyro5 (msgpack), two processes"] = lambda: (proxy._pyroClaimOwnership(), proxy.step(1.0))  # noqa: SLF001 # its way
+    if find_spec("grpc"):
+        import grpc
+
+        trips["gRPC (bytes), two processes"] = partial(
+            grpc.insecure_channel(f"unix:{root}/grpc").unary_unary("/far/step"), body
+        )
+    return trips
+
+
+def clock(trip: Callable[[], object]) -> list[float]:
+    """Return how long each of many round trips took [us]."""
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        trip()
+        times.append((time.perf_counter() - began) * 1e6)
+    return times
+
+
 def far_leaf(root: str, ready: Any, enough: Any) -> None:
     """A process with one robot."""
 
@@ -182,12 +279,16 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     call = Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)
     size = len(seal(call, now=0.0, within=5.0, sender=far.key).body)
 
+    others = peers(str(root), size)
+
     def note(name: str, times: list[float]) -> None:
         results.setdefault(name, []).extend(times)
 
     for _ in range(rounds):
         note("two threads pass a token", await asyncio.to_thread(token_passing))
         note("bare sockets, two processes", await asyncio.to_thread(bare_sockets, size))
+        for name, trip in others.items():
+            note(name, await asyncio.to_thread(clock, trip))
         for name, client in tops.items():
             note(name, await client.call("measure", {"repeats": REPEATS}))
     functions, files = await tops["nested child call"].call("profile", {})
@@ -207,25 +308,33 @@ def main() -> int:
         root = Path(folder, "run")
         root.mkdir(mode=0o700)
         context = multiprocessing.get_context("spawn")
-        ready, enough = context.Event(), context.Event()
-        far = context.Process(target=far_leaf, args=(str(root), ready, enough))
-        far.start()
-        ready.wait(20)
+        enough = context.Event()
+        servers = [far_leaf, be_zenoh]
+        servers += [serve for name, serve in (("Pyro5", be_pyro), ("grpc", be_grpc)) if find_spec(name)]
+        processes = []
+        for serve in servers:
+            ready = context.Event()
+            processes.append(context.Process(target=serve, args=(str(root), ready, enough), daemon=True))
+            processes[-1].start()
+            ready.wait(20)
         try:
             results = asyncio.run(measure(rounds, root))
         finally:
             enough.set()
-            far.join(10)
+            for process in processes:
+                process.join(10)
     medians = {name: statistics.median(times) for name, times in results.items()}
     for name, times in results.items():
         if len(times) == 1:
             sys.stdout.write(f"{name:<42} {times[0]:8.0f}\n")
         else:
             sys.stdout.write(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} us\n")
-    nested, socket_time = medians["nested child call"], medians["bare sockets, two processes"]
+    nested = medians["nested child call"]
     sys.stdout.write(f"chain of 8 / one call: {medians['chain of 8, nested'] / nested:.1f}\n")
-    ratio = medians["call of a child in another process"] / socket_time
-    sys.stdout.write(f"another process / bare sockets: {ratio:.1f}\n")
+    far = medians["call of a child in another process"]
+    for name, median in medians.items():
+        if name.endswith("two processes"):
+            sys.stdout.write(f"another process / {name}: {far / median:.2f}\n")
     return 0
 
 

@@ -29,6 +29,7 @@ import zenoh
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
+from robotree.vr.transport import End, Respond
 
 BODY = bytes(64)
 MANY = 24
@@ -69,9 +70,9 @@ def be_mesh(folder: str) -> None:
     mesh = Mesh(Rendezvous("bench", Path(folder)))
     mesh.open()
 
-    def answer(body: bytes, _: bool, respond: Callable[[bytes], None], end: Callable[[], None]) -> None:  # noqa: FBT001 # an Answer
-        respond(body)
-        end()
+    def answer(body: bytes, _: bool, respond: Respond, end: End) -> None:  # noqa: FBT001 # an Answer
+        del respond
+        end(body)
 
     mesh.serve(f"echo/{os.getpid()}", answer)
     mesh.announce(f"echo/{os.getpid()}")
@@ -141,7 +142,7 @@ def ask(mesh: Mesh, key: str, within: float = LONGEST) -> bool:
         else:
             got.append(body)
 
-    mesh.ask(key, BODY, urgent=True, hear=hear)
+    mesh.ask(key, BODY, urgent=True, on_reply=hear)
     try:
         return answered.result(within)
     except TimeoutError:

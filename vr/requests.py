@@ -30,7 +30,7 @@ class _Message(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, ta
 
 
 class Describe(_Message, frozen=True, kw_only=True):
-    """Who are you? Answered by `Described`; anyone may ask."""
+    """Ask a robot for its description. Answered by `Described`; anyone may ask."""
 
 
 class Call(_Message, frozen=True, kw_only=True):
@@ -87,18 +87,18 @@ class Petition(_Message, frozen=True, kw_only=True):
     term: float
     """[s] asked for; the child decides."""
     key: str = ""
-    """By which the parent can take it back if it hears no answer."""
+    """By which the parent can take it back if no answer comes."""
 
 
 class Retract(_Message, frozen=True, kw_only=True):
-    """A parent heard no answer to its petition: whatever came of it, undo it. Answered by `Done`."""
+    """No answer to a petition came: undo the petition, granted or not. Answered by `Done`."""
 
     parent: Address
     key: str
 
 
 class Renew(_Message, frozen=True, kw_only=True):
-    """The parent goes on. Answered by `Granted` with the same epoch."""
+    """The parent prolongs its lease. Answered by `Granted` with the same epoch."""
 
     parent: Address
     epoch: int
@@ -117,19 +117,19 @@ class SafeStop(_Message, frozen=True, kw_only=True):
 
     reason: str = ""
     within: float = PATIENCE
-    """[s] from its arrival on, in which the answer must leave to be heard in time."""
+    """[s] from its arrival on, in which the answer must leave to arrive in time."""
     order: str = ""
-    """Which order this is part of: a robot that is told twice of one order, by several ways, has been stopped
-    once. Empty: an order of its own."""
+    """Which order this is part of: a robot that gets one order several times, by several ways, has been
+    stopped once. Empty: a separate order."""
 
 
 class Resume(_Message, frozen=True, kw_only=True):
-    """Release a protective stop. Only whoever may command the robot. Answered by `Done`."""
+    """Release a protective stop. Only for those who may command the robot. Answered by `Done`."""
 
     epoch: int | None = None
     seen: dict[str, int] | None = None
-    """How many stops each robot had been told of when this was asked for, by key; a later stop stays in
-    force, and so does that of a robot that is not in it. None: whichever stops there are."""
+    """How many stops each robot had got when this was asked for, by key; a later stop stays in force, and so
+    does that of a robot that is not in it. None: all stops that there are."""
     within: float = PATIENCE
     """See `SafeStop.within`."""
 
@@ -181,7 +181,7 @@ class Reload(_Message, frozen=True, kw_only=True):
 
 
 class DescribeHost(_Message, frozen=True, kw_only=True):
-    """What do you run? Answered by `HostDescribed`."""
+    """Ask a host what it runs. Answered by `HostDescribed`."""
 
 
 # -- asked of a lookup service ---------------------------------------------------------------------
@@ -230,7 +230,7 @@ class Look(_Message, frozen=True, kw_only=True):
 
 
 class DescribeView(_Message, frozen=True, kw_only=True):
-    """Which cameras, which readings? Answered by `ViewDescribed`."""
+    """Ask a view for its cameras and readings. Answered by `ViewDescribed`."""
 
 
 # -- replies ---------------------------------------------------------------------------------------
@@ -356,7 +356,7 @@ class Done(_Message, frozen=True, kw_only=True):
 
     note: str = ""
     """What a person should know of it, as a sentence; empty: nothing."""
-    told: tuple[str, ...] = ()
+    confirmed: tuple[str, ...] = ()
     """Names of the robots that have confirmed a stop or its release: the one that was asked and all below."""
 
 
@@ -385,13 +385,13 @@ class Raised(_Message, frozen=True, kw_only=True):
 
 
 class Listed(_Message, frozen=True, kw_only=True):
-    """A lookup service tells: this listing is new or changed."""
+    """A lookup service publishes: this listing is new or changed."""
 
     listing: Listing
 
 
 class Unlisted(_Message, frozen=True, kw_only=True):
-    """A lookup service tells: this listing is out, withdrawn or expired."""
+    """A lookup service publishes: this listing is out, withdrawn or expired."""
 
     address: Address
     revision: int
@@ -404,7 +404,7 @@ class Heard(_Message, frozen=True, kw_only=True):
 
 
 class State(_Message, frozen=True, kw_only=True):
-    """A robot tells how it is, at every change and slowly otherwise, under its key + `/state`."""
+    """A robot publishes its state, at every change and slowly otherwise, under its key + `/state`."""
 
     busy: str = ""
     waiting: int = 0

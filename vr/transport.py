@@ -1,7 +1,7 @@
 """What agents need from a network, and nothing more.
 
-Four verbs: ask (`request`), answer (`serve`), tell everybody (`publish`, `subscribe`), and be seen to be
-alive (`announce`, `watch`). `network/` has one for the processes of a machine and one for
+Four verbs: ask (`request`), answer (`serve`), publish (`publish`, `subscribe`), and be present (`announce`,
+`watch`). `network/` has one for the processes of a machine and one for
 several machines, `world/` one within a process, in virtual time. `testing.py` examines any implementation
 (`check_transport`).
 
@@ -30,7 +30,7 @@ DirectHandler = Callable[[bytes, Respond, End], bool]
 """Takes a request in the thread that reads it: its body, how to reply, how to end the replies; both may be
 called from any thread. Must not block. False: it has not taken it."""
 
-Hear = Callable[[bytes | None], None]
+OnReply = Callable[[bytes | None], None]
 """Takes one reply, in any thread; None: there are no more. Must not block."""
 
 SampleHandler = Callable[[str, bytes], None]
@@ -118,7 +118,9 @@ class Transport(Protocol):
         """
         ...
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+    def ask(
+        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
+    ) -> None:
         """Ask the server of a key without waiting. From any thread, without the event loop if possible.
 
         Args:
@@ -126,16 +128,17 @@ class Transport(Protocol):
             body: the request.
             void_at: as in `request`. How long to wait for replies the asker decides.
             urgent: as in `request`.
-            hear: takes the replies; None without one: nobody serves the key, or the process died or hangs.
+            on_reply: takes the replies; None without one: nobody serves the key, or its process died or
+                hangs.
         """
         ...
 
     def publish(self, key: str, body: bytes) -> None:
-        """Tell every present subscriber; never blocks, a receiver that is too slow misses it."""
+        """Send a sample to all subscribers; never blocks, a receiver that is too slow misses it."""
         ...
 
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        """Hear what is published under a pattern from now on."""
+        """Take what is published under a pattern from now on."""
         ...
 
     async def announce(self, key: str) -> Registration:
@@ -143,7 +146,7 @@ class Transport(Protocol):
         ...
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        """See presence come and go: first all that is there already, then each change. Debounced."""
+        """Learn of presence: first all that is there already, then each change. Debounced."""
         ...
 
     async def present(self, pattern: str) -> list[str]:
@@ -170,7 +173,7 @@ class Transport(Protocol):
         ...
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """Hear when no other process of the realm can reach this one any more, and when one can again.
+        """Learn when no other process of the realm can reach this one any more, and when one can again.
 
         That is so when no other process is connected and awake, and none that comes later can find this one.
         """

@@ -383,7 +383,7 @@ class CoreMachine(RuleBasedStateMachine):
         generation = data.draw(st.sampled_from(sorted(self.asked)))
         part = data.draw(st.sampled_from([*self.asked[generation], "nobody"]))
         error = NotConfirmed(order="the protective stop", told=[], untold=[[part, "it hangs"]], advice=[])
-        answer = Done(told=("below",)) if confirms else Raised.of(error)
+        answer = Done(confirmed=("below",)) if confirms else Raised.of(error)
         if self.asked[generation].get(part, True) is None:
             self.asked[generation][part] = confirms
         confirmed = self.core.state.stop.confirmed

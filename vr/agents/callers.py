@@ -51,7 +51,7 @@ class Callers:
             self._loop.call_soon_threadsafe(self._attend, presence, key)
 
     def close(self) -> None:
-        """Look after nobody any more."""
+        """Watch no caller any more."""
         for task in self._watching.values():
             task.cancel()
 

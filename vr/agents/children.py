@@ -258,7 +258,7 @@ class Children:
 
         renewal = Renew(parent=self._parent, epoch=epoch, lineage=self._live.core.lineage)
         sealed = seal(renewal, now=effect.sent, within=self._term, sender=self._live.key)
-        self._transport.ask(child.key, sealed.body, urgent=True, hear=hear)
+        self._transport.ask(child.key, sealed.body, urgent=True, on_reply=hear)
 
     def _renewed(self, effect: on.Renew, granted: Granted) -> None:
         self._live.post(

@@ -101,7 +101,7 @@ class Stops:
             if not doubt:
                 live.post(on.Release(generation=seen))
                 self._on_change()
-        return Done(told=tuple(confirmations.settle()))
+        return Done(confirmed=tuple(confirmations.settle()))
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -128,7 +128,7 @@ class Stops:
         async def ask() -> None:
             answer: Done | Raised
             try:
-                answer = Done(told=tuple(await confirmed))
+                answer = Done(confirmed=tuple(await confirmed))
             except VrError as error:
                 answer = Raised.of(error)
             self._live.post(on.StopAnswered(generation=generation, part=part, answer=answer))

@@ -109,14 +109,14 @@ class Stop(msgspec.Struct, kw_only=True):
         confirmations = Confirmations("the protective stop")
         for part in self.parts.get(generation, {}).values():
             match part.answer:
-                case Done(told=told):
+                case Done(confirmed=told):
                     confirmations.take(part.name, told)
                 case Raised() as raised:
                     confirmations.take(part.name, raised.revive())
                 case None:
                     return None
         try:
-            return Done(told=tuple(confirmations.settle()))
+            return Done(confirmed=tuple(confirmations.settle()))
         except NotConfirmed as error:
             return Raised.of(error)
 

@@ -1,4 +1,4 @@
-"""The serving side of agents: requests read, replies packed, errors sent to whoever asked."""
+"""The serving side of agents: requests read, replies packed, errors sent to the asker."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
             await converse(opened(body, who, asyncio.get_running_loop().time()).request, say)
         except VrError as error:
             say(Raised.of(error))
-        except Exception as error:  # noqa: BLE001 # the last fence: whoever asks gets an answer
+        except Exception as error:  # noqa: BLE001 # the error boundary: the asker gets an answer
             _log.exception("%s: an answer failed", who)
             say(Raised.of(VrError(detail=f"{who}: internal error: {error!r}")))
 

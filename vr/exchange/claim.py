@@ -1,4 +1,4 @@
-"""Who may have a name: nobody who is there already, and of two that come at once only one.
+"""Which agent may have a name: one whose name nobody has, and of two that come at once only one.
 
 Presence decides, not the lookup services, for those are soft and know no enslaved robots
 (docs/decisions/0003). Robots and views have their names in common, since people see them side by side, in one
@@ -15,7 +15,7 @@ from robotree.vr.running.chance import token
 from robotree.vr.transport import Held, Registration, Transport
 
 SETTLE = 0.1
-"""[s] after which an announcement has reached everybody, and a farewell too."""
+"""[s] after which an announcement has reached all others, and its end too."""
 _SIDE_BY_SIDE: tuple[Role, ...] = ("robot", "view")
 
 

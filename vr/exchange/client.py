@@ -134,7 +134,7 @@ class RobotClient:
         self.address = address
         self._transport = transport
         self._patience = patience
-        self._farewells: set[asyncio.Task[None]] = set()
+        self._cancels: set[asyncio.Task[None]] = set()
 
     # -- commands ---------------------------------------------------------------------------------
 
@@ -205,7 +205,7 @@ class RobotClient:
             return await self._follow(call, sender, on_progress)
         except (asyncio.CancelledError, NoAnswer):
             # It may still be on its way there: it must not begin after we gave up.
-            self._bid_farewell(call)
+            self._cancel_late(call)
             raise
 
     async def _follow(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
@@ -239,14 +239,14 @@ class RobotClient:
             detail="it ended in the middle; look where the robot stands before you go on",
         )
 
-    def _bid_farewell(self, call: Call) -> None:
+    def _cancel_late(self, call: Call) -> None:
         async def cancel() -> None:
             with contextlib.suppress(VrError):
                 await self.cancel(call.key, epoch=call.epoch, reason="the caller gave up")
 
         task = asyncio.get_running_loop().create_task(cancel())
-        self._farewells.add(task)
-        task.add_done_callback(self._farewells.discard)
+        self._cancels.add(task)
+        task.add_done_callback(self._cancels.discard)
 
     async def cancel(self, key: str = "", *, epoch: int | None = None, reason: str = "") -> None:
         """End the command of a key, or all of them."""
@@ -280,7 +280,7 @@ class RobotClient:
         """
         patience = self._patience if timeout is None else timeout
         stop = SafeStop(reason=reason, order=order, within=unmeasured(patience) if within is None else within)
-        return (await self._ask(stop, Done, urgent=True, timeout=patience, accepted=accepted)).told
+        return (await self._ask(stop, Done, urgent=True, timeout=patience, accepted=accepted)).confirmed
 
     async def resume(
         self,
@@ -302,7 +302,7 @@ class RobotClient:
         patience = self._patience if timeout is None else timeout
         known = None if seen is None else dict(seen)
         resume = Resume(epoch=epoch, seen=known, within=unmeasured(patience) if within is None else within)
-        return (await self._ask(resume, Done, urgent=True, timeout=patience)).told
+        return (await self._ask(resume, Done, urgent=True, timeout=patience)).confirmed
 
     # -- what operators ask -----------------------------------------------------------------------
 

@@ -99,7 +99,7 @@ class Registrar:
         if self._watch is not None:
             with contextlib.suppress(VrError):
                 await (await self._watch).close()
-        await asyncio.gather(*(keeper.close() for keeper in keepers))
+        await asyncio.gather(*(keeper.stop() for keeper in keepers), return_exceptions=True)
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -168,16 +168,12 @@ class _Keeper:
         self._held.discard(address)
         self._acknowledge(address)
 
-    def stop(self) -> None:
-        """Keep nothing any longer: the service is gone, or the process ends."""
+    def stop(self) -> asyncio.Task[None]:
+        """Keep nothing any longer: the service is gone, or the process ends. Returns what ends soon."""
         self._task.cancel()
         for address in list(self._waiting):
             self._acknowledge(address)
-
-    async def close(self) -> None:
-        """Stop, and wait for the end."""
-        self.stop()
-        await asyncio.gather(self._task, return_exceptions=True)
+        return self._task
 
     async def _run(self) -> None:
         while True:

@@ -1,1 +1,1 @@
-"""The transport over Zenoh, and what it is made of. Nothing here knows what the bodies say."""
+"""The transports between processes: our own on one machine, Zenoh beyond it. They carry bytes."""

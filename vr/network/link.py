@@ -44,13 +44,13 @@ class Channel(IntEnum):
 
 
 class Topic(IntEnum):
-    """What a process lets the others know of itself."""
+    """What a process announces of itself to the others."""
 
     HOLDS = 0
     """It is present under a key."""
     SERVES = 1
     """It answers requests to a key."""
-    HEARS = 2
+    SUBSCRIBES = 2
     """It wants the samples published under a pattern."""
 
 
@@ -105,7 +105,7 @@ class Sample(msgspec.Struct, frozen=True, array_like=True, tag=5):
 
 
 class Awake(msgspec.Struct, frozen=True, array_like=True, tag=6):
-    """Said by a process that has slept: the others need not wait for its next beat."""
+    """Sent by a process that has slept: the others need not wait for its next beat."""
 
 
 Frame = Hello | News | Ask | Reply | End | Sample | Awake
@@ -301,7 +301,7 @@ class Link:
             sent = self.socket.send(packed, _FLAGS)
         except BlockingIOError:
             return packed
-        except OSError:  # the far end is gone; whoever reads sees it too
+        except OSError:  # the far end is gone; the reading side sees it too
             return b""
         return b"" if sent == len(packed) else memoryview(packed)[sent:]
 

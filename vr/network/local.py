@@ -17,8 +17,8 @@ from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
     End,
-    Hear,
     Held,
+    OnReply,
     PresenceHandler,
     Registration,
     RequestHandler,
@@ -115,28 +115,30 @@ class LocalTransport:
         replies = Replies(key, timeout)
         self._asking.add(replies)
 
-        def hear(reply: bytes | None) -> None:
+        def on_reply(reply: bytes | None) -> None:
             action = partial(self._done, replies) if reply is None else partial(replies.feed, reply)
             self._turns.put(action, urgent=urgent)
 
-        self.ask(key, body, void_at=void_at, urgent=urgent, hear=hear)
+        self.ask(key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
         return replies
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+    def ask(
+        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
+    ) -> None:
         """See `Transport.ask`."""
         answer, body = self._served.get(key), bytes(body)
         if self._closing is not None:
-            hear(None)
+            on_reply(None)
         elif answer is None:
-            self.mesh.ask(key, body, void_at=void_at, urgent=urgent, hear=hear)
+            self.mesh.ask(key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
         else:  # of this process
 
             def end(last: bytes | None) -> None:
                 if last is not None:
-                    hear(last)
-                hear(None)
+                    on_reply(last)
+                on_reply(None)
 
-            answer(body, urgent, hear, end)
+            answer(body, urgent, on_reply, end)
 
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""
@@ -199,10 +201,10 @@ class LocalTransport:
         """See `Transport.watch_itself`."""
         self._check("")
 
-        def hear(reason: str) -> None:
+        def on_cut_off(reason: str) -> None:
             self._turns.put(partial(handler, reason), urgent=True)
 
-        number = self.mesh.watch_itself(hear)
+        number = self.mesh.watch_itself(on_cut_off)
         return _Registration(self, lambda: self.mesh.unwatch(number))
 
     async def close(self) -> None:

@@ -1,12 +1,12 @@
-"""One process among all others of its realm on one machine: who is there, what they serve, what they say.
+"""One process among all others of its realm on one machine: presence, requests and samples.
 
 Every process has two Unix stream sockets to every other one, urgent and bulk, and one thread that reads them
-all. There is no server. The kernel tells whose user the far end is (SO_PEERCRED), and closes its connections
-the moment its process dies. A process that is stopped or hangs keeps its connections, but its beat in the
+all. There is no server. The kernel names the user of the far end (SO_PEERCRED), and closes its connections
+when its process dies. A process that is stopped or hangs keeps its connections, but its beat in the
 realm's folder stops: after `HANGS` seconds it is *silent*, and present again as soon as it goes on.
 
 Every `TICK` seconds the thread compares with the folder: it registers again if its own name is missing, and
-dials those whom it does not know. So whatever broke is whole again after one tick, a removed folder too.
+dials those that it does not know. So what broke works again after one tick, a removed folder too.
 
 Callbacks are called in the thread that reads, or in the one that made the change, one at a time, and must
 only hand on what they are given. `local.py` hands it to an event loop.
@@ -62,7 +62,7 @@ GREETING: Final = 0.3
 LOST: Final = 2
 """Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
 
-FAREWELL: Final = 0.5
+FLUSH: Final = 0.5
 """[s] for which a process that leaves tries to send what waits."""
 
 REMEMBERED: Final = 4096
@@ -72,13 +72,13 @@ REPLACE: Final = "process {} runs another version of robotree; start it again wi
 """What a person can do about a process that is not understood."""
 
 NAMELESS: Final = "it has no name in the folder of the realm, so that nobody who comes now can reach it"
-"""Why a process that lives cannot be told anything."""
+"""Why a process that lives cannot be reached."""
 
 Respond = Callable[[bytes], None]
 Answer = Callable[[bytes, bool, Respond, Callable[[bytes | None], None]], None]
 """Takes a request: its body, whether it is urgent, how to reply (any number of times), and how to end the
 replies, with one more or with None."""
-Hear = Callable[[bytes | None], None]
+OnReply = Callable[[bytes | None], None]
 """Takes one reply to a request; None: there are no more."""
 OnSample = Callable[[str, bytes], None]
 OnPresence = Callable[[str, bool], None]
@@ -89,10 +89,10 @@ _log = logging.getLogger(__name__)
 class _Exchange:
     """A request that another process has yet to answer."""
 
-    __slots__ = ("hear", "void_at")
+    __slots__ = ("on_reply", "void_at")
 
-    def __init__(self, hear: Hear, void_at: float) -> None:
-        self.hear = hear
+    def __init__(self, on_reply: OnReply, void_at: float) -> None:
+        self.on_reply = on_reply
         self.void_at = void_at
         """[s] until when the other process may begin with it if it hangs and wakes; 0: it has answered."""
 
@@ -107,7 +107,7 @@ class _Peer:
         """On which channels it has said who it is."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
         self.beat: Beat | None = None
-        self.heard = now
+        self.last_sign = now
         """[s] The last sign of life."""
         self.awake = False
         """Whether it has said who it is and does not hang: only then it is present."""
@@ -190,13 +190,13 @@ class Mesh:
         self._complete = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mesh", daemon=True)
         self._takers: dict[type[Frame], Callable[[Link, Any], None]] = {
-            Hello: self._greeted,
-            News: self._told,
-            Ask: self._asked,
-            Reply: self._replied,
-            End: self._answered,
-            Sample: self._published,
-            Awake: self._woke,
+            Hello: self._take_greeting,
+            News: self._take_news,
+            Ask: self._take_request,
+            Reply: self._take_reply,
+            End: self._take_end,
+            Sample: self._take_sample,
+            Awake: self._take_awake,
         }
         self._ended_all: Future[None] = Future()
         self._ticked = 0.0
@@ -271,39 +271,39 @@ class Mesh:
             if key in self._servers:
                 raise ValueError(f"{key} is served already")
             self._servers[key] = answer
-            self._let_know(Topic.SERVES, key, there=True)
+            self._announce_change(Topic.SERVES, key, there=True)
 
     def end_serving(self, key: str) -> None:
         """Answer no more requests to a key."""
         with self._lock:
             if self._servers.pop(key, None) is not None:
-                self._let_know(Topic.SERVES, key, there=False)
+                self._announce_change(Topic.SERVES, key, there=False)
 
     def announce(self, key: str) -> None:
         """Be present under a key; as often as `withdraw` is called later."""
         self.place.hold(key)  # first: a process that cannot be seen must be known of
         with self._lock:
-            self._let_know(Topic.HOLDS, key, there=True)
+            self._announce_change(Topic.HOLDS, key, there=True)
 
     def withdraw(self, key: str) -> None:
         """Be present under a key no longer."""
         with self._lock:
-            self._let_know(Topic.HOLDS, key, there=False)
+            self._announce_change(Topic.HOLDS, key, there=False)
         self.place.drop(key)
 
     def subscribe(self, pattern: str, on_sample: OnSample) -> int:
-        """Hear the samples under a pattern; returns a number for `unsubscribe`."""
+        """Take the samples under a pattern; returns a number for `unsubscribe`."""
         with self._lock:
             number = next(self._numbers)
             self._subscribers.add(number, pattern, on_sample)
-            self._let_know(Topic.HEARS, pattern, there=True)
+            self._announce_change(Topic.SUBSCRIBES, pattern, there=True)
             return number
 
     def unsubscribe(self, number: int) -> None:
-        """Hear them no longer."""
+        """Take them no longer."""
         with self._lock:
             if (pattern := self._subscribers.remove(number)) is not None:
-                self._let_know(Topic.HEARS, pattern, there=False)
+                self._announce_change(Topic.SUBSCRIBES, pattern, there=False)
 
     # -- what one can ask and see
 
@@ -328,7 +328,7 @@ class Mesh:
             self._watchers_of_itself.pop(number, None)
 
     def watch_itself(self, on_cut_off: Callable[[str], None]) -> int:
-        """Hear why no other process can reach this one any more, and "" when one can; see `unwatch`."""
+        """Learn why no other process can reach this one any more, and "" when one can; see `unwatch`."""
         with self._lock:
             number = next(self._numbers)
             self._watchers_of_itself[number] = on_cut_off
@@ -377,7 +377,7 @@ class Mesh:
             found += [Held(key, where, advice, how) for key in sorted(keys) if matches(pattern, key)]
         return found
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, hear: Hear) -> None:
+    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, on_reply: OnReply) -> None:
         """Ask the process that serves a key.
 
         Args:
@@ -386,7 +386,7 @@ class Mesh:
             void_at: [s, CLOCK_MONOTONIC] after which the other process does not begin with it any more: if it
                 hangs it is waited for until then.
             urgent: ahead of everything else.
-            hear: takes the replies, and None at the end: at once if nobody serves the key, and when the
+            on_reply: takes the replies, and None at the end: at once if nobody serves the key, and when the
                 process that does dies or hangs.
         """
         number = next(self._numbers)
@@ -394,9 +394,9 @@ class Mesh:
         with self._lock:
             peer = None if self.closed else self._where.get(key)
             if peer is not None:
-                peer.exchanges[number] = _Exchange(hear, void_at)
+                peer.exchanges[number] = _Exchange(on_reply, void_at)
         if peer is None:
-            hear(None)
+            on_reply(None)
             return
         try:
             peer.links[Channel.URGENT if urgent else Channel.BULK].send(packed)
@@ -413,7 +413,7 @@ class Mesh:
                 peers = self._listeners[key] = [
                     peer
                     for peer in self._peers.values()
-                    if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.HEARS])
+                    if peer.awake and any(matches(pattern, key) for pattern in peer.known[Topic.SUBSCRIBES])
                 ]
             own = self._subscribers.of(key)
         if peers:
@@ -434,7 +434,7 @@ class Mesh:
         self._sockets.add(door, self._accept)
 
     def _dial_all(self) -> None:
-        """Dial those in the folder whom this process does not know."""
+        """Dial those in the folder that this process does not know."""
         now = time.monotonic()
         others = self.place.others()
         self._strangers.intersection_update(others)
@@ -469,7 +469,7 @@ class Mesh:
                 link.close()
 
     def _add_link(self, peer: _Peer, link: Link) -> None:
-        """Begin to talk: say who this is, and all that the others are to know. Under the lock."""
+        """Send the greeting: which process this is, and all that it announces. Under the lock."""
         if link.channel is None:
             return
         if link.user != os.geteuid():  # somebody else's socket in our folder
@@ -482,7 +482,7 @@ class Mesh:
         known = {topic: list(keys.elements()) for topic, keys in self._known.items()} if urgent else {}
         link.send(pack(Hello(VERSION, self.place.tag, link.channel, known)))
 
-    def _greeted(self, link: Link, hello: Hello) -> None:
+    def _take_greeting(self, link: Link, hello: Hello) -> None:
         """A process says who it is."""
         with self._lock:
             self._take_hello(link, hello)
@@ -539,7 +539,7 @@ class Mesh:
 
     def _show(self, peer: _Peer) -> None:
         """A process is there and awake. Under the lock."""
-        peer.heard = time.monotonic()
+        peer.last_sign = time.monotonic()
         if not peer.awake:
             peer.awake = True
             self._listeners.clear()
@@ -595,7 +595,7 @@ class Mesh:
         if (news.key in keys) == news.there:
             return
         (keys.add if news.there else keys.discard)(news.key)
-        if news.topic is Topic.HEARS:
+        if news.topic is Topic.SUBSCRIBES:
             self._listeners.clear()
         elif not peer.awake:
             pass
@@ -606,8 +606,8 @@ class Mesh:
         elif self._where.get(news.key) is peer:
             del self._where[news.key]
 
-    def _let_know(self, topic: Topic, key: str, *, there: bool) -> None:
-        """Change what the others are to know, and tell them. Under the lock."""
+    def _announce_change(self, topic: Topic, key: str, *, there: bool) -> None:
+        """Change what this process announces, and send the change to the others. Under the lock."""
         keys = self._known[topic]
         before = keys[key]
         keys[key] += 1 if there else -1
@@ -696,33 +696,33 @@ class Mesh:
             raise NotAFrame("it did not say who it is")
         self._takers[type(frame)](link, frame)
 
-    def _replied(self, link: Link, reply: Reply) -> None:
+    def _take_reply(self, link: Link, reply: Reply) -> None:
         peer = self._peers.get(link.member)
         if peer is not None and (exchange := peer.exchanges.get(reply.number)) is not None:
             exchange.void_at = 0.0
-            exchange.hear(reply.body)
+            exchange.on_reply(reply.body)
 
-    def _answered(self, link: Link, end: End) -> None:
+    def _take_end(self, link: Link, end: End) -> None:
         if (peer := self._peers.get(link.member)) is not None:
             self._end_exchange(peer, end.number, end.last)
 
-    def _published(self, _: Link, sample: Sample) -> None:
+    def _take_sample(self, _: Link, sample: Sample) -> None:
         with self._lock:
             hearers = self._subscribers.of(sample.key)
         for hear in hearers:
             hear(sample.key, sample.body)
 
-    def _told(self, link: Link, news: News) -> None:
+    def _take_news(self, link: Link, news: News) -> None:
         with self._lock:
             if (peer := self._peers.get(link.member)) is not None:
                 self._learn(peer, news)
 
-    def _woke(self, link: Link, _: Awake) -> None:
+    def _take_awake(self, link: Link, _: Awake) -> None:
         with self._lock:
             if (peer := self._peers.get(link.member)) is not None and peer.met:
                 self._show(peer)
 
-    def _asked(self, link: Link, ask: Ask) -> None:
+    def _take_request(self, link: Link, ask: Ask) -> None:
         answer = self._servers.get(ask.key)
         number = ask.number
 
@@ -752,15 +752,15 @@ class Mesh:
         try:
             link.send(packed)
         except Overflow:
-            _log.warning("process %s does not read what it is told; it is disconnected", link.member)
+            _log.warning("process %s does not read what is sent to it; it is disconnected", link.member)
             with contextlib.suppress(OSError):
                 link.socket.shutdown(socket.SHUT_RDWR)
 
     def _end_exchange(self, peer: _Peer, number: int, last: bytes | None = None) -> None:
         if (exchange := peer.exchanges.pop(number, None)) is not None:
             if last is not None:
-                exchange.hear(last)
-            exchange.hear(None)
+                exchange.on_reply(last)
+            exchange.on_reply(None)
 
     def _tick(self, now: float) -> None:
         """Give a sign of life, judge the others' signs, and mend what is broken."""
@@ -801,19 +801,19 @@ class Mesh:
 
     def _judge(self, peer: _Peer, now: float) -> None:
         if peer.beat is not None:
-            peer.heard = max(peer.heard, peer.beat.read())
-        if now - peer.heard > TICK + HANGS / 4:  # it may have made its file anew
+            peer.last_sign = max(peer.last_sign, peer.beat.read())
+        if now - peer.last_sign > TICK + HANGS / 4:  # it may have made its file anew
             if peer.beat is not None:
                 peer.beat.close()
             peer.beat = self.place.beat_of(peer.tag)
             if peer.beat is not None:
-                peer.heard = max(peer.heard, peer.beat.read())
+                peer.last_sign = max(peer.last_sign, peer.beat.read())
         with self._lock:
             if self._peers.get(peer.tag) is not peer:
                 return
-            if now - peer.heard > HANGS:
+            if now - peer.last_sign > HANGS:
                 self._hide(peer)
-            elif peer.met and not peer.awake and now - peer.heard < 2 * TICK:
+            elif peer.met and not peer.awake and now - peer.last_sign < 2 * TICK:
                 self._show(peer)
 
     # -- sockets
@@ -840,7 +840,7 @@ class Mesh:
     def _release(self) -> None:
         """Send what waits, as far as it can be, and close all that is open."""
         links = [what for what in self._sockets.all() if isinstance(what, Link)]
-        latest = time.monotonic() + FAREWELL
+        latest = time.monotonic() + FLUSH
         while any([link.flush() for link in links]) and time.monotonic() < latest:  # noqa: C419 # all of them
             time.sleep(0.005)
         with self._lock:

@@ -17,7 +17,7 @@ from functools import partial
 from typing import Generic, Self, TypeVar
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable, VrError
-from robotree.vr.transport import DirectHandler, Hear, RequestHandler, Respond
+from robotree.vr.transport import DirectHandler, OnReply, RequestHandler, Respond
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""
@@ -189,12 +189,12 @@ class Replies:
             self._news.set_result(None)
 
 
-async def relay(replies: AsyncIterator[bytes], hear: Hear) -> None:
+async def relay(replies: AsyncIterator[bytes], on_reply: OnReply) -> None:
     """Hand on the replies to a request as `Transport.ask` does."""
     with contextlib.suppress(VrError):
         async for reply in replies:
-            hear(reply)
-    hear(None)
+            on_reply(reply)
+    on_reply(None)
 
 
 def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:

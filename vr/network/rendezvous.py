@@ -5,7 +5,7 @@ random number):
 
     TAG.sock   the socket on which it listens
     TAG.beat   the time of its last sign of life, written by its network thread, read by all
-    TAG.held   the keys under which it is present, for those to whom it has not spoken yet
+    TAG.held   the keys under which it is present, for processes that it has not greeted yet
 
 A newcomer listens on a hidden name, gives it its visible name, and only then looks who is there: of two that
 come at the same moment at least one sees the other. A visible name that refuses a connection is therefore
@@ -130,7 +130,7 @@ class Rendezvous:
         self._there = False
         self._beat: Beat | None = None
 
-    # -- oneself
+    # -- this process
 
     def register(self) -> socket.socket:
         """Listen, and be seen. Called again it replaces what was there: see `registered`.

@@ -37,7 +37,7 @@ from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
 from robotree.vr.running.worker import DEEPEST, Frame, Worker
-from robotree.vr.transport import Hear
+from robotree.vr.transport import OnReply
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
 LONGEST_NOTE = 80
@@ -58,7 +58,9 @@ class NotDescribed(Exception):
 class Way(Protocol):
     """What a robot at work needs of its agent: the way to other processes, and to what is behind it."""
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+    def ask(
+        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
+    ) -> None:
         """Ask the server of a key without waiting: see `Transport.ask`."""
         ...
 
@@ -700,18 +702,18 @@ class LiveRobot:
 
         pending.ended = ended
         sealed = seal(call, now=now, within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, void_at=sealed.void_at, hear=pending.hear)
+        self.way.ask(key, sealed.body, void_at=sealed.void_at, on_reply=pending.take_reply)
 
     def _withdraw(self, key: str, call: str, epoch: int, reason: str) -> None:
         """Tell a child in another process that nobody wants a call any more."""
         cancel = Cancel(key=call, epoch=epoch, reason=reason)
         sealed = seal(cancel, now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, hear=lambda _: None, urgent=True)
+        self.way.ask(key, sealed.body, on_reply=lambda _: None, urgent=True)
 
     def _detach(self, key: str, call: str, epoch: int) -> None:
         """Tell a child in another process that a call goes on without the command that has made it."""
         sealed = seal(Detach(key=call, epoch=epoch), now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, hear=lambda _: None)
+        self.way.ask(key, sealed.body, on_reply=lambda _: None)
 
     def _end_calls_of(self, slot: str) -> None:
         """A child is gone: whoever waits for it waits no longer."""

@@ -89,7 +89,7 @@ class PendingCall(Part):
         """End it with an error of our own."""
         self.settle(Raised.of(error))
 
-    def hear(self, body: bytes | None) -> None:
+    def take_reply(self, body: bytes | None) -> None:
         """Take one reply from another process; None: there are no more."""
         if body is None:
             if self.reply is not None or (self._awaited and self.accepted):

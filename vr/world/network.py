@@ -2,7 +2,7 @@
 
 It behaves as the mesh of processes does (`network/mesh.py`). Between two members there are two channels,
 urgent and bulk; what is sent on one of them arrives in its order. Each member tells the others what it serves
-and holds, and knows only what it was told.
+and holds, and knows only what has reached it.
 
 Faults: a member dies (`kill`), or its whole machine without a word (`vanish`); it is stopped (`pause`), or
 falls silent while it works (`freeze`); two lose each other (`cut`), in one direction only (`cut_one_way`); a
@@ -34,8 +34,8 @@ from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
     End,
-    Hear,
     Held,
+    OnReply,
     PresenceHandler,
     Registration,
     RequestHandler,
@@ -419,28 +419,30 @@ class _Entry:
 class _Exchange:
     """A request whose replies somebody waits for."""
 
-    __slots__ = ("asker", "hear", "server", "void_at")
+    __slots__ = ("asker", "on_reply", "server", "void_at")
 
-    def __init__(self, asker: MemoryTransport, server: MemoryTransport, hear: Hear, void_at: float) -> None:
+    def __init__(
+        self, asker: MemoryTransport, server: MemoryTransport, on_reply: OnReply, void_at: float
+    ) -> None:
         self.asker, self.server = asker, server
-        self.hear: Hear | None = hear
+        self.on_reply: OnReply | None = on_reply
         self.void_at = void_at
         """[s] until when the server may begin with it; 0: it has answered."""
 
     def reply(self, body: bytes) -> None:
-        """Hear a reply, if anybody still does."""
+        """Hand a reply on, if it is still waited for."""
         self.void_at = 0.0
-        if self.hear is not None:
-            self.hear(body)
+        if self.on_reply is not None:
+            self.on_reply(body)
 
     def end(self) -> None:
         """There are no more."""
-        hear, self.hear = self.hear, None
+        on_reply, self.on_reply = self.on_reply, None
         mine = self.asker.exchanges.get(self.server)
         if mine is not None:
             mine.pop(self, None)
-        if hear is not None:
-            hear(None)
+        if on_reply is not None:
+            on_reply(None)
 
 
 class MemoryTransport:
@@ -501,27 +503,29 @@ class MemoryTransport:
             replies.end()
             self._asking.pop(replies, None)
 
-        def hear(reply: bytes | None) -> None:
+        def on_reply(reply: bytes | None) -> None:
             self._soon(done if reply is None else partial(replies.feed, reply))
 
-        self._ask(key, bytes(memoryview(body)), void_at, hear, urgent=urgent)
+        self._ask(key, bytes(memoryview(body)), void_at, on_reply, urgent=urgent)
         return replies
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+    def ask(
+        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
+    ) -> None:
         """See `Transport.ask`."""
         packed = bytes(memoryview(body))
-        self.network.inside(lambda: self._ask(key, packed, void_at, hear, urgent=urgent))
+        self.network.inside(lambda: self._ask(key, packed, void_at, on_reply, urgent=urgent))
 
-    def _ask(self, key: str, body: bytes, void_at: float, hear: Hear, *, urgent: bool) -> None:
+    def _ask(self, key: str, body: bytes, void_at: float, on_reply: OnReply, *, urgent: bool) -> None:
         if self.closed:
-            hear(None)
+            on_reply(None)
             return
         network = self.network
         server = self if key in self.served else self._where.get(key)
         if server is None:
-            network.agenda.at(network.agenda.now(), lambda: hear(None))
+            network.agenda.at(network.agenda.now(), lambda: on_reply(None))
             return
-        exchange = _Exchange(self, server, hear, void_at)
+        exchange = _Exchange(self, server, on_reply, void_at)
         channel = URGENT if urgent else BULK
         arrive = partial(server.asked, self, exchange, key, body, channel)
         if server is self:

@@ -165,7 +165,7 @@ def flood(transport: LocalTransport, key: str) -> Iterator[None]:
     def send() -> None:
         while not enough.is_set():
             if room.acquire(timeout=0.1):
-                transport.mesh.ask(key, body, urgent=False, hear=hear)
+                transport.mesh.ask(key, body, urgent=False, on_reply=hear)
 
     thread = threading.Thread(target=send)
     thread.start()

@@ -190,10 +190,10 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     await server.serve(KEY, slowly, direct=directly)
     await asyncio.sleep(0.1)
     for body in (b"d", b"s"):
-        caller.ask(KEY, body, hear=heard.append)
+        caller.ask(KEY, body, on_reply=heard.append)
         await asyncio.sleep(0.1)
     assert heard == [b"direct d", b"last", None, b"slow s", None]
-    caller.ask("nobody", b"d", hear=heard.append)
+    caller.ask("nobody", b"d", on_reply=heard.append)
     await asyncio.sleep(0.1)
     assert heard[5:] == [None]
 
@@ -205,7 +205,7 @@ async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
     heard: list[bytes | None] = []
     await server.serve(KEY, lambda _body, _respond: asyncio.sleep(100.0), direct=lambda *_: True)
     await asyncio.sleep(0.1)
-    caller.ask(KEY, b"", hear=heard.append)
+    caller.ask(KEY, b"", on_reply=heard.append)
     await asyncio.sleep(0.1)
     assert heard == []
     network.kill(server)

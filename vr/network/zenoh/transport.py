@@ -26,8 +26,8 @@ from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
-    Hear,
     Held,
+    OnReply,
     PresenceHandler,
     Registration,
     RequestHandler,
@@ -164,15 +164,17 @@ class ZenohTransport:
             self._spawn(self._send(send, replies))
         return replies
 
-    def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, hear: Hear) -> None:
+    def ask(
+        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
+    ) -> None:
         """See `Transport.ask`: here every request goes by the event loop."""
         del void_at
 
         def begin() -> None:
             if self.closed:
-                hear(None)
+                on_reply(None)
             else:
-                self._spawn(relay(self.request(key, body, timeout=FOREVER, urgent=urgent), hear))
+                self._spawn(relay(self.request(key, body, timeout=FOREVER, urgent=urgent), on_reply))
 
         self._turns.put(begin, urgent=urgent)
 
@@ -255,7 +257,7 @@ class ZenohTransport:
         return sorted(keys)
 
     async def silent(self, pattern: str) -> list[Held]:
-        """See `Transport.silent`: Zenoh knows of nobody whom it does not hear."""
+        """See `Transport.silent`: Zenoh knows only those that it is connected with."""
         self._open(pattern)
         return []
 
