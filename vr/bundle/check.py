@@ -228,8 +228,8 @@ def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:
         match node:
             case ast.Assign(targets=targets):
                 pass
-            case ast.AugAssign(target=target) | ast.AnnAssign(target=target):
-                targets = [target]
+            case ast.AugAssign(target=changing) | ast.AnnAssign(target=changing):
+                targets = [changing]
             case ast.Call(func=ast.Attribute(value=ast.Attribute() as changed, attr=attr)) if (
                 attr in _CHANGES
             ):
