@@ -18,7 +18,7 @@ def test_an_evening_with_three_visitors_ends_well(tmp_path: Path) -> None:
     runtime = tmp_path / "run"
     runtime.mkdir(mode=0o700)
     home = {"XDG_RUNTIME_DIR": str(runtime), "XDG_STATE_HOME": str(tmp_path / "state")}
-    words = (sys.executable, "-m", "robotree.tui", "demo", "companion", "--headless")
+    words = (sys.executable, "-m", "robotree.tui", "demo", "companion", "--headless", "--speedup", "3")
     played = subprocess.run(
         (*words, "--pictures", str(tmp_path / "pictures")),
         env={**os.environ, **home},

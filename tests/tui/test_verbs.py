@@ -16,7 +16,7 @@ from robotree.tui.line import grammar
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of
-from robotree.tui.line.verbs import Outcome
+from robotree.tui.line.verbs import Outcome, shipped
 from robotree.vr.errors import (
     BadArgument,
     BrokenSource,
@@ -314,3 +314,12 @@ async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> No
     await until(lambda: any(one.data["name"] == "arm-1" for one in listener.outcomes), "its state")
     assert any("j1=0.25 rad" in one.text for one in listener.outcomes)
     watching.cancel()
+
+
+def test_examples_are_found_in_the_wheel_whatever_folder_they_lie_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert shipped("examples/guide.yaml").exists()
+    assert shipped("examples/companion/companion.py").exists()
+    assert not shipped("examples/../secret.py").exists()

@@ -296,11 +296,11 @@ async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 def shipped(given: str) -> Path:
     """Return a source file; `examples/…` is in the wheel, too, where the current folder has none."""
     path = Path(given)
-    if path.exists() or path.parent != Path("examples"):
+    if path.exists() or path.parts[:1] != ("examples",) or ".." in path.parts:
         return path
     from importlib.resources import files
 
-    found = Path(str(files("robotree.examples").joinpath(path.name)))
+    found = Path(str(files("robotree.examples").joinpath(*path.parts[1:])))
     return found if found.exists() else path
 
 
