@@ -5,7 +5,8 @@
     robotree enslave pair.right arm-2
     robotree call pair.lift height=10cm
 
-`start` gives a future instead of waiting, so both arms move at the same time; `result` waits for the end.
+What is started in a block of `together` runs at the same time; the block waits for the end of all, and if one
+fails, the others are cancelled.
 """
 
 from typing import Annotated, Literal
@@ -27,17 +28,15 @@ class TwoArms(VirtualRobot):
         """Raise both grippers, each from where it is."""
         arms = self.left, self.right
         places = [arm.get_info() for arm in arms]
-        moves = [
-            arm.go_to.start(x=at.x, y=at.y, z=at.z + height, twist=at.twist)
-            for arm, at in zip(arms, places, strict=True)
-        ]
-        for move in moves:
-            move.result()
+        with self.together() as both:
+            for arm, at in zip(arms, places, strict=True):
+                both.start(arm.go_to, x=at.x, y=at.y, z=at.z + height, twist=at.twist)
         left, right = (arm.get_info().z for arm in arms)
         return float(abs(left - right))
 
     @command(effect="repeat")
     def grip(self, action: Literal["open", "close"]) -> None:
         """Open or close both grippers."""
-        for grip in [arm.grip.start(action=action) for arm in (self.left, self.right)]:
-            grip.result()
+        with self.together() as both:
+            both.start(self.left.grip, action=action)
+            both.start(self.right.grip, action=action)

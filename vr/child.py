@@ -370,9 +370,9 @@ class ChildCommand:
         label = f"{self._slot}.{self._command}"
         try:
             arguments = plain_arguments(arguments)
-            values = tuple(
-                plain_arguments({str(number): value for number, value in enumerate(values, 1)}).values()
-            )
+            if values:
+                numbered = {str(number): value for number, value in enumerate(values, 1)}
+                values = tuple(plain_arguments(numbered).values())
         except TypeError as error:
             name, _, reason = str(error).partition(": ")
             raise BadArgument(command=label, parameter=name, reason=reason) from None

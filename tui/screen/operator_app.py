@@ -31,7 +31,7 @@ from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.status import took
 from robotree.tui.seen.store import Store, Weight
-from robotree.vr.errors import NotConfirmed, VrError
+from robotree.vr.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.network.rendezvous import DEFAULT_REALM
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.feed.hint()
         self._note_stop(line, outcome)
         if isinstance(outcome, Refusal):
-            self.tell(f"{outcome}{self._failed_after(robot, began)}", "error", robot)
+            self.tell(f"{outcome}{self._failed_after(robot, began)}", weight_of(outcome.error), robot)
             return "", str(outcome)
         if outcome.doubt:
             self.tell(str(outcome.doubt), "warning")
@@ -230,7 +230,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
                     robot, command, arguments, deadline=CALL_LIMIT, on_progress=listener.progressed
                 )
         except VrError as error:
-            self.tell(f"{error}{self._failed_after(robot, began)}", "error", robot)
+            self.tell(f"{error}{self._failed_after(robot, began)}", weight_of(error), robot)
             listener.failed(str(error))
         except Exception as error:  # the last fence of this task
             log.exception("while calling %s.%s", robot, command)
@@ -284,6 +284,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
     def open_teleoperation(self, robot: RobotDescription) -> None:
         """Open the tele-operation of a robot, if it can be tele-operated."""
         raise NotImplementedError
+
+
+def weight_of(error: Exception) -> Weight:
+    """Return how an error looks in the log: that somebody cancelled a command is no failure of it."""
+    return "warning" if isinstance(error, CommandCancelled | ChildCancelled) else "error"
 
 
 def _places(robot: RobotDescription) -> list[str]:

@@ -542,7 +542,9 @@ class LiveRobot:
             self._runner.name_thread(f"{self.robot.name}.{call.command}")
         value, error = worker.run(frame, work)
         del self.frames[key]
-        frame.end()
+        frame.over = True  # from now on a thread that works for it reaches no child
+        if frame.started or frame.guests:
+            frame.end()
         if isinstance(robot, VirtualRobot) and not worker.dead:
             try:
                 robot.field_values.settle(key)

@@ -232,7 +232,8 @@ class PendingCall(Part):
     def _value(self) -> Any:
         reply = self.reply
         if isinstance(reply, Returned):
-            return readable(reply.value)
+            value = reply.value
+            return readable(value) if isinstance(value, (dict, list)) else value
         assert reply is not None  # noqa: S101 # it is done
         self.frame.worker.check(self.frame)  # if the caller itself was asked to end, that is what it is told
         error = self.error()

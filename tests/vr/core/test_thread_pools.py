@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -95,17 +95,26 @@ class Studio(VirtualRobot):
 
     @command
     def leaves_a_thread(self) -> None:
-        go_on = threading.Event()
+        go_on, pool = threading.Event(), ThreadPoolExecutor(1)
+        self.left += [go_on, pool.submit(self.late, go_on)]
 
-        def late() -> None:
-            go_on.wait()
-            try:
-                self.take(1)
-            except VrError as error:
-                self.saw.append(str(error))
+    @command
+    def leaves_a_context(self) -> None:
+        go_on, done = threading.Event(), Future[None]()
 
-        pool = ThreadPoolExecutor(1)
-        self.left += [go_on, pool.submit(late)]
+        def work() -> None:
+            self.late(go_on)
+            done.set_result(None)
+
+        threading.Thread(target=contextvars.copy_context().run, args=(work,)).start()
+        self.left += [go_on, done]
+
+    def late(self, go_on: threading.Event) -> None:
+        go_on.wait()
+        try:
+            self.take(1)
+        except VrError as error:
+            self.saw.append(str(error))
 
 
 @pytest.fixture(params=["a process each", "one process"])
@@ -151,13 +160,16 @@ async def test_a_cancel_reaches_the_threads_of_a_command(realm: Any, studio: Any
 
 
 @pytest.mark.real_threads
-async def test_a_thread_that_outlives_its_command_reaches_no_child(realm: Any, studio: Any) -> None:
-    await realm.client(studio).call("leaves_a_thread", {}, key="k")
+@pytest.mark.parametrize("command", ["leaves_a_thread", "leaves_a_context"])
+async def test_a_thread_that_outlives_its_command_reaches_no_child(
+    realm: Any, studio: Any, command: str
+) -> None:
+    await realm.client(studio).call(command, {}, key="k")
     go_on, late = studio.robot.left
     go_on.set()
     await asyncio.wrap_future(late)
     assert studio.robot.saw == [
-        "studio.leaves_a_thread was cancelled: the command for which this thread works has ended"
+        f"studio.{command} was cancelled: the command for which this thread works has ended"
     ]
     assert studio.camera.robot.keys == []
 
