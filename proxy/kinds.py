@@ -70,7 +70,7 @@ def _load(path: str, wanted: str) -> type[RobotProxy]:
         SeveralKinds: it defines several, and none was named.
     """
     bundle = Bundle.read(path)
-    module = load_module(bundle.source, path, bundle.hash)
+    module = load_module(bundle.source, path, bundle.hash, files=bundle.files)
     try:
         return only_class(module, RobotProxy, path, wanted)
     except NotOne as error:

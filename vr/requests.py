@@ -163,6 +163,8 @@ class Create(_Message, frozen=True, kw_only=True):
     source: str
     wanted: str = ""
     """Class name; empty: the only virtual robot in the source."""
+    files: dict[str, bytes] = {}
+    """Modules and data that belong to the source, by their path from its folder."""
     settings: dict[str, Any] = {}
     """Values of its settings that are not the defaults: numbers in the declared units, or text with units."""
     origin: str = ""

@@ -232,13 +232,12 @@ class Host:
 
     async def _answer(self, request: Request) -> Reply:
         match request:
-            case Create(name=name, path=path, source=source, wanted=wanted, settings=settings):
-                agent = await self.create(Bundle(source, path, wanted), name, settings)
+            case Create():
+                agent = await self.create(_bundle(request), request.name, request.settings)
                 agent.live.page = request.origin
                 return Described(robot=agent.description())
             case Reload(page=page, now=now, within=within):
-                bundle = Bundle(page.source, page.path, page.wanted)
-                return await self.reload(bundle, page.name, origin=page.origin, now=now, within=within)
+                return await self.reload(_bundle(page), page.name, origin=page.origin, now=now, within=within)
             case DescribeHost():
                 return self.description()
             case _:
@@ -250,3 +249,7 @@ class Host:
         ended = (*self._ended, *(agent for agent in self.agents.values() if agent.gone))
         abandoned = tuple(f"{agent.robot.name}.{name}" for agent in ended for name in agent.abandoned)
         return HostDescribed(address=self.address, robots=robots, abandoned=abandoned)
+
+
+def _bundle(page: Create) -> Bundle:
+    return Bundle(page.source, page.path, page.wanted, page.files)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -12,10 +11,13 @@ import msgspec
 
 from robotree.files import text
 from robotree.vr.arguments import check_arguments
+from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
+from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.choice import choose
-from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make
+from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make, text_of
 from robotree.vr.errors import BrokenSource, NoSuchFile, OtherKind
 from robotree.vr.fields import Kept, settings_spec
+from robotree.vr.running.naming import file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000
@@ -33,6 +35,8 @@ class Bundle(msgspec.Struct, frozen=True):
     """Where its author keeps it; for messages, never opened by a host."""
     wanted: str = ""
     """Name of the class; empty: the only virtual robot in the source."""
+    files: dict[str, bytes] = {}
+    """Modules and data that belong to it, by their path from its folder: see `beside.py`."""
 
     @classmethod
     def read(cls, path: str | Path, wanted: str = "") -> Self:
@@ -44,9 +48,13 @@ class Bundle(msgspec.Struct, frozen=True):
 
         Raises:
             NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.
+            BrokenSource: what lies beside it and belongs to it cannot be used.
         """
         try:
-            return cls(text(Path(path).expanduser(), LARGEST), str(path), wanted)
+            file = Path(path).expanduser()
+            source = text(file, LARGEST)
+            files = {} if str(path).lower().endswith(SUFFIXES) else beside(file, source)
+            return cls(source, str(path), wanted, files)
         except (OSError, RuntimeError) as error:  # RuntimeError: nobody has the home that ~NAME means
             reason = getattr(error, "strerror", None) or str(error)
             raise NoSuchFile(path=str(path), reason=reason) from None
@@ -59,8 +67,11 @@ class Bundle(msgspec.Struct, frozen=True):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the source, in hex: its version."""
-        return hashlib.sha256(self.source.encode()).hexdigest()
+        """SHA-256 of the source and of what belongs to it, in hex: its version."""
+        version = hashlib.sha256(self.source.encode())
+        for name, data in sorted(self.files.items()):
+            version.update(name.encode() + b"\0" + hashlib.sha256(data).digest())
+        return version.hexdigest()
 
     def load(self, *, limit: float = LIMIT) -> type[VirtualRobot]:
         """Load the class anew, in a module of its own. Blocks: not for an event loop.
@@ -77,15 +88,16 @@ class Bundle(msgspec.Struct, frozen=True):
             NoVirtualRobot: there is none, or none of the name wanted.
             SeveralVirtualRobots: there are several, and none was named.
         """
-        if len(self.source) > LARGEST or len(self.source.encode()) > LARGEST:
+        size = sum(map(len, self.files.values()))
+        if len(self.source) > LARGEST or len(self.source.encode()) > LARGEST or size > LARGEST_BESIDE:
             raise BrokenSource(path=self.path, reason=_TOO_LARGE)
         if self.path.lower().endswith(SUFFIXES):
             return self._script()
-        module = load_module(self.source, self.path, self.hash, limit=limit)
+        module = load_module(self.source, self.path, self.hash, files=self.files, limit=limit)
         try:
             return choose(module, self.path, self.wanted)
         except BaseException:
-            forget(module.__name__, str(module.__file__))
+            forget(module.__name__, file_in_tracebacks(self.path, self.hash))
             raise
 
     def _script(self) -> type[VirtualRobot]:
@@ -142,7 +154,7 @@ class Bundle(msgspec.Struct, frozen=True):
         try:
             robot = make(cls, lambda: built(cls, name, given), name, self.path, limit=limit)
         except BaseException:
-            forget(cls.__module__, str(sys.modules[cls.__module__].__file__))
+            forget(cls.__module__, text_of(cls))
             raise
         keep_with(robot)
         return robot

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import linecache
 from types import ModuleType
 from typing import TypeVar
 
+from robotree.vr.bundle.lines import line_of
+from robotree.vr.bundle.loader import text_of
 from robotree.vr.command import commands_of
 from robotree.vr.errors import BrokenSource, NoVirtualRobot, SeveralVirtualRobots
 from robotree.vr.robot import Robot
-from robotree.vr.virtual_robot import VirtualRobot
+from robotree.vr.virtual_robot import VirtualRobot, slot_specs
 
 _R = TypeVar("_R", bound=Robot)
 
@@ -52,8 +55,11 @@ def only_class(module: ModuleType, base: type[_R], path: str, wanted: str) -> ty
     (chosen,) = found.values()
     try:
         commands_of(chosen)
+        if issubclass(chosen, VirtualRobot):
+            slot_specs(chosen)
     except TypeError as error:
-        raise BrokenSource(path=path, reason=str(error)) from None
+        line = line_of("".join(linecache.getlines(text_of(chosen))), str(error))
+        raise BrokenSource(path=path, reason=f"{f'line {line}: ' if line else ''}{error}") from None
     return chosen
 
 

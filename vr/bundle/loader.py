@@ -7,6 +7,7 @@ of its own, so what two robots of one page keep in their classes is not shared; 
 from __future__ import annotations
 
 import contextvars
+import hashlib
 import itertools
 import linecache
 import logging
@@ -16,14 +17,17 @@ import traceback
 import weakref
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
+from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
+from robotree.vr.bundle.lines import line_of
+from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
-from robotree.vr.running.naming import file_in_tracebacks
+from robotree.vr.running.naming import authors_file, file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0
@@ -34,19 +38,26 @@ _FAREWELL = 1.0
 _T = TypeVar("_T")
 _Robot = TypeVar("_Robot", bound=Robot)
 _numbers = itertools.count(1)
+_pages: dict[str, tuple[str, str]] = {}
+"""Path and hash of the page of each living module, by the module's name."""
 _texts: Counter[str] = Counter()
 """How many living modules were made of each text, by the name that it has in tracebacks."""
 _lock = threading.Lock()
 _log = logging.getLogger(__name__)
+_OURS = Path(__file__).resolve().parents[1]
+"""Folder of the agents' code."""
 
 
-def load_module(source: str, path: str, digest: str, *, limit: float = LIMIT) -> ModuleType:
+def load_module(
+    source: str, path: str, digest: str, *, files: Mapping[str, bytes] | None = None, limit: float = LIMIT
+) -> ModuleType:
     """Return a new module of a source.
 
     Args:
         source: Python.
         path: where its author keeps it.
         digest: hash of the source.
+        files: beside it, by their path from its folder.
         limit: [s] for it to run.
 
     Returns:
@@ -57,13 +68,16 @@ def load_module(source: str, path: str, digest: str, *, limit: float = LIMIT) ->
     """
     file = file_in_tracebacks(path, digest)
     code = _compile(source, path, file)
-    module = ModuleType(f"robotree_bundle_{digest[:16]}_{next(_numbers)}")
+    module = ModuleType(f"{PREFIX}{digest[:16]}_{next(_numbers)}")
     module.__file__ = file
     sys.modules[module.__name__] = module  # where dataclasses and type hints look for it
     with _lock:
+        _pages[module.__name__] = (path, digest)
         _texts[file] += 1
         linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
     try:
+        if files:
+            Package(module, path, files, partial(_called, path))
         within(lambda: exec(code, vars(module)), path, file, limit)  # noqa: S102 # the one place that does so
     except BaseException:
         forget(module.__name__, file)
@@ -71,15 +85,28 @@ def load_module(source: str, path: str, digest: str, *, limit: float = LIMIT) ->
     return module
 
 
+def _called(path: str, file: str, data: bytes) -> str:
+    """Return what a module beside a page is called in tracebacks."""
+    return file_in_tracebacks(str(Path(path).parent / file), hashlib.sha256(data).hexdigest())
+
+
+def text_of(cls: type[Any]) -> str:
+    """Return what the page of a class is called in tracebacks."""
+    return file_in_tracebacks(*_pages[cls.__module__])
+
+
 def keep_with(robot: VirtualRobot) -> None:
     """Let the module of a robot's class end with the robot."""
-    module = sys.modules[type(robot).__module__]
-    weakref.finalize(robot, forget, module.__name__, str(module.__file__)).atexit = False
+    name = type(robot).__module__
+    weakref.finalize(robot, forget, name, text_of(type(robot))).atexit = package_of(name) is not None
 
 
 def forget(name: str, file: str) -> None:
-    """Let go of a module, and of its text when no other module is made of it."""
+    """Let go of a module with what lies beside it, and of its text when no other module is made of it."""
     sys.modules.pop(name, None)
+    _pages.pop(name, None)
+    if package := package_of(name):
+        package.close()
     with _lock:
         _texts[file] -= 1
         if not _texts[file]:
@@ -129,7 +156,7 @@ def make(
         BadName: that cannot be a name.
         BrokenSource: the constructor raises or does not end, or does not call its base's.
     """
-    robot = within(build, path, str(sys.modules[cls.__module__].__file__), limit)
+    robot = within(build, path, text_of(cls), limit)
     unmade = isinstance(robot, VirtualRobot) and not hasattr(robot, "child_slots")
     if getattr(robot, "name", None) != name or unmade:
         reason = f"{cls.__name__}.__init__ must call super().__init__({takes})"
@@ -191,8 +218,26 @@ def _compile(source: str, path: str, file: str) -> CodeType:
 
 
 def _reason(error: BaseException, file: str, limit: float) -> str:
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    where = f"line {lines[-1]}: " if lines else ""
+    frames = traceback.extract_tb(error.__traceback__)
+    where = next((_place(frame, file) for frame in reversed(frames) if _of_author(frame.filename, file)), "")
+    if isinstance(error, SyntaxError) and error.filename and _of_author(error.filename, file):
+        return f"{Path(authors_file(error.filename)).name}, line {error.lineno}: {error.msg}"
     if isinstance(error, Interrupted):
         return f"{where}it did not end within {limit:g} s"
+    ours = bool(frames) and Path(frames[-1].filename).is_relative_to(_OURS)
+    if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
+        line = line_of("".join(linecache.getlines(file)), str(error))
+        return f"{f'line {line}: ' if line else where}{error}"
     return f"{where}{type(error).__name__}: {error}".removesuffix(": ")
+
+
+def _of_author(filename: str, file: str) -> bool:
+    """Whether a file, as tracebacks call it, is the page or lies beside it."""
+    parent = Path(authors_file(file)).parent
+    known = authors_file(filename)
+    return filename == file or (known != filename and Path(known).is_relative_to(parent))
+
+
+def _place(frame: traceback.FrameSummary, file: str) -> str:
+    name = "" if frame.filename == file else f"{Path(authors_file(frame.filename)).name}, "
+    return f"{name}line {frame.lineno}: "

@@ -472,6 +472,7 @@ def _page(bundle: Bundle, name: str, settings: Mapping[str, Any] | None) -> Crea
         name=name,
         path=bundle.path,
         source=bundle.source,
+        files=bundle.files,
         wanted=bundle.wanted,
         settings=dict(settings or {}),
         origin=bundle.origin,

@@ -164,7 +164,7 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
         (
             HEAD + "class V(VirtualRobot):\n    @command\n    def go(self, x): ...",
             "",
-            "robot.py cannot be loaded: V.go: parameter 'x' needs a type",
+            "robot.py cannot be loaded: line 4: V.go: parameter 'x' needs a type",
         ),
         (
             HEAD + "class V(VirtualRobot):\n    def __init__(self, name):\n        self.x = 1 / 0",

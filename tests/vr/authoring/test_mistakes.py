@@ -1,0 +1,95 @@
+"""Pages with mistakes: each is refused with page, line, what is wrong and what to write instead."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotree.vr.bundle import Bundle
+from robotree.vr.errors import BundleError
+
+HEAD = """from dataclasses import dataclass
+from enum import Enum
+from typing import Annotated
+from robotree.vr import Child, Children, Range, Unit, VirtualRobot, command
+
+class Team(VirtualRobot):
+    arm = Child("Arm")
+"""
+"""Seven lines: the mistakes stand in line 8 or below."""
+
+MISTAKES = {
+    "a unit that nobody knows": (
+        '    @command\n    def go(self, x: Annotated[float, Unit("metrs")]) -> None: ...\n',
+        "line 9: the unit 'metrs' is not known; the nearest is 'm'",
+    ),
+    "a unit of a reading": (
+        '    reading_units = {"height": "metrs"}\n',
+        "line 6: the unit 'metrs' is not known; the nearest is 'm'",
+    ),
+    "an empty range": (
+        "    @command\n    def go(self, x: Annotated[float, Range(1, 0)]) -> None: ...\n",
+        "line 9: a range from 1 to 0 is empty",
+    ),
+    "a list of Child": (
+        '    rovers = [Child("Rover"), Child("Rover")]\n',
+        "line 8: Team.rovers is a list of Child, which makes no slots; write: rovers = Children(",
+    ),
+    "an array of impossible size": (
+        '    rovers = Children("Rover", least=3, most=2)\n',
+        "line 8: Children('Rover', least=3, most=2): `least` is 0 or more, `most` at least that, and from 1",
+    ),
+    "a kind that is none": (
+        "    other = Child(int)\n",
+        "line 8: int is no kind; import one from robotree.kinds, write one with `robotree stubs NAME`",
+    ),
+    "a command named like a robot's method": (
+        "    @command\n    def sleep(self) -> None: ...\n",
+        "line 9: Team.sleep: a command cannot have this name; every robot uses it itself",
+    ),
+    "a missing annotation": (
+        "    @command\n    def go(self,\n        x): ...\n",
+        "line 10: Team.go: parameter 'x' needs a type: float, int, bool, str",
+    ),
+    "a list of anything": (
+        "    @command\n    def go(self, x: list) -> None: ...\n",
+        "line 9: Team.go: parameter 'x' does not say what is in it: write for example list[float]",
+    ),
+    "an Enum of numbers": (
+        "    class Side(Enum):\n        LEFT = 1\n    @command\n    def go(self, x: Side) -> None: ...\n",
+        "line 11: Team.go: parameter 'x': Side.LEFT is 1; write a text: LEFT = \"left\"",
+    ),
+    "a default out of range": (
+        "    @command\n    def go(self, x: Annotated[float, Range(0, 1)] = 2) -> None: ...\n",
+        "line 9: default of Team.go: x: 2 is out of range; give a number from 0 to 1",
+    ),
+    "exposed of an unknown slot": (
+        "    move = rover.exposed()\n",
+        "line 8: NameError: name 'rover' is not defined",
+    ),
+    "a hook that is async": (
+        "    async def readings(self): ...\n",
+        "line 8: Team.readings runs in a thread: write it without async",
+    ),
+    "a command that is async": (
+        "    @command\n    async def go(self) -> None: ...\n",
+        "line 9: Team.go: a command is a plain function; it may block as it likes",
+    ),
+    "a syntax error": ("    def go(self:\n", "line 8: "),
+    "an import that fails": (
+        "\nimport nowhere_at_all\n",
+        "line 9: ModuleNotFoundError: No module named 'nowhere_at_all'",
+    ),
+    "a name that is not there": (
+        "    @command\n    def go(self, x: 'Metre') -> None: ...\n",
+        "line 9: Team.go: name 'Metre' is not defined; define it in the file, outside of functions",
+    ),
+    "an error while it is loaded": ("\nTABLE = {}['door']\n", "line 9: KeyError: 'door'"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda name: name.replace(" ", "-"))
+def test_a_page_with_a_mistake_is_refused_with_its_line_and_the_remedy(mistake: str) -> None:
+    lines, said = MISTAKES[mistake]
+    with pytest.raises(BundleError) as refused:
+        Bundle(HEAD + lines, "team.py").create("team")
+    assert str(refused.value).startswith(f"team.py cannot be loaded: {said}")

@@ -1,0 +1,34 @@
+"""Finds the line of a page that a sentence of ours is about: `Team.rovers is a list of Child …`. Pure."""
+
+from __future__ import annotations
+
+import ast
+import re
+
+_ABOUT = re.compile(r"(?:default of )?(\w+)\.(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
+_FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def line_of(source: str, sentence: str) -> int:
+    """Return the line of the class's attribute, or of the parameter, that a sentence begins with; 0: none."""
+    about = _ABOUT.match(sentence)
+    if about is None:
+        return 0
+    owner, attribute, parameter = about[1], about[2], about[3] or about[4]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef) and node.name == owner:
+            return _line_in(node, attribute, parameter)
+    return 0
+
+
+def _line_in(owner: ast.ClassDef, attribute: str, parameter: str | None) -> int:
+    for node in owner.body:
+        if isinstance(node, _FUNCTIONS) and node.name == attribute:
+            arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            named = (one.lineno for one in arguments if one.arg == parameter)
+            return next(named, node.lineno)
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(isinstance(one, ast.Name) and one.id == attribute for one in targets):
+                return node.lineno
+    return owner.lineno
