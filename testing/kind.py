@@ -6,7 +6,7 @@ living robot gives it, or a file that holds such a description as JSON.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import msgspec
 from robotree.vr.command import Command, commands_of
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
 from robotree.vr.robot import Robot
+from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 Source = type[Any] | RobotDescription | str | Path
 """Where a kind is described: a class, a description, or the path of a file with one."""
@@ -67,13 +68,38 @@ def _from_description(description: RobotDescription) -> Kind:
 
 def _from_class(cls: type[Robot]) -> Kind:
     commands: Mapping[str, Command] = commands_of(cls)
+    exposed = dict(_exposed_by(cls)) if issubclass(cls, VirtualRobot) else {}
     return Kind(
         cls.kinds(),
         (cls.__doc__ or "").strip(),
-        {name: each.spec for name, each in commands.items()},
+        {name: each.spec for name, each in commands.items()} | exposed,
         {name: each.returns for name, each in commands.items()},
         dict(cls.reading_units),
     )
+
+
+def _exposed_by(cls: type[VirtualRobot]) -> Iterator[tuple[str, CommandSpec]]:
+    """Yield the commands that a page lets through, where the kind of the child is one that ships.
+
+    Raises:
+        TypeError: it is of another kind, so nothing is known of its commands.
+    """
+    for name, exposed in exposures_of(cls).items():
+        kind = _shipped(exposed.child.kind)
+        spec = None if kind is None else kind.commands.get(exposed.command)
+        if spec is None:
+            raise TypeError(
+                f"{cls.__name__}.{name} is a command of its {exposed.child.kind}, which is not known here; "
+                f"rehearse the page itself, as Page({cls.__name__}, {exposed.child.name}=...), or give the "
+                "description of a living robot"
+            )
+        yield name, msgspec.structs.replace(exposed.seen(spec), name=name)
+
+
+def _shipped(name: str) -> Kind | None:
+    from robotree.proxy.kinds import KINDS
+
+    return next((_from_class(cls) for cls in KINDS.values() if cls.__name__ == name), None)
 
 
 def blank(fields: tuple[FieldSpec, ...]) -> Any:

@@ -94,7 +94,13 @@ class Team:
     def __init__(
         self, page: PageSource, children: Mapping[str, Parts], *, seed: int, settings: Mapping[str, Any]
     ) -> None:
-        """Let them live; see `rehearse`."""
+        """Let them live; see `rehearse`.
+
+        Raises:
+            RuntimeError: it is called where an event loop runs.
+        """
+        if asyncio.events._get_running_loop() is not None:  # noqa: SLF001 # asks without an error
+            raise RuntimeError("a rehearsal has event loops of its own: make the test a plain function")
         self.world = World(seed)
         self.mistake: Exception | None = None
         """What a function of the test itself has raised."""

@@ -62,6 +62,13 @@ class Crowd(VirtualRobot):
         return held
 
 
+class Hidden(VirtualRobot):
+    """Lets through what nobody knows."""
+
+    ghost = Child("Ghost")
+    show = ghost.exposed()
+
+
 class Hoist(VirtualRobot):
     """Lifts twice: a page on top of a page."""
 

@@ -9,12 +9,14 @@ from typing import Any
 import msgspec
 import pytest
 
+from robotree.examples.move_to import MoveTo
+from robotree.examples.open_close_lever import OpenCloseLever
 from robotree.proxy.arm import Arm
 from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.errors import NoSuchCommand, NotInControl, Stopped, WrongKind
-from tests.testing.pages import Crowd, Hoist, Lift, Spinning, Swallowing
+from tests.testing.pages import Crowd, Hidden, Hoist, Lift, Spinning, Swallowing
 
 
 def test_what_was_commanded_can_be_asserted_on() -> None:
@@ -159,6 +161,20 @@ def test_a_page_can_be_named_by_its_file(tmp_path: Path) -> None:
     with rehearse(page, arm=Fake(Arm)) as team:
         team.call("wave")
         assert team.commanded == [("arm", "hold", {})]
+
+
+def test_a_page_can_be_faked_with_the_commands_that_it_lets_through() -> None:
+    mover = Fake(MoveTo, takes=0.1, get_info={"width": 0.03})
+    with rehearse(OpenCloseLever, mover=mover) as team:
+        team.call("close")
+        assert set(team.commanded.names) == {"mover.grip", "mover.move"}
+    with pytest.raises(TypeError, match=r"Hidden\.show is a command of its Ghost, which is not known here"):
+        Fake(Hidden)
+
+
+async def test_a_rehearsal_refuses_to_run_inside_an_event_loop() -> None:
+    with pytest.raises(RuntimeError, match="make the test a plain function"):
+        rehearse(Lift, arm=Fake(Arm))
 
 
 def test_a_kind_can_be_a_description_of_a_living_robot(tmp_path: Path) -> None:
