@@ -7,7 +7,8 @@ still; the operator cancels; a protective stop. The laws:
     - the command ends, by a result or an error, soon after its deadline at the latest;
     - a mistake of the page itself (an error that is no `VrError`) never ends it;
     - without a fault that has happened it succeeds;
-    - when it has ended, no child goes on with what it had started, and no child is commanded any more;
+    - when it has ended, no child goes on with what it had started and not detached, and no child is
+      commanded any more;
     - the page takes commands afterwards: no code of it runs on.
 """
 
@@ -149,8 +150,9 @@ def _look_afterwards(trial: Trial, team: Team, label: str) -> None:
         calls = agent.live.core.state.calls
         if calls.abandoned:
             _broken(trial, team, label, f"{path or 'the page'} has code that cannot be ended")
-        if calls.live and not team.stands_still(path):
-            names = ", ".join(call.command for call in calls.live.values())
+        left = [call.command for call in calls.live.values() if not call.detached]
+        if left and not team.stands_still(path):
+            names = ", ".join(left)
             _broken(trial, team, label, f"{path or 'the page'} goes on with {names} after the end")
     for step in team.steps:
         if step.robot and not step.reads and step.at > ended + ON_THE_WAY:

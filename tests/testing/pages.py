@@ -62,6 +62,17 @@ class Crowd(VirtualRobot):
         return held
 
 
+class Sending(VirtualRobot):
+    """Sends an arm off and does not wait."""
+
+    arm = Child("Arm")
+
+    @command
+    def send(self) -> None:
+        """Send it."""
+        self.arm.go_to.tell(x=0.3, y=0.0, z=0.3, twist=0.0)
+
+
 class Hidden(VirtualRobot):
     """Lets through what nobody knows."""
 

@@ -9,7 +9,7 @@ import pytest
 from robotree.proxy.arm import Arm
 from robotree.testing import Fake, rehearse_seeds
 from robotree.testing.team import Team
-from tests.testing.pages import Careless, Deaf, Lift, Swallowing
+from tests.testing.pages import Careless, Deaf, Lift, Sending, Swallowing
 
 
 def test_a_good_page_keeps_the_laws_under_100_seeds_in_two_seconds_of_processor_time() -> None:
@@ -33,6 +33,10 @@ def test_a_page_that_does_not_end_is_found() -> None:
 
 def test_a_page_that_tries_again_is_none_that_breaks_a_law() -> None:
     rehearse_seeds(Deaf, "lift", arm=Fake(Arm), seeds=50)
+
+
+def test_what_a_page_has_detached_may_go_on() -> None:
+    rehearse_seeds(Sending, "send", arm=Fake(Arm, takes=30.0), seeds=30)
 
 
 def test_a_page_that_fails_in_peace_is_found_at_once() -> None:
