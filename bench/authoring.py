@@ -124,12 +124,10 @@ async def command(*words: str) -> float:
 async def living(rounds: int) -> None:
     """Measure what needs processes."""
     async with Crew(REALM) as crew:
-        cell = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none")
-        url = await cell.ready()
-        lookup, host = await crew.start("lookup", "lookup-1"), await crew.start("host", "host-1")
-        proxy = await crew.start("proxy", "arm", "arm-1", url)
-        for member in (lookup, host, proxy):
-            await member.ready()
+        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none")
+        await crew.start("lookup", "lookup-1")
+        host = await crew.start("host", "host-1")
+        proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
         transport = await join(REALM)
         fleet = Fleet(transport)
         await fleet.start()
