@@ -154,7 +154,7 @@ def rehearsals() -> None:
     sys.path.insert(0, str(ROOT / "examples"))
     from move_to import MoveTo
 
-    from robotree.proxy.arm import Arm
+    from robotree.kinds import Arm
     from robotree.testing import Fake, cell, rehearse, rehearse_seeds
 
     goal = {"x": 0.4, "y": 0.2, "z": 0.3, "twist": 0.0}

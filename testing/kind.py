@@ -1,6 +1,6 @@
 """What a fake needs to know of a kind of robot: its names, its commands, and what they return.
 
-Three sources: a class (of a proxy, of a page, or an interface with `@command` methods), a description as a
+Three sources: a class (an interface of `robotree.kinds`, a proxy's or a page's class), a description as a
 living robot gives it, or a file that holds such a description as JSON.
 """
 
@@ -14,7 +14,10 @@ import msgspec
 
 from robotree.vr.command import Command, commands_of
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.kind import Kind as Interface
+from robotree.vr.kind import promises_of
 from robotree.vr.robot import Robot
+from robotree.vr.signature import returned_by
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 Source = type[Any] | RobotDescription | str | Path
@@ -48,8 +51,10 @@ def kind_of(source: object) -> Kind:
         return _from_description(_read(Path(source)))
     if isinstance(source, type) and issubclass(source, Robot):
         return _from_class(source)
+    if isinstance(source, type) and issubclass(source, Interface):
+        return _from_interface(source)
     raise TypeError(
-        f"{source!r} describes no robot: give a class with commands, such as robotree.proxy.arm.Arm, "
+        f"{source!r} describes no robot: give a class with commands, such as robotree.kinds.Arm, "
         "a RobotDescription, or the path of a file with one as JSON"
     )
 
@@ -78,6 +83,20 @@ def _from_class(cls: type[Robot]) -> Kind:
     )
 
 
+def _from_interface(cls: type[Interface]) -> Kind:
+    promises = promises_of(cls)
+    names = tuple(
+        base.__name__ for base in cls.__mro__ if issubclass(base, Interface) and base is not Interface
+    )
+    return Kind(
+        (*names, Robot.__name__),
+        (cls.__doc__ or "").strip(),
+        {spec.name: spec for spec in promises},
+        {spec.name: returned_by(getattr(cls, spec.name).function) for spec in promises},
+        {},
+    )
+
+
 def _exposed_by(cls: type[VirtualRobot]) -> Iterator[tuple[str, CommandSpec]]:
     """Yield the commands that a page lets through, where the kind of the child is one that ships.
 
@@ -97,9 +116,10 @@ def _exposed_by(cls: type[VirtualRobot]) -> Iterator[tuple[str, CommandSpec]]:
 
 
 def _shipped(name: str) -> Kind | None:
-    from robotree.proxy.kinds import KINDS
+    from robotree import kinds
 
-    return next((_from_class(cls) for cls in KINDS.values() if cls.__name__ == name), None)
+    found = getattr(kinds, name, None)
+    return None if found is None else _from_interface(found)
 
 
 def blank(fields: tuple[FieldSpec, ...]) -> Any:

@@ -169,7 +169,7 @@ def play_here(scene: str) -> Outcome:
 
 def _succeed_here() -> Outcome:
     """Play the page where something is to be gripped; the simulated table is empty there."""
-    from robotree.proxy.arm import Arm
+    from robotree.kinds import Arm
     from robotree.testing import Fake, rehearse
 
     with rehearse(PAGE, arm=Fake(Arm, get_info={"holding": True})) as team:

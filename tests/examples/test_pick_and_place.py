@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotree.examples.pick_and_place import PickAndPlace
-from robotree.proxy.arm import Arm
+from robotree.kinds import Arm
 from robotree.testing import Fake, rehearse, rehearse_seeds
 from robotree.testing.team import Team
 from robotree.vr import BadArgument, CommandCancelled, DeadlineExceeded, Failed

@@ -5,7 +5,20 @@ from __future__ import annotations
 import contextlib
 from typing import Annotated
 
-from robotree.vr import Child, Children, CommandFailed, Range, SlotEmpty, Unit, VirtualRobot, VrError, command
+from robotree import kinds
+from robotree.vr import (
+    Child,
+    Children,
+    CommandFailed,
+    Kind,
+    Range,
+    SlotEmpty,
+    Unit,
+    VirtualRobot,
+    VrError,
+    command,
+    promised,
+)
 
 Metres = Annotated[float, Unit("m"), Range(0.0, 0.4), "how far up"]
 
@@ -60,6 +73,29 @@ class Crowd(VirtualRobot):
                 arm.hold()
                 held += 1
         return held
+
+
+class Typed(VirtualRobot):
+    """Knows what an arm promises."""
+
+    arm = Child(kinds.Arm)
+
+    @command
+    def height(self) -> float:
+        """Tell how high the arm is."""
+        return self.arm.get_info().z
+
+
+class Half(Kind):
+    """Not all of an arm."""
+
+    @promised(effect="repeat")
+    def grip(self) -> None:
+        """Close."""
+        raise NotImplementedError
+
+
+Half.__name__ = "Arm"
 
 
 class Sending(VirtualRobot):

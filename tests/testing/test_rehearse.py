@@ -9,14 +9,15 @@ from typing import Any
 import msgspec
 import pytest
 
+from robotree import kinds
 from robotree.examples.move_to import MoveTo
 from robotree.examples.open_close_lever import OpenCloseLever
 from robotree.proxy.arm import Arm
 from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
-from robotree.vr.errors import NoSuchCommand, NotInControl, Stopped, WrongKind
-from tests.testing.pages import Crowd, Hidden, Hoist, Lift, Spinning, Swallowing
+from robotree.vr.errors import DoesNotFit, NoSuchCommand, NotInControl, Stopped, WrongKind
+from tests.testing.pages import Crowd, Half, Hidden, Hoist, Lift, Spinning, Swallowing, Typed
 
 
 def test_what_was_commanded_can_be_asserted_on() -> None:
@@ -161,6 +162,13 @@ def test_a_page_can_be_named_by_its_file(tmp_path: Path) -> None:
     with rehearse(page, arm=Fake(Arm)) as team:
         team.call("wave")
         assert team.commanded == [("arm", "hold", {})]
+
+
+def test_a_kind_can_be_an_interface_and_a_slot_with_it_takes_the_fake() -> None:
+    with rehearse(Typed, arm=Fake(kinds.Arm, get_info={"z": 0.3})) as team:
+        assert team.call("height") == 0.3
+    with pytest.raises(DoesNotFit, match="has no command stop"):
+        rehearse(Typed, arm=Fake(Half))
 
 
 def test_a_page_can_be_faked_with_the_commands_that_it_lets_through() -> None:

@@ -12,8 +12,7 @@ from typing import Annotated
 
 import pytest
 
-from robotree.proxy.arm import Arm
-from robotree.proxy.rover import Rover
+from robotree.kinds import Arm, Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, rehearse_seeds
 from robotree.vr import (
     BadArgument,
