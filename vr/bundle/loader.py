@@ -98,7 +98,7 @@ def text_of(cls: type[Any]) -> str:
 def keep_with(robot: VirtualRobot) -> None:
     """Let the module of a robot's class end with the robot."""
     name = type(robot).__module__
-    weakref.finalize(robot, forget, name, text_of(type(robot))).atexit = package_of(name) is not None
+    weakref.finalize(robot, forget, name, text_of(type(robot))).atexit = False
 
 
 def forget(name: str, file: str) -> None:

@@ -8,6 +8,7 @@ lives, so that `Path(__file__).with_name("map.json")` finds them.
 
 from __future__ import annotations
 
+import atexit
 import builtins
 import importlib.abc
 import importlib.machinery
@@ -154,6 +155,13 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 sys.meta_path.insert(0, _Finder())
+
+
+@atexit.register
+def close_all() -> None:
+    """Remove the files of all packages: the process ends."""
+    for package in list(_packages.values()):
+        package.close()
 
 
 def package_of(name: str) -> Package | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.package import close_all
 from robotree.vr.errors import BrokenSource
 
 PAGE = '''
@@ -122,6 +123,14 @@ def test_robots_that_go_take_their_modules_and_files_along(tmp_path: Path) -> No
     gc.collect()
     assert not folder.exists()
     assert not [one for one in sys.modules if one.startswith(name)]
+
+
+def test_a_process_that_ends_leaves_no_files_behind(tmp_path: Path) -> None:
+    module = sys.modules[Bundle.read(write(tmp_path)).load().__module__]  # no robot is made of it
+    folder = Path(str(module.__file__)).parent
+    assert folder.is_dir()
+    close_all()
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize(
