@@ -77,6 +77,9 @@ class Activity:
     def __init__(self, robot: Script) -> None:
         self.robot, self.acts, self.said = robot, [], ""
 
+    def in_this_thread(self) -> Activity:
+        return self
+
     def check(self) -> None: ...
 
     def sleep(self, _seconds: float) -> None: ...
