@@ -170,7 +170,7 @@ async def test_a_protective_stop_ends_the_script_and_what_it_has_begun(stage: St
     with pytest.raises(CommandCancelled, match=r"a test"):
         await running
     assert script.condition == "ready"
-    assert not stage.agents["c1"].description().busy
+    await stage.until(lambda: not stage.agents["c1"].description().busy)
 
 
 async def test_a_request_waits_for_the_answer_of_a_rule(stage: Stage) -> None:
