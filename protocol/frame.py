@@ -11,7 +11,7 @@ the length to the payload, and then over one byte that stands for the message's 
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 from fastcrc.crc16 import mcrf4xx
@@ -120,7 +120,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
             body, read = self.body, self.codec.read
             made = read(body, HEADER_BYTES if body[0] == MAGIC else HEADER_BYTES_V1)
             force_setattr(self, "made", made)
-        return cast("AnyMessage", made)
+        return made
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Frame) and self.raw == other.raw

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import random
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,8 +27,8 @@ from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
 
-TICK = 0.1
-"""[s] between two calls of the session's `tick`."""
+GRID = 0.05
+"""[s] What is due within it is done together, at the end of it: so a process wakes up less often."""
 
 KEY_CHANGED = "its signing key was changed"
 """Why a link is given up at once: the next one finds the new key in our file."""
@@ -104,6 +105,15 @@ class Connection:
         self._told_offline = False
         """Whether the log says that it is offline."""
         self._endpoint: Endpoint | None = None
+        self._heard = False
+        """Whether the latest bytes had a frame that the session took."""
+        self._failed: asyncio.Future[None]
+        """Of the running connection: what a tick has raised."""
+        self._ticking: asyncio.TimerHandle | None = None
+        self._tick_due = math.inf
+        """[s] When the next tick is due, as it was planned."""
+        self._ticked_at = -math.inf
+        """[s] When the last one was."""
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def now(self) -> float:
@@ -117,17 +127,19 @@ class Connection:
             BadUrl: the address means nothing; trying again would not help.
         """
         self._loop = asyncio.get_running_loop()
-        work = [self._loop.create_task(each) for each in (self._dial_loop(), self._tick())]
+        self._failed = self._loop.create_future()
+        dialling = self._loop.create_task(self._dial_loop())
+        self._plan_tick()
         try:
-            done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait([dialling, self._failed], return_when=asyncio.FIRST_COMPLETED)
             for each in done:
                 each.result()
         finally:
             self.perform(self.session.release_claim())
-            for each in work:
-                each.cancel()
-            await asyncio.gather(*work, return_exceptions=True)
+            dialling.cancel()
+            await asyncio.gather(dialling, return_exceptions=True)
             self._loop = None
+            self._cancel_tick()
             self.perform(self.session.closed("its proxy has ended"))
 
     def soon(self, action: Callable[[], None]) -> None:
@@ -156,6 +168,7 @@ class Connection:
                     self._on_event(effect)
                 case _:
                     self._on_event(effect)
+        self._plan_tick()
 
     # -- inside ------------------------------------------------------------------------------------
 
@@ -183,7 +196,7 @@ class Connection:
                 **self._signer_pair,
             )
             endpoints.append(endpoint)
-            return endpoint
+            return _Ear(endpoint, self._listened)
 
         try:
             link = await self._dial(self.url, accept)
@@ -204,17 +217,49 @@ class Connection:
             return f"its controller has closed the link {self.url}"
         return f"the link to its controller is broken: {reason}"
 
-    async def _tick(self) -> None:
-        while True:
-            if self._endpoint is not None:
-                rejection = self._rejection_of(self._endpoint)
-                if rejection and not self.session.rejection:
-                    _log.warning("%s: %s", self.url, rejection)
-                self.session.rejection = rejection
-                if rejection == KEY_CHANGED:
-                    self._endpoint.link.close()
-            self.perform(self.session.tick(self.now()))
-            await asyncio.sleep(TICK)
+    def _plan_tick(self) -> None:
+        """Have the session's `tick` called when it is due."""
+        loop, due, now = self._loop, self.session.due, self.now()
+        if now < due < math.inf:
+            due = max(math.ceil(due / GRID) * GRID, due)
+        elif due <= now == self._ticked_at:  # it has just been asked
+            due = now + GRID
+        if loop is not None and due < self._tick_due:
+            self._cancel_tick()
+            self._tick_due = due
+            self._ticking = loop.call_later(max(due - now, 0.0), self._tick)
+
+    def _cancel_tick(self) -> None:
+        if self._ticking is not None:
+            self._ticking.cancel()
+        self._ticking, self._tick_due = None, math.inf
+
+    def _tick(self) -> None:
+        self._ticking, self._tick_due = None, math.inf
+        self._ticked_at = self.now()
+        try:
+            self.perform(self.session.tick(self._ticked_at))
+        except Exception as error:  # noqa: BLE001 # raised by `run`
+            if not self._failed.done():
+                self._failed.set_exception(error)
+
+    def _listened(self) -> None:
+        """Some bytes have come, and their frames were heard."""
+        if self._endpoint is not None and (not self._heard or self.session.rejection):
+            self._look_at_rejection(self._endpoint)
+        self._heard = False
+        self._plan_tick()
+
+    def _look_at_rejection(self, endpoint: Endpoint) -> None:
+        rejection = self._rejection_of(endpoint)
+        if rejection == self.session.rejection:
+            return
+        if rejection and not self.session.rejection:
+            _log.warning("%s: %s", self.url, rejection)
+        self.session.rejection = rejection
+        self.perform(self.session.tick(self.now()))
+        if rejection == KEY_CHANGED:
+            endpoint.link.close()
 
     def _rejection_of(self, endpoint: Endpoint) -> str:
         """Why the latest frames on the present link were rejected; empty: they were not, or nothing came."""
@@ -243,7 +288,9 @@ class Connection:
             # be stopped from here, so it must not be shown as online.
             self._signed += 1
             return
-        self.perform(self.session.receive(frame, self.now()))
+        self._heard = True
+        if effects := self.session.receive(frame, self.now()):
+            self.perform(effects)
 
     def _note(self, *, online: bool) -> None:
         if online:
@@ -253,6 +300,19 @@ class Connection:
         else:
             self._told_offline = True
             _log.warning("%s: offline, %s", self.url, self.session.trouble)
+
+
+class _Ear:
+    """The handler of a link: the endpoint's, and then ours."""
+
+    def __init__(self, endpoint: Endpoint, listened: Callable[[], None]) -> None:
+        self.closed = endpoint.closed
+        self._take, self._listened = endpoint.received, listened
+
+    def received(self, data: bytes) -> None:
+        """Bytes came over the link."""
+        self._take(data)
+        self._listened()
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

@@ -172,10 +172,19 @@ class DesiredMode:
         self.withdraw()
         return [ReleaseUnanswered()]
 
+    def due(self, *, link_open: bool) -> float:
+        """Return when to call `expire` and, over an open link, `messages_due` next [s]."""
+        release = self._release
+        known = release is not None and release.stops is not None
+        due = math.inf if release is None else release.until
+        if link_open and (known or (self.stopped and not self._confirmed)):
+            due = min(due, self._sent_at + REPEAT_PERIOD)
+        return due
+
     def messages_due(self, now: float) -> list[SetMode]:
         """The messages to send now over the open link."""
         release = self._release
-        if now - self._sent_at < REPEAT_PERIOD:
+        if now < self._sent_at + REPEAT_PERIOD:
             return []
         if release is not None and release.stops is not None:
             release.sent = True

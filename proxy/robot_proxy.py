@@ -11,7 +11,6 @@ new kind of robot is one class with its limits and its commands, in a module wit
 from __future__ import annotations
 
 import logging
-import os
 import random
 from collections.abc import Callable
 from typing import TypeVar
@@ -45,7 +44,7 @@ from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
 from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded
 from robotree.vr.robot import Robot
 from robotree.vr.running.chance import bits
-from robotree.vr.running.runner import Runner
+from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
 
@@ -116,7 +115,7 @@ class RobotProxy(Robot):
         """Called on the loop when the robot goes online or offline, is held or released; for its agent."""
         self.limits = changed(self.limits, limits)
         controller = Target(CONTROLLER.system, component)
-        holder = f"{name}, pid {os.getpid()}"
+        holder = f"{name}, pid {(runner or Threads()).pid()}"
         claim = ClaimClient(*controller, holder=bits(64) or 1, name=holder, take_over=take_over)
         self._session = ControllerSession(
             component=component_of(name), controller=controller, readers=self.readers, claim=claim

@@ -29,6 +29,8 @@ from robotree.protocol.messages import (
     AnyMessage,
     ClaimStatus,
     CommandAck,
+    DataTransmissionHandshake,
+    EncapsulatedData,
     GoalStatus,
     Heartbeat,
     MavAutopilot,
@@ -41,6 +43,7 @@ from robotree.protocol.messages import (
     Mode,
     ModeKind,
     Reason,
+    Statustext,
 )
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.command_client import CommandClient
@@ -68,6 +71,10 @@ SETTLED = 2.5
 is not greeted: the next HEARTBEAT comes within a second, and then the claim is answered."""
 FORMER_LIVES = 16
 """Lives of a controller that are remembered as over, for `LONGEST_DELAY` each."""
+FROM_ANY_COMPONENT = frozenset({DataTransmissionHandshake, EncapsulatedData, Statustext})
+"""Messages that any component of the controller sends: pictures and sentences."""
+HEARTBEAT = Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
+"""Ours."""
 DEAD = 2 * SILENCE
 """[s] of silence after which the link is closed: its far end may be gone without notice."""
 
@@ -222,34 +229,43 @@ class ControllerSession:
         if frame.system != self.controller.system:
             self._note_same_system(frame)
             return []
+        effects: list[Effect] = []
         message = frame.message
-        effects: list[Effect] = [*self._pictures.receive(frame, None)]
-        effects += self._listener.receive(frame, None, now)
+        if type(message) in FROM_ANY_COMPONENT:
+            effects += self._pictures.receive(frame, None)
+            effects += self._listener.receive(frame, None, now)
         if frame.component != self.controller.component:
             return effects
         self.heard_at = now
-        before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
-        if (
-            isinstance(message, Mode)
-            and before is not None
-            and self._is_outdated(before, told_at, message, now)
-        ):
-            return effects  # an older report, about a stop or a release that is over
-        self.twin.update(message, now)
-        if isinstance(message, Heartbeat):
-            self._beats += 1
-        elif isinstance(message, CommandAck) and frame.is_for(SUPERVISOR_SYSTEM, self.component):
-            effects += _sends(self._commands.receive(message, now))
-        elif isinstance(message, GoalStatus) and self._for_us(message):
-            effects += self._goals.receive(message, now)
-        elif isinstance(message, ClaimStatus) and self._claim is not None:
-            effects += self._claim.receive(message, for_us=self._for_us(message))
-            effects += self._keep_claim(now)
-        elif isinstance(message, Mode):
+        if isinstance(message, Mode):
+            before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
+            if before is not None and self._is_outdated(before, told_at, message, now):
+                return effects  # an older report, about a stop or a release that is over
+            self.twin.update(message, now)
             effects += self._compare_mode(message, before, told_at, now)
-        if self._open and self._is_introduced() and (turned := self._set_online(online=True, trouble="")):
-            effects += turned + self._ask_for_rates(now)
-        return effects + self._held_change()
+            effects += self._held_change()
+        else:
+            self.twin.update(message, now)
+            effects += self._hear(frame, message, now)
+        if not self.online and self._open and self._is_introduced():
+            effects += self._set_online(online=True, trouble="") + self._ask_for_rates(now)
+        return effects
+
+    def _hear(self, frame: Frame, message: AnyMessage, now: float) -> list[Effect]:
+        """Take a message of the controller, other than its mode."""
+        match message:
+            case Heartbeat():
+                self._beats += 1
+            case ClaimStatus() if self._claim is not None:
+                claim = self._claim.receive(message, for_us=self._for_us(message))
+                return [*claim, *self._keep_claim(now)]
+            case GoalStatus() if self._for_us(message):
+                return [*self._goals.receive(message, now)]
+            case CommandAck() if frame.is_for(SUPERVISOR_SYSTEM, self.component):
+                return _sends(self._commands.receive(message, now))
+            case _:
+                pass
+        return []
 
     @property
     def simulated(self) -> bool | None:
@@ -257,10 +273,23 @@ class ControllerSession:
         beat = self.twin.latest(Heartbeat)
         return None if beat is None else bool(beat.base_mode & MavModeFlag.HIL_ENABLED)
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]; every other call of this object may make it earlier."""
+        due = min(self._listener.due, self._goals.due, self._desired.due(link_open=self._open))
+        if self.online:
+            due = min(due, self.heard_at + SILENCE)
+        if not self._open:
+            return due
+        if self._claim is not None:
+            due = min(due, self._claim.due(self._silence_reported(), moving=bool(self._goals.pursued)))
+        beat = self._heartbeats.due_for(self._beats_kept_for())
+        return min(due, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
+
     def tick(self, now: float) -> list[Effect]:
-        """Send what is due (heartbeats, repetitions) and notice silence. Call it ten times a second."""
+        """Send what is due (heartbeats, repetitions) and notice silence. Call it when it is `due`."""
         effects: list[Effect] = [*self._listener.tick(now)]
-        if self.online and now - self.heard_at >= SILENCE:
+        if self.online and now >= self.heard_at + SILENCE:
             silent = f"its controller has been silent for {SILENCE:g} s"
             effects += self._set_online(online=False, trouble=self.rejection or silent)
         elif not self.online and self._open and self.rejection:
@@ -270,10 +299,10 @@ class ControllerSession:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
             return effects + self._held_change()
         effects += self._keep_claim(now)
-        self._heartbeats.keep(math.inf if self._claim and self._claim.granted else self._allowed_silence())
-        effects += [Send(beat) for beat in self._heartbeats.tick(_heartbeat(), now)]
+        self._heartbeats.keep(self._beats_kept_for())
+        effects += [Send(beat) for beat in self._heartbeats.tick(HEARTBEAT, now)]
         effects += _sends(self._commands.tick(now))
-        if now - max(self._opened_at, self.heard_at) >= DEAD:
+        if now >= max(self._opened_at, self.heard_at) + DEAD:
             effects.append(Redial(self.rejection or f"nothing came over the link for {DEAD:g} s"))
         return effects + self._repeat_mode(now) + self._held_change()
 
@@ -363,9 +392,12 @@ class ControllerSession:
         """Send the claim, if it is due."""
         if self._claim is None or not self._open:
             return []
+        return [*self._claim.tick(now, self._silence_reported(), moving=bool(self._goals.pursued))]
+
+    def _silence_reported(self) -> float:
+        """[s] of silence that the controller allows while something moves, as reported."""
         mode = self.twin.latest(Mode)
-        silence = math.inf if mode is None else mode.silence_ms / 1000
-        return [*self._claim.tick(now, silence, moving=bool(self._goals.pursued))]
+        return math.inf if mode is None else mode.silence_ms / 1000
 
     def _is_outdated(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
         """Whether a mode was reported before the one that was received last."""
@@ -399,10 +431,10 @@ class ControllerSession:
         self.online = online
         return [OnlineChanged(online)]
 
-    def _allowed_silence(self) -> float:
-        """[s] of silence that the controller allows: as reported while it moves for us, else any."""
-        mode = self.twin.latest(Mode)
-        return mode.silence_ms / 1000 if mode is not None and self._goals.pursued else math.inf
+    def _beats_kept_for(self) -> float:
+        """[s] of silence that our heartbeats must not reach; it matters while it moves without a claim."""
+        claimed = self._claim is not None and self._claim.granted
+        return self._silence_reported() if self._goals.pursued and not claimed else math.inf
 
     def _ask_for_rates(self, now: float) -> list[Effect]:
         """Ask for our rates; the controller keeps them for one link and one life."""
@@ -453,10 +485,6 @@ class ControllerSession:
 def _sends(effects: Sequence[CommandEffect]) -> list[Effect]:
     """The messages to send for a command. Its result does not matter: without rates everything is sent."""
     return [effect for effect in effects if isinstance(effect, Send)]
-
-
-def _heartbeat() -> Heartbeat:
-    return Heartbeat(MavType.ONBOARD_CONTROLLER, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
 
 
 def denial_in_words(denied: ClaimDenied) -> str:

@@ -12,6 +12,7 @@ time. A take-over is requested only if a person asked for it, and only until it 
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -151,6 +152,12 @@ class ClaimClient:
             self.granted, self.denied = False, None
         return []
 
+    def due(self, silence: float, *, moving: bool) -> float:
+        """Return when to call `tick` next [s]; its arguments are the same."""
+        if not self.life or self._given_up:
+            return inf
+        return self._asked + self._period(silence, moving=moving)
+
     def tick(self, now: float, silence: float, *, moving: bool) -> list[Send]:
         """Say the claim, if it is due.
 
@@ -159,12 +166,9 @@ class ClaimClient:
             silence: that the controller bears while something moves, [s].
             moving: whether something moves for us.
         """
-        if not self.life or self._given_up:
+        if now < self.due(silence, moving=moving):
             return []
-        kept = min(PERIOD, silence / BEATS) if moving else PERIOD
-        period = kept if self.granted else PERIOD if self.denied else RESEND
-        if now - self._asked < period:
-            return []
+        period = self._period(silence, moving=moving)
         late = now - self._asked - period
         self._asked = now - (late if late < period / 2 else 0.0)
         term = min(max(TERM, silence), LONGEST_TERM)
@@ -177,6 +181,11 @@ class ClaimClient:
             return []
         self.granted = False
         return [self._say(ClaimWish.RELEASE, TERM)]
+
+    def _period(self, silence: float, *, moving: bool) -> float:
+        if not self.granted:
+            return PERIOD if self.denied else RESEND
+        return min(PERIOD, silence / BEATS) if moving else PERIOD
 
     def _have(self, status: ClaimStatus) -> list[Effect]:
         if status.reason == Reason.BAD_EPOCH:  # of the lease that began last

@@ -15,6 +15,7 @@ The claim is kept over the controller's restart (`Fence.keep`). After a restart 
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -149,6 +150,11 @@ class ClaimServer:
         if held is not None and held.peer is not None and held.peer.via == via:
             until = min(held.until, now + GRACE)
             self.holding = msgspec.structs.replace(held, peer=None, until=until)
+
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        return inf if self.holding is None else self.holding.until
 
     def tick(self, now: float) -> list[ClaimChanged]:
         """End the claim whose holder was silent for its term."""

@@ -10,6 +10,7 @@ longer is taken for that of the next command.
 from __future__ import annotations
 
 from collections import deque
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -110,14 +111,26 @@ class CommandClient:
             return [CommandProgress(ack.command, min(ack.progress, 100) / 100 if known else None)]
         return self._done(queue, CommandDone(ack.command, ack.result, ack.result_param2), now)
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        due = inf
+        for queue in self._queues.values():
+            asked = queue[0]
+            if asked.heard is not None:
+                due = min(due, asked.heard + PATIENCE)
+            if asked.heard is None or asked.cancelled:
+                due = min(due, asked.asked + RESEND)
+        return due
+
     def tick(self, now: float) -> list[Effect]:
         """Repeat what is due, and give up what nobody answers."""
         effects: list[Effect] = []
         for queue in list(self._queues.values()):
             asked = queue[0]
-            if asked.heard is not None and now - asked.heard >= PATIENCE:
+            if asked.heard is not None and now >= asked.heard + PATIENCE:
                 effects += self._give_up(queue, now)
-            elif (asked.heard is None or asked.cancelled) and now - asked.asked >= RESEND:
+            elif (asked.heard is None or asked.cancelled) and now >= asked.asked + RESEND:
                 gone = asked.attempts >= ATTEMPTS and asked.heard is None
                 effects += self._give_up(queue, now) if gone else self._ask(asked, now)
         return effects

@@ -11,7 +11,7 @@ do not speak over a link.
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -98,9 +98,16 @@ class OperatorControl:
         if self.owner is not None and self.owner.via == via:
             self._give(None, takeover=False, now=now)
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        if self._waiting:
+            return -inf
+        return self._due if self.owner is None else min(self._due, self._heard + self._silence)
+
     def tick(self, now: float) -> list[Effect]:
         """What changed, and the status when its time has come."""
-        if self.owner is not None and now - self._heard >= self._silence:
+        if self.owner is not None and now >= self._heard + self._silence:
             self._give(None, takeover=False, now=now)
         effects, self._waiting = self._waiting, []
         if effects or now >= self._due:

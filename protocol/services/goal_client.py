@@ -220,11 +220,16 @@ class GoalClient:
             return []
         return self.cancel(refusal.key, epoch=pursuit.goal.epoch, now=now)
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        return min(map(self._due, self._pursuits.values())) if self._pursuits else inf
+
     def tick(self, now: float) -> list[Effect]:
         """Repeat and ask what is due."""
         effects: list[Effect] = []
         for key, pursuit in list(self._pursuits.items()):
-            if not pursuit.silent and now - pursuit.heard >= self._patience:
+            if not pursuit.silent and now >= pursuit.heard + self._patience:
                 pursuit.silent = True
                 effects.append(GoalSilent(key, pursuit.acknowledged))
             if pursuit.silent and pursuit.cancelled and now >= pursuit.deadline + LINGER:
@@ -236,10 +241,7 @@ class GoalClient:
     def _remind(self, pursuit: _Pursuit, now: float) -> list[Effect]:
         if _overdue(pursuit, now):
             pursuit.cancelled = True  # one that is still under way must not begin any more
-        unanswered = pursuit.cancelled or not pursuit.acknowledged
-        if now - pursuit.asked < (self._resend if unanswered and not pursuit.silent else self._poll):
-            return []
-        if not unanswered and pursuit.asked > -inf and now - pursuit.heard < self._poll:
+        if now < self._reminder(pursuit):
             return []
         pursuit.asked = now
         goal = pursuit.goal
@@ -251,6 +253,21 @@ class GoalClient:
         else:
             goal = msgspec.structs.replace(goal, ttl_ms=_milliseconds(pursuit.deadline - now))
         return [Send(goal, self.via)]
+
+    def _due(self, pursuit: _Pursuit) -> float:
+        due = self._reminder(pursuit)
+        if not pursuit.silent:
+            due = min(due, pursuit.heard + self._patience)
+        elif pursuit.cancelled:
+            due = min(due, pursuit.deadline + LINGER)
+        return due if pursuit.acknowledged or pursuit.cancelled else min(due, pursuit.deadline)
+
+    def _reminder(self, pursuit: _Pursuit) -> float:
+        """When a goal is repeated, or asked about, [s]."""
+        unanswered = pursuit.cancelled or not pursuit.acknowledged
+        if unanswered:
+            return pursuit.asked + (self._poll if pursuit.silent else self._resend)
+        return max(pursuit.asked, pursuit.heard) + self._poll if pursuit.asked > -inf else -inf
 
 
 def _says_nothing(unknown: GoalStatus, pursuit: _Pursuit) -> bool:

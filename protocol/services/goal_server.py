@@ -17,7 +17,7 @@ The server decides; the firmware moves. The server returns `Begin` and `Abandon`
 
 from __future__ import annotations
 
-from math import isinf
+from math import inf, isinf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -180,7 +180,7 @@ class GoalServer:
             raise ValueError(f"{state.name} does not end a goal; finish it with a final state")
         if (record := self._open(id_)) is None:
             return []
-        record.state, record.reason, record.text = state, reason, text
+        record.state, record.reason, record.text, record.deadline = state, reason, text, inf
         record.progress = 1.0 if state == GoalState.SUCCEEDED else record.progress
         return [self._changed(id_, record, now)]
 
@@ -192,7 +192,7 @@ class GoalServer:
 
     def tick(self, now: float) -> list[Effect]:
         """End the goals whose time to live is over."""
-        late = [id_ for id_ in self.unfinished if now >= self._records[id_].deadline]
+        late = [id_ for id_, record in self._records.items() if now >= record.deadline]
         text = "Its time to live was over before it was reached."
         return [
             effect for id_ in late for effect in self._abandon(id_, GoalState.EXPIRED, Reason.NONE, text, now)
@@ -207,7 +207,7 @@ class GoalServer:
             return [
                 self._refusal(id_, peer, Reason.FAULT, f"{CAPACITY} goals are unfinished; end one first.")
             ]
-        deadline = now + goal.ttl_ms / 1000 if goal.ttl_ms else float("inf")
+        deadline = now + goal.ttl_ms / 1000 if goal.ttl_ms else inf
         record = self._records[id_] = _Record(peer, _content(goal), deadline)
         if (refusal := self._objection(goal)) is not None:
             return self.finish(id_, GoalState.REFUSED, now, *refusal)

@@ -50,6 +50,10 @@ class HeartbeatSender:
         self.due += period - self.period
         self.period = period
 
+    def due_for(self, patience: float) -> float:
+        """When to call `tick` again [s], after `keep` with the same patience [s]."""
+        return self.due + min(PERIOD, patience / BEATS) - self.period
+
     def hurry(self) -> None:
         """The state changed: the next `tick` sends."""
         self.due = float("-inf")

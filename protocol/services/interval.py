@@ -50,6 +50,11 @@ class Intervals:
         self._next = float("-inf")
         self._beats = {msgid: _Beat(interval, float("-inf")) for msgid, interval in defaults.items()}
 
+    @property
+    def next(self) -> float:
+        """When to call `due` next, [s]."""
+        return self._next
+
     def due(self, now: float) -> list[int]:
         """The messages whose time has come, by id. A long sleep is not made up for."""
         if now < self._next:

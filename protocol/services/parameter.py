@@ -8,7 +8,7 @@ is sent a few parameters at a time.
 from __future__ import annotations
 
 import struct
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -109,6 +109,11 @@ class ParameterServer:
             known = index < len(self._names)
             name = self._names[index] if known else ""
         return [self._tell(name, peer) if known else _error(peer, name, MavParamError.DOES_NOT_EXIST, index)]
+
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        return self._due if self._lists else inf
 
     def tick(self, now: float) -> list[Effect]:
         """The next parameter of every list that is being sent."""

@@ -85,12 +85,11 @@ class PictureReceiver:
 
     def receive(self, frame: Frame, via: Hashable) -> list[Picture]:
         """Take a frame; the picture that it completes."""
-        peer = Peer(via, frame.system, frame.component)
         message = frame.message
         if isinstance(message, DataTransmissionHandshake):
-            self._begin(peer, message)
+            self._begin(Peer(via, frame.system, frame.component), message)
         elif isinstance(message, EncapsulatedData):
-            return self._add(peer, message)
+            return self._add(Peer(via, frame.system, frame.component), message)
         return []
 
     def link_closed(self, via: Hashable) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -93,7 +94,16 @@ class StatustextReceiver:
         del self._unfinished[key]
         return [whole.sentence(peer)]
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, [s]."""
+        if not self._unfinished:
+            return inf
+        return min(whole.since for whole in self._unfinished.values()) + PATIENCE
+
     def tick(self, now: float) -> list[Sentence]:
         """The sentences that will not be completed any more, with their gaps marked."""
-        late = [key for key, whole in self._unfinished.items() if now - whole.since >= PATIENCE]
+        if not self._unfinished:
+            return []
+        late = [key for key, whole in self._unfinished.items() if now >= whole.since + PATIENCE]
         return [self._unfinished.pop(key).sentence(key[0]) for key in late]

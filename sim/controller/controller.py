@@ -7,7 +7,7 @@ Frames may be posted from any thread; everything else happens in the thread that
 steps at a time. So a test in virtual time and a server in real time run the same code.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 
 from robotree.protocol.frame import Frame
 from robotree.sim.controller.inbox import Event, Inbox, Opened, Received
@@ -37,6 +37,11 @@ class Controller:
     def stops(self) -> int:
         """How many stops have arrived so far, on all links."""
         return self._inbox.stops
+
+    @property
+    def waiting(self) -> bool:
+        """Whether anything that was posted has not been heard yet."""
+        return self._inbox.waiting
 
     def post(self, frame: Frame, via: Hashable, stops: int | None = None) -> None:
         """Leave a frame that came over the link `via`, to be heard before the next batch. From any thread.
@@ -78,8 +83,8 @@ def _take(program: Firmware, event: Event, now: int) -> list[Outgoing]:
     return program.greet(event.via, now) if isinstance(event, Opened) else program.leave(event.via, now)
 
 
-def _spoken_by(program: Firmware, out: list[Outgoing]) -> Iterator[Outgoing]:
+def _spoken_by(program: Firmware, out: list[Outgoing]) -> list[Outgoing]:
     """What a program says, with its component as the speaker."""
     if program.component == COMPONENT:
-        return iter(out)
-    return (each._replace(component=program.component) for each in out)
+        return out
+    return [each._replace(component=program.component) for each in out]

@@ -94,6 +94,11 @@ class Inbox:
         """How many stops have arrived so far: the stamp of what arrives now."""
         return self._arrived
 
+    @property
+    def waiting(self) -> bool:
+        """Whether anything waits for the next batch."""
+        return bool(self._stops) or any(self._queues.values())
+
     def open(self, via: Hashable) -> None:
         """A link was opened."""
         with self._lock:

@@ -116,9 +116,16 @@ class Modes:
 
     def beats(self, now: int) -> list[Outgoing]:
         """The heartbeat, when it is due."""
+        if now / 1000 < self._heartbeats.due:
+            return []
         return [
             Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self.heartbeat(), now / 1000)
         ]
+
+    @property
+    def beat_due(self) -> float:
+        """When the next heartbeat is due, in controller time [s]."""
+        return self._heartbeats.due
 
     def _is_outlived(self, release: SetMode) -> bool:
         """Whether the stop in force began after the one that the release is meant for."""
@@ -140,6 +147,8 @@ class Modes:
 
     def _control(self, now: int) -> list[Outgoing]:
         """Tell who is in control; what others move ends when somebody takes it."""
+        if now / 1000 < self._rights.control.due:
+            return []
         out, owner = self._rights.tick(now)
         job = self._movement.job
         if owner is None or job is None or job.speaker == owner:

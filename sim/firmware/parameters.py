@@ -66,6 +66,11 @@ class Parameters:
                 out += sends([effect])
         return out
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, in controller time [s]."""
+        return self._server.due
+
     def tick(self, now: int) -> list[Outgoing]:
         """The next ones of the lists that are being sent."""
         return sends(self._server.tick(now / 1000))

@@ -8,6 +8,7 @@ Pure: no socket, no thread, no clock. `now` is controller time in whole millisec
 
 from collections.abc import Callable, Hashable, Sequence
 from functools import partial
+from math import inf
 from typing import Final, TypeVar
 
 from robotree.protocol.frame import Frame
@@ -200,6 +201,22 @@ class Firmware:
         self._claims.link_closed(via, now)
         return self._modes.lose_link(via, now) + self._modes.news(now)
 
+    @property
+    def due(self) -> float:
+        """When to call `tick` next at the latest, in controller time [s]; -inf: at once, for something moves.
+
+        A controller whose world moves by itself calls it after every batch of steps and need not ask.
+        """
+        if self._movement.job is not None:
+            return -inf
+        return min(
+            self._parameters.due,
+            self._rights.claims.due,
+            self._rights.control.due,
+            self._modes.beat_due,
+            self._schedule.due,
+        )
+
     def tick(self, now: int) -> list[Outgoing]:
         """Do what is due; call it after every batch of steps.
 
@@ -209,15 +226,22 @@ class Firmware:
         Returns:
             What to say.
         """
-        self._setpoints.tick(now)
-        out = self._movement.follow_up(now)
-        out += self._goals.tick(now)
-        out += self._commands.tick(now)
-        out += self._parameters.tick(now)
-        out += self._claims.tick(now)
+        out: list[Outgoing] = []
+        if self._movement.job is not None:  # else no goal, command or stream goes on
+            self._setpoints.tick(now)
+            out += self._movement.follow_up(now)
+            out += self._goals.tick(now)
+            out += self._commands.tick(now)
+        seconds = now / 1000
+        if seconds >= self._parameters.due:
+            out += self._parameters.tick(now)
+        if seconds >= self._rights.claims.due:
+            out += self._claims.tick(now)
         out += self._modes.tick(now)
         out += self._modes.beats(now)
-        return out + self._schedule.tick(now, busy=self._movement.job is not None)
+        if seconds >= self._schedule.due:
+            out += self._schedule.tick(now, busy=self._movement.job is not None)
+        return out
 
     # -- who hears what
 

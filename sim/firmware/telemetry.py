@@ -4,6 +4,7 @@ Times are controller time, so a stream keeps its rate per simulated second. Pure
 """
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from math import inf
 from typing import Final, NamedTuple
 
 from robotree.protocol.messages import Message, NamedValueFloat
@@ -75,6 +76,14 @@ class Schedule:
     def close(self, via: Hashable) -> None:
         """A link ended."""
         self._links.pop(via, None)
+
+    @property
+    def due(self) -> float:
+        """When to call `tick` next, in controller time [s]."""
+        due = inf
+        for rates in self._links.values():
+            due = min(due, rates.next)
+        return due
 
     def read(self, msgid: int, now: int, *, busy: bool) -> Sequence[Message]:
         """One reading of a message; nothing if there is no such telemetry."""

@@ -23,7 +23,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.services.goal_client import RESEND
 from robotree.proxy.arm import Arm
-from robotree.proxy.connection import TICK
+from robotree.proxy.connection import GRID
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, REPEAT_PERIOD
 from robotree.proxy.motion import Request
 from robotree.vr.agents.agent import RobotAgent
@@ -248,7 +248,7 @@ async def test_a_resume_whose_confirmation_came_too_late_to_be_heard_is_taken_ba
 
 
 def test_a_resume_is_given_up_before_the_agent_that_waits_for_it_gives_up() -> None:
-    assert Budget(unmeasured(CONFIRM)).wait > RELEASE_TIMEOUT + TICK
+    assert Budget(unmeasured(CONFIRM)).wait > RELEASE_TIMEOUT + GRID
 
 
 async def test_a_stop_calls_off_what_ended_commands_have_asked_for_before_a_release_can_be_said(
