@@ -360,6 +360,8 @@ class Done(_Message, frozen=True, kw_only=True):
     """What a person should know of it, as a sentence; empty: nothing."""
     confirmed: tuple[str, ...] = ()
     """Names of the robots that have confirmed a stop or its release: the one that was asked and all below."""
+    stops: int = -1
+    """How many stops the robot that was asked had counted with the one that this confirms; -1: it is none."""
 
 
 class Raised(_Message, frozen=True, kw_only=True):
@@ -415,6 +417,8 @@ class State(_Message, frozen=True, kw_only=True):
     online: bool = True
     stopped: bool = False
     stop_reason: str = ""
+    stops: int = -1
+    """How many stops have begun; -1: it does not say."""
     abandoned: tuple[str, ...] = ()
     """Commands that were ended and whose code still runs."""
     readings: dict[str, float] = {}

@@ -62,6 +62,8 @@ class Player:
     async def play(self) -> Report:
         """Play until the end or until a step does not hold."""
         try:
+            # a resume ends the stops that are known here when its step begins
+            self._listening.append(await self.fleet.watch_state(None))
             return await self._play()
         finally:
             for listening in self._listening:

@@ -268,6 +268,7 @@ class News:
                 online=live.robot.online,
                 stopped=bool(state.stop.in_force),
                 stop_reason=state.stop.in_force,
+                stops=state.stop.generation,
                 abandoned=tuple(calls.abandoned.values()),
                 readings=readings,
             )

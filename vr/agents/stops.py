@@ -8,6 +8,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 
+import msgspec
+
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.core import events as on
@@ -66,7 +68,7 @@ class Stops:
             reply = settled.result()
         if isinstance(reply, Raised):
             raise reply.revive()
-        return reply
+        return msgspec.structs.replace(reply, stops=generation)
 
     def settled(self, effect: on.StopSettled) -> None:
         """All parts of the robot have answered a stop."""

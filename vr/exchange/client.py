@@ -260,6 +260,7 @@ class RobotClient:
         timeout: float | None = None,
         within: float | None = None,
         accepted: Callable[[], None] = lambda: None,
+        counted: Callable[[int], None] = lambda _: None,
     ) -> Sequence[str]:
         """Protective stop, ahead of everything, down to the hardware. Anyone may.
 
@@ -270,6 +271,7 @@ class RobotClient:
             within: [s] in which the robot must answer to be in time; None: the way there and back has not
                 been measured.
             accepted: called when the robot says that it has the stop, before it is confirmed.
+            counted: told how many stops the robot has counted with this one, when it is confirmed.
 
         Returns:
             The names of those that have confirmed it: the robot and all below it.
@@ -280,7 +282,9 @@ class RobotClient:
         """
         patience = self._patience if timeout is None else timeout
         stop = SafeStop(reason=reason, order=order, within=unmeasured(patience) if within is None else within)
-        return (await self._ask(stop, Done, urgent=True, timeout=patience, accepted=accepted)).confirmed
+        done = await self._ask(stop, Done, urgent=True, timeout=patience, accepted=accepted)
+        counted(done.stops)
+        return done.confirmed
 
     async def resume(
         self,

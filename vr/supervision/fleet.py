@@ -112,8 +112,10 @@ class Fleet:
         """Call back after each change of the lists; returns how to end that."""
         return self.directory.on_change(lambda _: callback())
 
-    async def watch_state(self, name: str | None, callback: OnState) -> Registration:
+    async def watch_state(self, name: str | None, callback: OnState = lambda _, __: None) -> Registration:
         """Hear the states of one robot, whenever it lives, or of all.
+
+        While all are heard, `resume` knows which stops had been told here before it was asked for.
 
         Args:
             name: of the robot; None: all.
@@ -130,10 +132,12 @@ class Fleet:
             except VrError:
                 return  # a robot of another version; it is no less there
             if address is not None and isinstance(state, State):
+                self._orders.count(address.key, state.stops)
                 callback(address.name, state)
 
         pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
-        return await self._transport.subscribe(f"{pattern}/state", hear)
+        registration = await self._transport.subscribe(f"{pattern}/state", hear)
+        return registration if name is not None else _Watch(registration, self._orders)
 
     async def watch_log(
         self, name: str | None, callback: Callable[[str, Sequence[Said]], None]
@@ -168,7 +172,7 @@ class Fleet:
 
     async def describe(self, name: str) -> RobotDescription:
         """Ask a robot who it is, enslaved or not."""
-        return await self._ask(name, lambda robot: robot.describe())
+        return self._count(await self._ask(name, lambda robot: robot.describe()))
 
     async def describe_view(self, name: str) -> ViewDescribed:
         """Ask a view for its cameras and readings."""
@@ -183,7 +187,7 @@ class Fleet:
             RobotClient(self._transport, address, patience=GLANCE)
             for address in self.directory.present("robot")
         )
-        return from_the_top(await _all_that_answer(robot.describe() for robot in robots))
+        return from_the_top(map(self._count, await _all_that_answer(robot.describe() for robot in robots)))
 
     async def look(
         self, view: str, *, camera: str = "", width: int = 320, height: int = 180, quality: int = 75
@@ -265,7 +269,8 @@ class Fleet:
     async def resume(self, name: str | None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
 
-        It ends the stops that are in force now: one that comes later stays, however late this is heard.
+        It ends the stops that are in force and known here now (see `watch_state`): one that comes later
+        stays, however late this is heard.
 
         Returns:
             The names of the robots that have confirmed it.
@@ -364,6 +369,10 @@ class Fleet:
         robot = RobotClient(self._transport, await self.directory.resolve(name))
         return await self._awake(question(robot))
 
+    def _count(self, robot: RobotDescription) -> RobotDescription:
+        self._orders.count(robot.address.key, robot.stops)
+        return robot
+
     async def _ask_view(self, name: str, question: Callable[[ViewClient], Awaitable[_R]]) -> _R:
         view = ViewClient(self._transport, await self.directory.resolve(name, "view"))
         return await self._awake(question(view))
@@ -405,6 +414,21 @@ class _Presence:
         announcing, self._announcing = self._announcing, None
         if announcing is not None:
             await (await announcing).close()
+
+
+class _Watch:
+    """A watch of all states."""
+
+    def __init__(self, registration: Registration, orders: Orders) -> None:
+        self._registration, self._orders = registration, orders
+        self._open = True
+        orders.watches += 1
+
+    async def close(self) -> None:
+        """Hear no more. Twice is once."""
+        self._orders.watches -= self._open
+        self._open = False
+        await self._registration.close()
 
 
 def from_the_top(robots: Iterable[RobotDescription]) -> list[RobotDescription]:

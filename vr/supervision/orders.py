@@ -1,7 +1,10 @@
 """Orders that nobody may miss: given to one robot or to all at once, and confirmed by each.
 
-A stop is also for those who come to sight while it is given. A release is for those alone whom it found, and
-ends no stop that came after it was asked for: the robots count their stops, and it names the counts seen.
+A stop is also for robots that appear while it is given. A release is only for those that are there when it is
+asked for, and ends no stop that the person could not know of: the robots count their stops, and the release
+names the counts that were known here when the key was pressed. Robots say their count in each state that they
+publish, in their description, and when they confirm a stop. A program that does not watch the states, such as
+a command line that has just started, asks for the counts first.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ from robotree.vr.lookup.directory import Directory
 from robotree.vr.supervision.stop import CONFIRM, OnLate, Stop
 from robotree.vr.transport import Held, Transport
 
+MOST_COUNTS = 4096
+"""Robots whose count is remembered."""
 UNSEEN = "it came to sight only after that had been asked for"
 
 Asked = dict[Address, asyncio.Future[Sequence[str]]]
@@ -37,6 +42,18 @@ class Orders:
             transport: the way to them.
         """
         self._directory, self._transport = directory, transport
+        self._counts: dict[str, int] = {}
+        """How many stops each robot has counted, as far as it is known here, by key."""
+        self.watches = 0
+        """How many watches of all states are open; without any, the counts are asked for."""
+
+    def count(self, key: str, stops: int) -> None:
+        """Note how many stops a robot has counted; -1: it does not say."""
+        known = self._counts.pop(key, -1)  # to the end
+        if max(known, stops) >= 0:
+            self._counts[key] = max(known, stops)
+        while len(self._counts) > MOST_COUNTS:
+            del self._counts[next(iter(self._counts))]
 
     async def stop(self, name: str | None, reason: str, on_late: OnLate) -> Sequence[str]:
         """Stop at once all whom it concerns, also those who come to sight meanwhile; see `Stop`.
@@ -54,17 +71,20 @@ class Orders:
             NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
                 before this is raised; it names both.
         """
-        stop = Stop(self._directory, self._transport, name, reason=reason, on_late=on_late)
+        stop = Stop(
+            self._directory, self._transport, name, reason=reason, on_late=on_late, counted=self.count
+        )
         return await stop.give()
 
     async def resume(self, name: str | None) -> Sequence[str]:
-        """End the stops that are in force now, of all whom it concerns and who are seen; see `stop`."""
-        # of all, whoever is meant: what is below one is known only when it has answered
+        """End the stops that are in force and known here now, of all robots concerned; see `stop`."""
+        known = dict(self._counts) if self.watches else {}
+        # of all, whichever is meant: what is below one is known only when it has answered
         looks = {address: self._look(address) for address in self._directory.present("robot")}
         confirmations = Confirmations("the resume")
         try:
             if name is None:
-                asked = {address: self._begin_to_resume(address, looks) for address in looks}
+                asked = {address: self._begin_to_resume(address, looks, known) for address in looks}
                 silent = await self._transport.silent(everyone("robot"))
                 for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
                     confirmations.deny(address.name, UNSEEN)
@@ -72,7 +92,7 @@ class Orders:
                 asked = {}
                 found, silent = await self._find(name)
                 if found in looks:
-                    asked[found] = self._begin_to_resume(found, looks)
+                    asked[found] = self._begin_to_resume(found, looks, known)
                 elif found is not None:
                     confirmations.deny(found.name, UNSEEN)
             return await self._judge(name, confirmations, asked, silent)
@@ -98,9 +118,15 @@ class Orders:
     def _look(self, address: Address) -> asyncio.Future[RobotDescription]:
         return asyncio.ensure_future(self._client(address).describe(urgent=True))
 
-    def _begin_to_resume(self, address: Address, looks: Looks) -> asyncio.Future[Sequence[str]]:
+    def _begin_to_resume(
+        self, address: Address, looks: Looks, known: Mapping[str, int]
+    ) -> asyncio.Future[Sequence[str]]:
         async def resume() -> Sequence[str]:
-            return await self._client(address).resume(seen=await _seen(address, looks))
+            seen = await _seen(address, looks)
+            for key, stops in seen.items():
+                self.count(key, stops)
+            seen |= {key: stops for key, stops in known.items() if key in seen}
+            return await self._client(address).resume(seen=seen)
 
         return asyncio.ensure_future(resume())
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.core.confirmation import LEAST, Confirmations
@@ -38,6 +39,9 @@ UNLISTED = 0.8
 
 OnLate = Callable[[str], None]
 """Takes a sentence that names who has not been heard yet."""
+
+Counted = Callable[[str, int], None]
+"""Takes the key of a robot and how many stops it has counted."""
 
 
 class _Told:
@@ -70,6 +74,7 @@ class Stop:
         *,
         reason: str,
         on_late: OnLate,
+        counted: Counted,
     ) -> None:
         """Prepare.
 
@@ -79,13 +84,14 @@ class Stop:
             name: of the robot; None: all.
             reason: for those whose commands it ends.
             on_late: told who has not been heard for a while and is waited for, each robot once.
+            counted: told how many stops each robot that confirms it has counted.
 
         Raises:
             BadName: no robot can have this name.
         """
         self._pattern = everyone("robot", "*" if name is None else check_name(name))
         self._directory, self._transport, self._name = directory, transport, name
-        self._reason, self._on_late = reason, on_late
+        self._reason, self._on_late, self._counted = reason, on_late, counted
         self._order = fresh_key()
         self._told: dict[Address, _Told] = {}
         self._held: dict[Address, Held] = {}
@@ -137,7 +143,11 @@ class Stop:
         while (left := until - _now()) > LEAST:
             try:
                 told.answer = await client.safe_stop(
-                    self._reason, order=self._order, timeout=left, accepted=told.hear
+                    self._reason,
+                    order=self._order,
+                    timeout=left,
+                    accepted=told.hear,
+                    counted=partial(self._counted, told.address.key),
                 )
             except Unreachable as error:  # its process has ended, or is on its way
                 if told.address in self._held:
