@@ -38,7 +38,10 @@ K = TypeVar("K")
 class HasSlots(Protocol):
     """What has child slots: a virtual robot."""
 
-    child_slots: Slots
+    @property
+    def child_slots(self) -> Slots:
+        """The slots as they are now."""
+        ...
 
 
 class Record(dict[str, Any]):
@@ -122,7 +125,7 @@ class Child(Slotted, Generic[K]):
     @overload
     def __get__(self, robot: HasSlots, owner: type[Any]) -> K: ...
     def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Any:
-        return self if robot is None else ChildRobot(robot.child_slots, self.name)
+        return self if robot is None else ChildRobot(robot, self.name)
 
     def exposed(self, command: str = "", **units: Unit) -> Exposed:
         """Let callers from above use one of the child's commands: `move = rover.exposed()`.
@@ -177,7 +180,7 @@ class Children(Slotted, Generic[K]):
     @overload
     def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildGroup[K]: ...
     def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Children[K] | ChildGroup[K]:
-        return self if robot is None else ChildGroup(robot.child_slots, self.name)
+        return self if robot is None else ChildGroup(robot, self.name)
 
     def spec(self) -> SlotSpec:
         """Describe the group, without children."""
@@ -194,11 +197,11 @@ class Children(Slotted, Generic[K]):
 class ChildGroup(Generic[K]):
     """The children of a group that are bound, by index; false while there are none."""
 
-    __slots__ = ("_group", "_slots")
+    __slots__ = ("_group", "_robot")
 
-    def __init__(self, slots: Slots, group: str) -> None:
+    def __init__(self, robot: HasSlots, group: str) -> None:
         """Made by access to the group."""
-        self._slots, self._group = slots, group
+        self._robot, self._group = robot, group
 
     def __len__(self) -> int:
         return len(self._bound())
@@ -213,15 +216,13 @@ class ChildGroup(Generic[K]):
             IndexError: the group has no such index.
             SlotEmpty: nobody is in this slot; says why.
         """
-        spec = self._slots.groups[self._group]
+        slots = self._robot.child_slots
+        spec = slots.groups[self._group]
         name = f"{self._group}[{index}]"
         if not 0 <= index < spec.most:
-            raise IndexError(
-                f"{self._slots.robot} has no {name}; it has {self._group}[0] to [{spec.most - 1}]"
-            )
-        slot = self._slots[name]
-        if _observed(lambda: slot.bond) is None:
-            raise self._slots.emptiness(name)
+            raise IndexError(f"{slots.robot} has no {name}; it has {self._group}[0] to [{spec.most - 1}]")
+        if _observed(lambda: slots[name].bond) is None:
+            raise slots.emptiness(name)
         child: K = self._child(index)
         return child
 
@@ -233,10 +234,10 @@ class ChildGroup(Generic[K]):
         return ", ".join(map(str, self)) or f"nobody in {self._group}"
 
     def _child(self, index: int) -> Any:
-        return ChildRobot(self._slots, f"{self._group}[{index}]")
+        return ChildRobot(self._robot, f"{self._group}[{index}]")
 
     def _bound(self) -> list[int]:
-        members: dict[int, Slot] = self._slots.members(self._group)
+        members: dict[int, Slot] = self._robot.child_slots.members(self._group)
         found: list[int] = _observed(lambda: [index for index, one in members.items() if one.bond])
         return found
 
@@ -310,17 +311,17 @@ class Exposed:
     @overload
     def __get__(self, robot: HasSlots, owner: type[Any]) -> ChildCommand: ...
     def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Exposed | ChildCommand:
-        return self if robot is None else ChildCommand(robot.child_slots, self.child.name, self.command)
+        return self if robot is None else ChildCommand(robot, self.child.name, self.command)
 
 
 class ChildRobot:
     """The child in a slot, false while the slot is empty. Its attributes are its commands."""
 
-    __slots__ = ("_slot", "_slots")
+    __slots__ = ("_robot", "_slot")
 
-    def __init__(self, slots: Slots, slot: str) -> None:
+    def __init__(self, robot: HasSlots, slot: str) -> None:
         """Made by access to the slot."""
-        self._slots, self._slot = slots, slot
+        self._robot, self._slot = robot, slot
 
     def __bool__(self) -> bool:
         return self._bond() is not None
@@ -331,24 +332,24 @@ class ChildRobot:
 
     def _bond(self) -> Bond | None:
         """Return what is in the slot; in a running command that is one of its steps."""
-        slot = self._slots[self._slot]
-        bond: Bond | None = _observed(lambda: slot.bond)
+        robot, slot = self._robot, self._slot
+        bond: Bond | None = _observed(lambda: robot.child_slots[slot].bond)
         return bond
 
     def __getattr__(self, command: str) -> ChildCommand:
         if command.startswith("_"):
             raise AttributeError(command)
-        return ChildCommand(self._slots, self._slot, command)
+        return ChildCommand(self._robot, self._slot, command)
 
 
 class ChildCommand:
     """One command of the child in a slot."""
 
-    __slots__ = ("_command", "_slot", "_slots")
+    __slots__ = ("_command", "_robot", "_slot")
 
-    def __init__(self, slots: Slots, slot: str, command: str) -> None:
+    def __init__(self, robot: HasSlots, slot: str, command: str) -> None:
         """Made by access to the child's attribute."""
-        self._slots, self._slot, self._command = slots, slot, command
+        self._robot, self._slot, self._command = robot, slot, command
 
     def __call__(self, *values: Any, **arguments: Any) -> Any:
         """Have it carried out, wait for the end and return the result.
@@ -378,7 +379,7 @@ class ChildCommand:
             raise BadArgument(command=label, parameter=name, reason=reason) from None
         if not values:
             return arguments
-        spec = self._slots.require(self._slot).description.command(self._command)
+        spec = self._robot.child_slots.require(self._slot).description.command(self._command)
         names = [] if spec is None else [field.name for field in spec.parameters]
         if len(values) > len(names):
             takes = f"{len(names)} ({', '.join(names)})"

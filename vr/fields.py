@@ -177,22 +177,25 @@ class Kept:
         self.fields = fields_of(cls)
         self.robot = ""
         """Name of the robot, for messages."""
-        self.values: dict[str, Any] = {
-            name: field.plain(field.default, "") for name, field in self.fields.items()
-        }
-        """What is kept, as plain values."""
+        own: dict[str, Any] = {name: field.plain(field.default, "") for name, field in self.fields.items()}
+        self._now: Callable[[], dict[str, Any]] = lambda: own
         self._change: Callable[[dict[str, Any]], None] | None = None
         self._copies: dict[str, dict[str, _Copy]] = {}
         """What running commands have read and may change in place, by key of the command."""
 
-    def live(self, values: dict[str, Any], change: Callable[[dict[str, Any]], None]) -> None:
+    @property
+    def values(self) -> dict[str, Any]:
+        """What is kept, as plain values."""
+        return self._now()
+
+    def live(self, now: Callable[[], dict[str, Any]], change: Callable[[dict[str, Any]], None]) -> None:
         """Be those of a core from now on.
 
         Args:
-            values: of the core; only `change` changes them.
+            now: returns those of the core; only `change` changes them.
             change: has the core keep other values.
         """
-        self.values, self._change = values, change
+        self._now, self._change = now, change
 
     def give(self, given: Mapping[str, Any]) -> None:
         """Have values that come from outside; they are checked."""

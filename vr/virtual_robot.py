@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Self, cast
 
 import msgspec
@@ -70,7 +70,14 @@ class VirtualRobot(Robot):
         """
         super().__init__(name, attributes)
         self.field_values.robot = name
-        self.child_slots = Slots.empty(name, slot_specs(type(self)))
+        empty = Slots.empty(name, slot_specs(type(self)))
+        self.slots_now: Callable[[], Slots] = lambda: empty
+        """Where its slots are: in the state that its agent keeps."""
+
+    @property
+    def child_slots(self) -> Slots:
+        """Its slots as they are now. Do not keep what is returned: the state may be another one later."""
+        return self.slots_now()
 
 
 def slots_of(cls: type[Any]) -> dict[str, Slotted]:

@@ -28,7 +28,6 @@ from robotree.vr.core.bonds import Slots
 from robotree.vr.core.calls import Calls
 from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
 from robotree.vr.core.lease import DEFAULT_TERM, Lessor
-from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State
 from robotree.vr.core.stop import Stop
 from robotree.vr.description import CommandSpec, RobotDescription
@@ -125,7 +124,7 @@ class RobotAgent:
         lessor = Lessor.free(robot.name, term=term, unix=self._unix())
         self.live = LiveRobot(
             robot,
-            RobotCore(_new_state(robot, self.address, self._shared.host, lessor)),
+            self._process.core(_new_state(robot, self.address, self._shared.host, lessor)),
             self._process,
             way=_Way(self, transport, obeyed),
             on_effect=self._take_effect,

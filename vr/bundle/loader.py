@@ -157,7 +157,7 @@ def make(
         BrokenSource: the constructor raises or does not end, or does not call its base's.
     """
     robot = within(build, path, text_of(cls), limit)
-    unmade = isinstance(robot, VirtualRobot) and not hasattr(robot, "child_slots")
+    unmade = isinstance(robot, VirtualRobot) and not hasattr(robot, "slots_now")
     if getattr(robot, "name", None) != name or unmade:
         reason = f"{cls.__name__}.__init__ must call super().__init__({takes})"
         raise BrokenSource(path=path, reason=reason)

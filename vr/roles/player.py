@@ -250,7 +250,7 @@ def forward(robot: VirtualRobot, role: str, at: str, *, act: str = "play", argum
     if child.command(act) is None:
         raise NoRoles(robot=child.name, reason=f"a {child.kind} plays none")
     given = {argument: role, **({"at": rest} if rest else {})}
-    return str(ChildCommand(robot.child_slots, slot, act)(**given))
+    return str(ChildCommand(robot, slot, act)(**given))
 
 
 def _in_manner(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -108,7 +108,7 @@ class LiveRobot:
         self.isolated = robot.isolated
         """Whether its commands always run on workers of their own."""
         if isinstance(robot, VirtualRobot):
-            robot.field_values.live(core.state.fields, self._keep)
+            self._give_state(robot)
         self.frames: dict[str, Frame] = {}
         """Its running commands, by key."""
         self.said: dict[str, tuple[float, str]] = {}
@@ -237,11 +237,15 @@ class LiveRobot:
             return partial(done, refusal)
         gone = sorted(slots - set(state.slots.by_name))
         notes = [f"the slot {name} is gone" for name in gone] + notes
-        robot.child_slots = state.slots
-        robot.field_values.live(state.fields, self._keep)
+        self._give_state(robot)
         self.robot, self._commands = robot, commands_of(type(robot))
         self._exposures, self._turned = exposures_of(type(robot)), True
         return partial(done, notes)
+
+    def _give_state(self, robot: VirtualRobot) -> None:
+        """Let a robot's page see the state of the core, whichever that is at the moment."""
+        robot.slots_now = lambda: self.core.state.slots
+        robot.field_values.live(lambda: self.core.state.fields, self._keep)
 
     def pass_time(self) -> None:
         """Have what is due end."""

@@ -13,6 +13,8 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.state import State
 from robotree.vr.running.journal import Journal, NoJournal
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
@@ -31,15 +33,22 @@ IDLE = 2.0
 class Process:
     """See the module. Every method may be called from any thread."""
 
-    def __init__(self, runner: Runner | None = None, journal: Journal | None = None) -> None:
+    def __init__(
+        self,
+        runner: Runner | None = None,
+        journal: Journal | None = None,
+        core: Callable[[State], RobotCore] = RobotCore,
+    ) -> None:
         """Begin without a thread.
 
         Args:
             runner: what threads and time are; None: the operating system's.
             journal: where the events of its robots are written; None: nowhere.
+            core: makes the machine of a robot, from its state.
         """
         hand_on()
         self.runner: Runner = Threads() if runner is None else runner
+        self.core = core
         self.journal: Journal = NoJournal() if journal is None else journal
         self.robots: dict[str, Any] = {}
         """The robots that live here (`LiveRobot`), by the key of their address."""

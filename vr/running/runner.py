@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
 import random
 import sys
 import threading
@@ -71,6 +72,10 @@ class Runner(Protocol):
         """Return which thread this is."""
         ...
 
+    def pid(self) -> int:
+        """Return the number of this process, for people."""
+        ...
+
     def name_thread(self, name: str) -> None:
         """Name this thread, for people who look at threads."""
         ...
@@ -114,6 +119,7 @@ class Threads:
     unix = staticmethod(time.time)
     random = staticmethod(random.random)
     here = staticmethod(threading.get_ident)
+    pid = staticmethod(os.getpid)
 
     def waiter(self) -> Waiter:
         """See `Runner.waiter`."""
