@@ -82,6 +82,14 @@ class Activity:
 
     def check(self) -> None: ...
 
+    def wake(self) -> None: ...
+
+    def now(self) -> float:
+        return 0.0
+
+    def wait_for(self, condition: Callable[[], bool], _timeout: float) -> bool:
+        return condition()
+
     def sleep(self, _seconds: float) -> None: ...
 
     def progress(self, _fraction: float, text: str) -> None:
@@ -99,7 +107,7 @@ class PartnersThatComeAndGo(RuleBasedStateMachine):
         self.robot = script_class(read_yaml(SOURCE, "pair.yaml"))("pair")
         self.activity = Activity(self.robot)
         context.enter(self.activity)
-        self.run = ScriptRun(self.robot, self.robot.program, {}, self.robot.runner)
+        self.run = ScriptRun(self.robot, self.robot.program, {}, self.activity)
         self.robot._run = self.run
         self.count = 0
         self.drain()

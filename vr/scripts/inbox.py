@@ -1,10 +1,10 @@
-"""What has happened and was not told to the rules yet, and how their thread waits for it."""
+"""What has happened and was not told to the rules yet, and how their command waits for it."""
 
 from __future__ import annotations
 
 from collections import deque
 
-from robotree.vr.running.runner import Threads
+from robotree.vr.context import Activity
 from robotree.vr.scripts.happening import Happening
 
 LONGEST = 500
@@ -12,17 +12,21 @@ LONGEST = 500
 
 
 class Inbox:
-    """Takes happenings from any thread; one thread takes them out."""
+    """Takes happenings from any thread; one command takes them out."""
 
-    def __init__(self, runner: Threads) -> None:
-        """Begin empty."""
+    def __init__(self, activity: Activity) -> None:
+        """Begin empty.
+
+        Args:
+            activity: the command that takes them out.
+        """
         self._waiting: deque[Happening | int] = deque()
-        self._waiter = runner.waiter()
+        self._activity = activity
 
     def put(self, happening: Happening | int) -> None:
         """Take in what the script's own acts and partners cause, or the number of an act that has ended."""
         self._waiting.append(happening)
-        self._waiter.wake()
+        self._activity.wake()
 
     def offer(self, happening: Happening) -> bool:
         """Take in what somebody else says; return False if too much waits already."""
@@ -32,7 +36,11 @@ class Inbox:
         return True
 
     def take(self, within: float) -> Happening | int | None:
-        """Return the oldest one, waiting `within` [s] for it at most."""
+        """Return the oldest one, waiting `within` [s] for it at most.
+
+        Raises:
+            VrError: the command is to end.
+        """
         if not self._waiting:
-            self._waiter.wait(within)
+            self._activity.wait_for(lambda: bool(self._waiting), within)
         return self._waiting.popleft() if self._waiting else None

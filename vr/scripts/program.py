@@ -243,6 +243,7 @@ TAKEN = frozenset(
         "progress",
         "kinds",
         "child_slots",
+        "slots_now",
         "program",
         "reading_units",
         "condition",

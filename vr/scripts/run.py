@@ -1,12 +1,14 @@
-"""One run of a script, in the thread of `start`: happenings go to the rules, their orders to robots.
+"""One run of a script, inside its command `start`: happenings go to the rules, their orders to robots.
 
-The thread waits in one place only. Acts, timers and messages wake it; `do` begins an act and never waits.
+The command waits in one place only. Acts, timers and messages wake it; `do` begins an act and never waits.
+Time and waiting are those of the command, so that a script runs in virtual time, too.
 """
 
 from __future__ import annotations
 
 import math
 import shlex
+import threading
 import time
 from collections.abc import Mapping
 from typing import Any, cast
@@ -14,9 +16,8 @@ from typing import Any, cast
 import msgspec
 
 from robotree.vr.child import ChildCommand, Record
-from robotree.vr.context import CallFuture, running
+from robotree.vr.context import Activity, CallFuture, running
 from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
-from robotree.vr.running.runner import Threads
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
 from robotree.vr.scripts.inbox import Inbox
@@ -47,24 +48,30 @@ class ScriptRun:
     """Leads the partners of one script until it ends."""
 
     def __init__(
-        self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], runner: Threads
+        self, robot: VirtualRobot, program: Program, parameters: Mapping[str, Scalar], activity: Activity
     ) -> None:
         """Build the rules; nothing is done yet.
+
+        Args:
+            robot: the script.
+            program: its rules.
+            parameters: with which it was started.
+            activity: its running command.
 
         Raises:
             ScriptError: they cannot be built.
         """
         self.engine = Engine(program, parameters, spent=time.thread_time)
-        self.lock = runner.lock()
-        """Held while the rules are at work or looked at: CLIPS takes one thread at a time."""
-        self.inbox = Inbox(runner)
+        self.lock = threading.Lock()
+        """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
+        self.inbox = Inbox(activity)
         self.missing = ""
         """What it needs and does not have, as words; empty: it is active."""
         self.answers: dict[str, Reply] = {}
         self.asked: set[str] = set()
         """Conversations in which somebody waits for an answer."""
         self.said = ""
-        self._robot, self._program, self._runner = robot, program, runner
+        self._robot, self._program, self._now = robot, program, activity.now
         self._seats = dict.fromkeys((one.name for one in program.partners), "")
         self._acts: dict[int, _Act] = {}
         self._timers: list[tuple[float, Wait]] = []
@@ -144,11 +151,11 @@ class ScriptRun:
             )
 
     def _patience(self) -> float:
-        due = min((at for at, _ in self._timers), default=math.inf) - self._runner.now()
+        due = min((at for at, _ in self._timers), default=math.inf) - self._now()
         return max(0.0, min(due, TICK))
 
     def _look_around(self) -> None:
-        now = self._runner.now()
+        now = self._now()
         for timer in [one for one in self._timers if one[0] <= now]:
             self._timers.remove(timer)
             wait = timer[1]
@@ -207,7 +214,7 @@ class ScriptRun:
                 if conversation in self.asked:
                     self.answers[conversation] = order
             case Wait(seconds=seconds):
-                self._timers.append((self._runner.now() + seconds, order))
+                self._timers.append((self._now() + seconds, order))
             case CancelAct(what=what):
                 self._cancel(what)
             case Log(text=text):
@@ -216,7 +223,7 @@ class ScriptRun:
                 self._over = self._over or order
 
     def _count(self) -> None:
-        now = self._runner.now()
+        now = self._now()
         if now - self._second >= 1.0:
             self._second, self._orders = now, 0
         self._orders += 1
@@ -231,9 +238,7 @@ class ScriptRun:
                 f"it floods: {MOST_ACTS} acts are under way, {order.partner}.{order.act} would be one more"
             )
         try:
-            call = ChildCommand(self._robot.child_slots, order.partner, order.act).start(
-                *order.values, **order.named
-            )
+            call = ChildCommand(self._robot, order.partner, order.act).start(*order.values, **order.named)
         except CommandCancelled:
             raise
         except VrError as error:

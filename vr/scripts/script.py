@@ -13,9 +13,9 @@ from typing import Annotated, Any, ClassVar
 
 from robotree.vr.child import Child
 from robotree.vr.command import command
+from robotree.vr.context import running
 from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile, VrError
 from robotree.vr.roles.player import forward
-from robotree.vr.running.runner import Threads
 from robotree.vr.scripts import explain
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import ScriptError
@@ -36,7 +36,6 @@ class Script(VirtualRobot):
     """Rules that lead partners."""
 
     program: ClassVar[Program]
-    runner: ClassVar[Threads] = Threads()
     reading_units: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
@@ -80,7 +79,7 @@ class Script(VirtualRobot):
                 "start", f"{caller or 'this caller'} may not start it; those may: {', '.join(allowed)}"
             )
         try:
-            run = ScriptRun(self, self.program, parameters, self.runner)
+            run = ScriptRun(self, self.program, parameters, running())
         except ScriptError as error:
             raise self._failed("start", str(error)) from None
         self._run = run
@@ -215,9 +214,10 @@ class Script(VirtualRobot):
             )
 
     def _answer(self, run: ScriptRun, conversation: str, act: str, within: float) -> str:
-        until = self.runner.now() + within
+        now = running().now
+        until = now() + within
         try:
-            while self.runner.now() < until and self._run is run:
+            while now() < until and self._run is run:
                 if reply := run.answers.pop(conversation, None):
                     text = " ".join(str(value) for value in reply.values)
                     if reply.performative in {"refuse", "failure"}:
