@@ -5,6 +5,10 @@ run the real firmware, two operators, and up to 12 faults (tests/world/story.py)
 
     python bench/world.py [SEEDS [FIRST]]        figures
     python bench/world.py safeguards [SEEDS]     the first seed that breaks a law without each safeguard
+    python bench/world.py traces SEEDS SECONDS FILE
+        compare the traces of seeds that are played twice, for SECONDS [s] at most; FILE has a line for each
+        seed, and the command goes on behind its last one. A trace has every message, every frame on a cable,
+        and every event and effect of every robot.
 """
 
 from __future__ import annotations
@@ -38,10 +42,31 @@ def search(seeds: int) -> int:
     return missing
 
 
+def compare(seeds: int, seconds: float, file: Path) -> int:
+    """Play seeds twice until the time is over; returns how many were not the same or broke a law."""
+    known = file.read_text().splitlines() if file.exists() else []
+    end = time.monotonic() + seconds
+    with file.open("a") as out:
+        for seed in range(len(known), seeds):
+            if time.monotonic() > end:
+                break
+            one, other = play(seed), play(seed)
+            same = "same" if one.digest == other.digest else f"other {other.digest}"
+            known.append(f"{seed} {one.digest} {same} {'; '.join(one.broken) or 'lawful'}")
+            out.write(f"{known[-1]}\n")
+            out.flush()
+    identical = sum(" same " in line for line in known)
+    lawful = sum(line.endswith(" lawful") for line in known)
+    print(f"{identical} of {len(known)} traces identical twice; {lawful} broke no law; {seeds} asked for")
+    return 2 * len(known) - identical - lawful
+
+
 def main() -> int:
     """Do what the command line asks for; returns how much of it failed."""
     logging.disable(logging.CRITICAL)
     words = sys.argv[1:]
+    if words[:1] == ["traces"]:
+        return compare(int(words[1]), float(words[2]), Path(words[3]))
     if words[:1] == ["safeguards"]:
         return search(int(words[1]) if len(words) > 1 else 100)
     return measure(int(words[0]) if words else 20, int(words[1]) if len(words) > 1 else 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
@@ -83,8 +85,10 @@ class Cable:
         self._world, self._socket = world, socket
         self.open = True
         self._last = {True: 0.0, False: 0.0}
-        self.near = CableEnd(self, socket.name, process.loop.call_soon_threadsafe)
-        self.far = CableEnd(self, process.name, lambda action: action())
+        self._pieces: dict[bool, deque[list[bytes]]] = {True: deque(), False: deque()}
+        """What is under way from the near end, and from the far one."""
+        self.near = CableEnd(self, f"{socket.name} to its proxy", process.loop.call_soon_threadsafe)
+        self.far = CableEnd(self, f"{socket.name} from its proxy", lambda action: action())
         self.near.other, self.far.other = self.far, self.near
 
         def leave() -> None:
@@ -95,16 +99,24 @@ class Cable:
         process.on_exit.append(leave)
 
     def carry(self, data: bytes, source: CableEnd, target: CableEnd) -> None:
-        """Bring a frame to the other end, after those before it."""
+        """Bring a frame to the other end, after those before it; frames of one moment arrive as one piece."""
         if not self.open:
             return
         world, near = self._world, source is self.near
-        delay = self._socket.delay + self._socket.jitter * world.network.chance()
-        self._last[near] = when = max(world.runner.now() + delay, self._last[near])
+        jitter = self._socket.jitter
+        delay = self._socket.delay + (jitter * world.network.chance() if jitter else 0.0)
+        when = max(world.runner.now() + delay, self._last[near])
+        if when == self._last[near] and self._pieces[near]:
+            self._pieces[near][-1].append(data)
+            return
+        self._last[near] = when
+        self._pieces[near].append([data])
 
         def arrive() -> None:
+            piece = b"".join(self._pieces[near].popleft())
             if self.open:
-                target.take(data)
+                world.note(target.address, "frames", zlib.crc32(piece))
+                target.take(piece)
 
         world.runner.at(when, arrive)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from math import ceil, inf
 from typing import Any
 
 from robotree.protocol.endpoint import Endpoint
@@ -20,10 +21,10 @@ from robotree.vr.world.world import SimulatedProcess, World
 
 FIRST_EPOCH = int(BEGINNING) - 1000
 """Below all epochs of a World; its clocks are not skewed by more."""
-PERIOD = 0.25
-"""[s] between two looks of an idle controller at its clock; one that moves, or is asked, looks more often."""
-MOVING = 0.05
-"""[s] the same while something moves."""
+IDLE = 0.25
+"""[s] An idle controller looks at its clock at a multiple of this, and only if something is due."""
+MOVING = 0.1
+"""[s] between two looks while something moves."""
 BATCH = 0.005
 """[s] from the arrival of a frame to the batch that hears it."""
 
@@ -98,6 +99,10 @@ class Cell:
     def time_ms(self) -> int:
         return round(1000 * (self._runner.now() - self._on))
 
+    def look(self, due: float) -> float:
+        """Return when an idle controller looks [s of the world] for which something is due [s of its own]."""
+        return self._on + ceil(max(due, self.time_ms / 1000 + 0.001) / IDLE) * IDLE
+
     def advance(self) -> None:
         """Nothing moves by itself."""
 
@@ -105,15 +110,17 @@ class Cell:
 class CartController:
     """The controller of one cart: the real firmware, in virtual time. Its power and its cables can fail."""
 
-    def __init__(self, world: World, name: str, *, tell: OnBegin) -> None:
+    def __init__(self, world: World, name: str, *, tell: OnBegin, claims: bool = True) -> None:
         """Switch it on.
 
         Args:
             world: whose time it lives in.
             name: also its address.
             tell: what begins to move: controller, ticket, epoch.
+            claims: whether it knows claims; one that does not says no number of its life, and only its fence
+                refuses goals of an old lease.
         """
-        self.world, self.name, self._tell = world, name, tell
+        self.world, self.name, self._tell, self._claims = world, name, tell, claims
         self.delay, self.jitter = 0.002, 0.0
         self.disturbed = 0.0
         """[s] When something last happened to it or its cables."""
@@ -189,12 +196,12 @@ class CartController:
             (),
             system=1,
             mav_type=MavType.GROUND_ROVER,
-            identity=Identity(life=self._life),
+            identity=Identity(life=self._life if self._claims else 0),
             fence=self.fence,
         )
         self._endpoints: list[Endpoint] = []
-        cell: Any = Cell(runner, self.device)
-        self._controller = Controller(cell, self.firmware, {})
+        self._cell: Any = Cell(runner, self.device)
+        self._controller = Controller(self._cell, self.firmware, {})
         self._advance_by(runner.now())
 
     def _accept(self, link: CableEnd) -> None:
@@ -235,5 +242,10 @@ class CartController:
             for endpoint in list(self._endpoints):
                 if outgoing.via is None or outgoing.via is endpoint:
                     endpoint.send(outgoing.message, telemetry=outgoing.telemetry, instance=outgoing.instance)
-        period = MOVING if self.device.ticket is not None else PERIOD
-        self._advance_by(self.world.runner.now() + period)
+        now, due = self.world.runner.now(), self.firmware.due
+        if self._controller.waiting:
+            self._advance_by(now + BATCH)
+        elif due == -inf:
+            self._advance_by(now + MOVING)
+        elif due < inf:
+            self._advance_by(self._cell.look(due))

@@ -51,6 +51,8 @@ class Train(VirtualRobot):
             self.pair.drive(ticket=10 * ticket + turn, seconds=seconds)
         return ticket
 """
+WITHOUT_CLAIMS = 3
+"""Number of the cart whose controller knows no claims."""
 LIMITS: Limits = {
     "seconds": Span(0.0, 60.0, "s"),
     "ticket": Span(0.0, 1e7, ""),
@@ -94,7 +96,9 @@ class Realm:
         self.begun: list[tuple[float, str, int, int]] = []
         """Each drive that began: when, on which cart, its ticket, its epoch."""
         self.controllers = {
-            f"cart-{number}": CartController(world, f"cart-{number}", tell=self._begin)
+            f"cart-{number}": CartController(
+                world, f"cart-{number}", tell=self._begin, claims=number != WITHOUT_CLAIMS
+            )
             for number in range(1, carts + 1)
         }
         self.processes: dict[str, SimulatedProcess] = {}
@@ -138,6 +142,9 @@ class Realm:
         made = await HostClient(fleet._transport, address).create(Bundle(SOURCE, "carts.py", wanted), name)
         return str(made.address)
 
+    def _process(self, process: SimulatedProcess) -> Process:
+        return Process(process.runner, core=self.world.core)
+
     # -- what the processes do --------------------------------------------------------------------
 
     async def _lookup(self, process: SimulatedProcess) -> None:
@@ -146,7 +153,7 @@ class Realm:
 
     async def _host(self, process: SimulatedProcess) -> None:
         transport = process.transport
-        host = Host(transport, process.name, registrar=Registrar(transport), process=Process(process.runner))
+        host = Host(transport, process.name, registrar=Registrar(transport), process=self._process(process))
         self.hosts[process.name] = host
         await host.start()
         await asyncio.Event().wait()
@@ -162,13 +169,14 @@ class Realm:
         )
         robot.on_call = self.on_call
         self.carts.pop(name, None)
-        async with running_proxy(robot, process.transport, process=Process(process.runner)) as agent:
+        async with running_proxy(robot, process.transport, process=self._process(process)) as agent:
             self.carts[name] = agent
             await agent.closed.wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
         fleet = self.fleets[process.name] = Fleet(process.transport)
         await fleet.start()
+        await fleet.watch_state(None)  # as the screen does
         await asyncio.Event().wait()
 
     def _begin(self, cart: str, ticket: int, epoch: int) -> None:

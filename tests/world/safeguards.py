@@ -28,6 +28,7 @@ from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.envelope import Envelope, Received, opened
 from robotree.vr.requests import Call
+from robotree.vr.supervision.orders import Orders
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,9 @@ SAFEGUARDS = {
     ),
     "a release names the stop that it ends": (
         Safeguard(Stops, "_stops_seen", lambda self, _: self._live.stops),
+    ),
+    "a release ends the stops that were known when it was asked for": (
+        Safeguard(Orders, "count", lambda *_: None),
     ),
     "a stopped robot begins nothing": (Safeguard(RobotCore, "_expect_free_to_move", lambda *_: None),),
     "a parent counts a lease from when it asked for it": (

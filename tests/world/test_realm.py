@@ -20,12 +20,14 @@ ROOT = Path(__file__).resolve().parents[2]
 CAUGHT = {
     "a parent counts a lease from when it asked for it": 0,
     "a controller stops when its commander is not heard": 0,
-    "a call that comes twice is carried out once": 1,
-    "a release names the stop that it ends": 2,
-    "a child refuses a call under another lease than the one in force": 2,
+    "a child refuses a call under another lease than the one in force": 1,
+    "a controller refuses an epoch older than one that it obeyed": 2,
     "a controller carries a goal out once": 2,
+    "a release names the stop that it ends": 3,
     "a call ends with the program that asked for it": 5,
     "a child's command ends by the deadline of its parent's": 10,
+    "a call that comes twice is carried out once": 21,
+    "a release ends the stops that were known when it was asked for": 24,
 }
 """The seed that breaks a law without a safeguard. The others are covered by a second one of `SAFEGUARDS`."""
 DIGEST = "import sys; sys.path.insert(0, '.'); from tests.world.story import play; print(play(1).digest)"
@@ -57,6 +59,12 @@ def test_a_seed_gives_the_same_trace_in_another_process() -> None:
         return run.stdout.strip()
 
     assert digest("1") == digest("2") == played(1).digest
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_robots_that_go_on_from_their_encoded_states_do_the_same(seed: int) -> None:
+    """At two hundred moments every robot of the realm goes on from what is decoded from its encoding."""
+    assert play(seed, reloads=200).digest == played(seed).digest
 
 
 @pytest.mark.parametrize("safeguard", CAUGHT)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import heapq
 import itertools
 import logging
@@ -44,7 +45,6 @@ from robotree.vr.transport import (
     Unlisted,
 )
 from robotree.vr.world.virtual_loop import VirtualLoop
-from robotree.vr.world.virtual_runner import VirtualProcess
 
 RECONNECT = 0.5
 """[s] at most until a connection that broke is there again: the mesh looks once in this time."""
@@ -224,7 +224,9 @@ class MemoryNetwork:
         self.on_message: OnMessage | None = None
         self.unlisted: set[MemoryTransport] = set()
         """Those that nobody who comes from now on can reach: see `unlist`."""
-        self._agenda, self._loop = agenda, loop
+        self._loop = loop
+        if agenda is not None:
+            self.agenda = agenda
         self._thread = threading.get_ident()
         self._ways: dict[tuple[MemoryTransport, MemoryTransport], _Way] = {}
         self._frozen: set[MemoryTransport] = set()
@@ -236,17 +238,11 @@ class MemoryNetwork:
         """[s] that a request and its first reply take together at most."""
         return 2 * (self.delay + self.weather.jitter)
 
-    @property
+    @functools.cached_property
     def agenda(self) -> Agenda:
-        """When things happen."""
-        if self._agenda is None:
-            loop = self._loop or asyncio.get_running_loop()
-            runner = loop.runner if isinstance(loop, VirtualLoop) else None
-            if runner is None:
-                self._agenda = LoopAgenda(loop)
-            else:
-                self._agenda = runner.runner if isinstance(runner, VirtualProcess) else runner
-        return self._agenda
+        """When things happen: that of the event loop, unless another one was given."""
+        loop = self._loop or asyncio.get_running_loop()
+        return loop.world if isinstance(loop, VirtualLoop) else LoopAgenda(loop)
 
     def join(self, name: str = "", *, loop: asyncio.AbstractEventLoop | None = None) -> MemoryTransport:
         """Return the transport of a new member.

@@ -1,8 +1,9 @@
-"""An asyncio event loop in virtual time: it waits as everything else does, in a `VirtualRunner`.
+"""An asyncio event loop in virtual time: what it has to do is done when a `VirtualRunner` chooses it.
 
-Several of them, one for each simulated process, run in one operating system thread: each has a greenlet of
-its own. What a program gives to a thread pool (`asyncio.to_thread`, `run_in_executor`) runs in a greenlet. It
-watches no files: sockets, pipes and child processes of the operating system take no virtual time.
+Several of them, one for each simulated process, run in one operating system thread. A loop has no greenlet of
+its own: its callbacks run in that of the runner, and its timers are those of the runner. What a program gives
+to a thread pool (`asyncio.to_thread`, `run_in_executor`) runs in a greenlet. It watches no files: sockets,
+pipes and child processes of the operating system take no virtual time.
 """
 
 from __future__ import annotations
@@ -10,30 +11,64 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-import heapq
 import threading
 from asyncio import base_events, events
 from collections import deque
 from collections.abc import Callable, Coroutine
+from contextvars import Context, copy_context
 from typing import Any, ParamSpec, TypeVar
 
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
-
-TICK = 1e-9
-"""[s] Timers that are due within it are due now, as asyncio has it."""
-
-MOST_CANCELLED = 100
-"""Timers that may lie about cancelled, as in asyncio."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+class _Handle(asyncio.Handle):
+    """A callback, made in less time."""
+
+    def __init__(
+        self, callback: Any, args: tuple[Any, ...], loop: VirtualLoop, context: Context | None
+    ) -> None:
+        self._callback, self._args, self._loop = callback, args, loop
+        self._context = copy_context() if context is None else context
+        self._cancelled = False
+        self._repr = self._source_traceback = None
+
+
+class _Timer(asyncio.TimerHandle):
+    """A timer of a loop, which is the action in the runner's agenda."""
+
+    def __init__(
+        self,
+        when: float,
+        callback: Any,
+        args: tuple[Any, ...],
+        loop: VirtualLoop,
+        context: Context | None,
+    ) -> None:
+        self._when, self._callback, self._args, self._loop = when, callback, args, loop
+        self._context = copy_context() if context is None else context
+        self._cancelled, self._scheduled = False, True
+        self._repr = self._source_traceback = None
+
+    def __call__(self) -> None:
+        """It is time."""
+        self._scheduled = False
+        loop: Any = self._loop
+        if self._cancelled:
+            loop.world.discarded -= 1
+        else:
+            loop.add(self)
+
+
 class VirtualLoop(base_events.BaseEventLoop):
     """See the module."""
 
+    dead = False
+
     def __init__(self, runner: VirtualRunner | VirtualProcess) -> None:
-        """Make the loop; `run_forever` belongs into the greenlet of its process.
+        """Make the loop.
 
         Args:
             runner: what it waits in, and whose clock it shows.
@@ -41,68 +76,101 @@ class VirtualLoop(base_events.BaseEventLoop):
         super().__init__()
         self.runner = runner
         self.time = runner.now  # type: ignore[method-assign] # [s]; asked for at every step
-        self._waiter = runner.waiter()
-        self._queue: deque[asyncio.Handle] = self._ready  # type: ignore[attr-defined] # where asyncio puts them
-        self._timers: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[attr-defined]
+        self.process = runner if isinstance(runner, VirtualProcess) else None
+        self.world = runner.runner if isinstance(runner, VirtualProcess) else runner
+        self._queue: deque[asyncio.Handle] = self._ready  # type: ignore[attr-defined] # where asyncio has them
+        self._chosen = False
+        """Whether the runner knows that there is something to do, or it is being done."""
+        self._done = runner.waiter()
+        """In which `run_forever` waits for its end."""
+
+    # -- running ----------------------------------------------------------------------------------
 
     def run_forever(self) -> None:
-        """Run until `stop`; while it waits, other greenlets run."""
+        """Run until `stop`; this greenlet waits meanwhile."""
         self._check_closed()  # type: ignore[attr-defined]
-        previous = events._get_running_loop()  # noqa: SLF001 # of the greenlet that is left for this one
+        if self.is_running():
+            raise RuntimeError("This event loop is already running")
+        previous = events._get_running_loop()  # noqa: SLF001 # of the greenlet that waits here
         self._thread_id = threading.get_ident()
-        events._set_running_loop(self)  # noqa: SLF001
+        events._set_running_loop(None)  # noqa: SLF001
         try:
-            while True:
-                self._step()
-                if self._stopping:  # type: ignore[has-type]
-                    break
+            if self._queue or self._stopping:  # type: ignore[has-type]
+                self._be_chosen()
+            self._done.wait(None)
         finally:
             self._stopping = False
             self._thread_id = None  # type: ignore[assignment] # as asyncio does
             events._set_running_loop(previous)  # noqa: SLF001
 
-    def _step(self) -> None:
-        """Do what is to be done now, as `BaseEventLoop._run_once` does; if it is nothing, wait for it."""
-        queue, timers = self._queue, self._timers
-        if len(timers) > MOST_CANCELLED and self._timer_cancelled_count > len(timers) / 2:
-            self._tidy_up()
-        while timers and timers[0].cancelled():
-            self._timer_cancelled_count -= 1
-            _forget(heapq.heappop(timers))
-        if queue:
-            if self.runner.others_wait():
-                self._let_others(None, at_once=True)
-        else:
-            self._let_others(max(timers[0].when() - self.time(), 0.0) if timers else None)
-        now = self.time() + TICK
-        while timers and timers[0].when() < now:
-            due = heapq.heappop(timers)
-            _forget(due)
-            queue.append(due)
-        for _ in range(len(queue)):
-            handle = queue.popleft()
-            if not handle.cancelled():
-                handle._run()  # noqa: SLF001
-
-    def _tidy_up(self) -> None:
-        """Forget the timers that were cancelled."""
-        for handle in self._timers:
-            if handle.cancelled():
-                _forget(handle)
-        self._timers[:] = [handle for handle in self._timers if not handle.cancelled()]
-        heapq.heapify(self._timers)
-        self._timer_cancelled_count = 0
-
-    def _let_others(self, timeout: float | None, *, at_once: bool = False) -> None:
-        """Let other greenlets run, until there is something to do or for `timeout` [s]."""
-        events._set_running_loop(None)  # noqa: SLF001
+    def switch(self) -> None:
+        """Do what is to be done now. Called by the runner."""
+        if self._thread_id is None:
+            self._chosen = False
+            return
+        queue: deque[Any] = self._queue
+        events._set_running_loop(self)  # noqa: SLF001
         try:
-            if at_once:
-                self.runner.point()
-            else:
-                self._waiter.wait(timeout)
+            for _ in range(len(queue)):
+                handle = queue.popleft()
+                if not handle._cancelled:  # noqa: SLF001 # as asyncio does
+                    handle._run()  # noqa: SLF001
         finally:
-            events._set_running_loop(self)  # noqa: SLF001
+            events._set_running_loop(None)  # noqa: SLF001
+            self._chosen = False
+        if self._stopping:
+            self._done.wake()
+        elif queue:
+            self._be_chosen()
+
+    def _be_chosen(self) -> None:
+        if not self._chosen:
+            self._chosen = True
+            self.world.resume(self)
+
+    # -- what is to be done -----------------------------------------------------------------------
+
+    def add(self, handle: asyncio.Handle) -> None:
+        """Do something at the next turn."""
+        self._queue.append(handle)
+        if not self._chosen:
+            self._be_chosen()
+
+    def call_soon(  # type: ignore[override] # asyncio's stub ties the arguments to the callback
+        self, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        """See `asyncio.AbstractEventLoop.call_soon`."""
+        if self._closed:  # type: ignore[attr-defined]
+            raise RuntimeError("Event loop is closed")
+        handle = _Handle(callback, args, self, context)
+        self._queue.append(handle)
+        if not self._chosen:
+            self._chosen = True
+            self.world.resume(self)
+        return handle
+
+    call_soon_threadsafe = call_soon  # type: ignore[assignment] # as above
+
+    def call_at(  # type: ignore[override]
+        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """See `asyncio.AbstractEventLoop.call_at`."""
+        if self._closed:  # type: ignore[attr-defined]
+            raise RuntimeError("Event loop is closed")
+        timer = _Timer(when, callback, args, self, context)
+        process = self.process
+        self.world.at(when if process is None else process.of_world(when), timer)
+        return timer
+
+    def call_later(  # type: ignore[override]
+        self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """See `asyncio.AbstractEventLoop.call_later`."""
+        return self.call_at(self.time() + delay, callback, *args, context=context)
+
+    def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
+        if handle._scheduled:  # type: ignore[attr-defined] # noqa: SLF001
+            self.world.discard()
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, func: Callable[..., Any], *args: Any
@@ -146,21 +214,12 @@ class VirtualLoop(base_events.BaseEventLoop):
         finally:
             events._set_running_loop(previous)  # noqa: SLF001
         self._queue.clear()
-        self._timers.clear()
         self._thread_id = None  # type: ignore[assignment]
         self.close()
 
     def _from_greenlet(self, callback: Callable[..., object], *args: Any) -> None:
         if not self.is_closed():
             self.call_soon_threadsafe(callback, *args)
-
-    def _write_to_self(self) -> None:
-        self._waiter.wake()
-
-
-def _forget(handle: asyncio.TimerHandle) -> None:
-    """A timer is in the heap no longer: to cancel it counts no more."""
-    handle._scheduled = False  # type: ignore[attr-defined] # noqa: SLF001
 
 
 def run_in_virtual_time(story: Coroutine[Any, Any, _R], seed: int = 0) -> _R:

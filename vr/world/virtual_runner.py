@@ -1,9 +1,10 @@
 """Greenlets in virtual time: the form of `Runner` for the World and for tests.
 
 One greenlet runs at any moment, until it waits. Which of those that can go on is next is drawn from the seed;
-when none can, time jumps to the next timer. So the same seed gives the same order of events every time, and
-an hour passes in a moment. Code that blocks elsewhere than in a waiter (`time.sleep`, a socket, a thread of
-its own) takes no virtual time, and an endless loop stops the whole world.
+event loops take their turns among them. When none can go on, time jumps to the next timer. So the same seed
+gives the same order of events every time, and an hour passes in a moment. Code that blocks elsewhere than in
+a waiter (`time.sleep`, a socket, a thread of its own) takes no virtual time, and an endless loop stops the
+whole world.
 
 `VirtualProcess` is the view that one simulated process has of it: with a clock of its own, and it can be
 paused (as by SIGSTOP) and ended (as by SIGKILL).
@@ -12,14 +13,15 @@ paused (as by SIGSTOP) and ended (as by SIGKILL).
 from __future__ import annotations
 
 import contextlib
-import heapq
 import itertools
 import random
 import threading
+from asyncio import events
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
+from heapq import heapify, heappop, heappush
 from math import inf
-from typing import Any
+from typing import Any, Protocol, cast
 
 from greenlet import GreenletExit, getcurrent, greenlet
 
@@ -32,6 +34,12 @@ THROWS = 20
 MOST_SWITCHES = 1_000_000
 """Switches at one moment after which time is thought to stand still: something wakes itself without end."""
 
+FIRST_PID = 1000
+"""Numbers of simulated processes begin above it."""
+
+MOST_DISCARDED = 100
+"""Timers that may lie about though their action was called off."""
+
 
 class _Fiber(greenlet):
     """A greenlet that knows its process."""
@@ -39,6 +47,19 @@ class _Fiber(greenlet):
     process: VirtualProcess | None = None
     thrown = 0
     """How often it has caught its end."""
+
+
+class Turns(Protocol):
+    """Something that has to be done now and then, in the greenlet of the runner: an event loop."""
+
+    process: VirtualProcess | None
+    """To which it belongs."""
+    dead: bool
+    """False; as greenlets have it."""
+
+    def switch(self) -> None:
+        """Do what is to be done now."""
+        ...
 
 
 class VirtualRunner:
@@ -62,12 +83,20 @@ class VirtualRunner:
         self._time = 0.0
         self._order = itertools.count()
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
-        self._ready: list[greenlet] = []
+        self.discarded = 0
+        """Timers whose action was called off."""
+        self._ready: list[greenlet | Turns] = []
+        self.resume: Callable[[greenlet | Turns], None] = self._ready.append
+        """Has a greenlet or an event loop go on when it is chosen."""
         self._main = getcurrent()
-        self._hub = greenlet(self._schedule)
+        self._hub = _Fiber(self._schedule)
         self._all: set[_Fiber] = set()
+        self.pids = itertools.count(FIRST_PID + 1)
+        """Numbers for processes."""
         self._closed = False
         self._error: BaseException | None = None
+        self._turning: VirtualProcess | None = None
+        """Whose event loop has its turn."""
 
     # -- a Runner ---------------------------------------------------------------------------------
 
@@ -95,6 +124,10 @@ class VirtualRunner:
         """See `Runner.spawn`."""
         self.start(work, name)
 
+    def pid(self) -> int:
+        """See `Runner.pid`."""
+        return FIRST_PID
+
     def name_thread(self, name: str) -> None:
         """See `Runner.name_thread`: greenlets have no names."""
 
@@ -120,6 +153,7 @@ class VirtualRunner:
                 self.resume(self._main)
             finally:
                 self._all.discard(one)
+                one.parent = self._hub
 
         one = _Fiber(run, parent=self._hub)
         one.process = process
@@ -129,17 +163,15 @@ class VirtualRunner:
 
     def at(self, when: float, action: Callable[[], None]) -> None:
         """Do something at a virtual time [s], between two greenlets; it must not wait."""
-        heapq.heappush(self._timers, (max(when, self._time), next(self._order), action))
+        heappush(self._timers, (max(when, self._time), next(self._order), action))
 
-    def others_wait(self) -> bool:
-        """Whether anything else can go on now."""
-        return bool(self._ready)
-
-    def point(self) -> None:
-        """Let others go first, perhaps."""
-        if self._ready and not self.held:
-            self.resume(getcurrent())
-            self.switch()
+    def discard(self) -> None:
+        """Note that the action of a timer was called off; it has an attribute `_cancelled` that says so."""
+        self.discarded += 1
+        if self.discarded > MOST_DISCARDED and 2 * self.discarded > len(self._timers):
+            self._timers[:] = [one for one in self._timers if not getattr(one[2], "_cancelled", False)]
+            heapify(self._timers)
+            self.discarded = 0
 
     def run(self, until: float) -> None:
         """Let time pass [s] up to a moment. Called by the greenlet that made the runner.
@@ -180,7 +212,10 @@ class VirtualRunner:
             raise RuntimeError("a thread of its own cannot wait in virtual time")
         if self._closed:
             self._leave()
-        self._hub.switch()
+        if getcurrent() is self._hub:
+            self._wait_in_a_turn()
+        else:
+            self._hub.switch()
         if self._error is not None and getcurrent() is self._main:
             error, self._error = self._error, None
             raise error
@@ -199,20 +234,31 @@ class VirtualRunner:
                 one.parent.switch()
         raise GreenletExit
 
-    def resume(self, one: greenlet) -> None:
-        """Have a greenlet go on when it is chosen."""
-        self._ready.append(one)
+    def _wait_in_a_turn(self) -> None:
+        """A callback of an event loop waits: another greenlet takes over the task of choosing."""
+        me, loop = self._hub, events._get_running_loop()  # noqa: SLF001
+        me.process = self._turning
+        self._all.add(me)
+        self._hub = _Fiber(self._schedule, self._main)
+        events._set_running_loop(None)  # noqa: SLF001
+        try:
+            self._hub.switch()
+        finally:
+            events._set_running_loop(loop)  # noqa: SLF001
 
     def _schedule(self) -> None:
         """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""
-        while True:
+        me = getcurrent()
+        while me is self._hub:
             try:
-                self._choose()
+                self._choose(me)
             except Exception as error:  # noqa: BLE001 # raised where the world is run
                 self._error = self._error or error
                 self._ready.append(self._main)
+        self._all.discard(cast("_Fiber", me))
+        me.parent = self._hub
 
-    def _choose(self) -> None:
+    def _choose(self, me: greenlet) -> None:
         ready, timers, chance = self._ready, self._timers, self.random
         moment, switches = self._time, 0
         while True:
@@ -221,12 +267,15 @@ class VirtualRunner:
                     chosen = int(chance() * len(ready))
                     ready[chosen], ready[-1] = ready[-1], ready[chosen]
                 one = ready.pop()
-                process = one.process if isinstance(one, _Fiber) else None
+                process: VirtualProcess | None = getattr(one, "process", None)
                 if process is not None and process.halted:
                     process.keep(one)
                 elif not one.dead:
                     switches += 1
+                    self._turning = process
                     one.switch()
+                    if me is not self._hub:  # a callback of an event loop has waited
+                        return
             self.switches += switches
             if self._time > moment:
                 moment, switches = self._time, 0
@@ -234,7 +283,7 @@ class VirtualRunner:
                 raise RuntimeError(f"time stands still at {moment} s")
             if not timers:
                 raise RuntimeError("everybody waits, and nothing will ever happen")
-            self._time, _, action = heapq.heappop(timers)
+            self._time, _, action = heappop(timers)
             action()
 
 
@@ -257,20 +306,28 @@ class VirtualProcess:
         """
         self.runner, self.name = runner, name
         self.skew, self.rate, self.offset = skew, rate, offset
+        self._pid = next(runner.pids)
         self.lock, self.random, self.here = runner.lock, runner.random, runner.here
-        self.point, self.interrupt, self.name_thread = runner.point, runner.interrupt, runner.name_thread
+        self.interrupt, self.name_thread = runner.interrupt, runner.name_thread
         self.stack_of = runner.stack_of
-        self.others_wait = runner.others_wait
         if rate == 1.0 and offset == 0.0:
             self.now = runner.now  # type: ignore[method-assign] # asked for very often
         self.halted = False
         """Whether nothing of it runs at the moment."""
         self.ended = False
-        self._waiting: list[greenlet] = []
+        self._waiting: list[greenlet | Turns] = []
+
+    def of_world(self, when: float) -> float:
+        """Return the time of the world [s] at which its monotonic clock shows `when` [s]."""
+        return (when - self.offset) / self.rate
 
     def now(self) -> float:
         """See `Runner.now`."""
         return self.runner.now() * self.rate + self.offset
+
+    def pid(self) -> int:
+        """See `Runner.pid`."""
+        return self._pid
 
     def unix(self) -> float:
         """See `Runner.unix`."""
@@ -301,8 +358,8 @@ class VirtualProcess:
         """End it as SIGKILL does: nothing of it ever runs again, not even a `finally`."""
         self.halted = self.ended = True
 
-    def keep(self, one: greenlet) -> None:
-        """Keep a greenlet whose turn came while it was halted."""
+    def keep(self, one: greenlet | Turns) -> None:
+        """Keep for later what was chosen while it was halted."""
         self._waiting.append(one)
 
 

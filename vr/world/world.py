@@ -23,6 +23,12 @@ from collections.abc import Awaitable, Callable, Coroutine
 from types import TracebackType
 from typing import Any, Self
 
+import msgspec
+
+from robotree.vr.core.events import Effect
+from robotree.vr.core.events import Event as CoreEvent
+from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.state import State, decode_state, encode_state
 from robotree.vr.envelope import on_clock
 from robotree.vr.errors import VrError
 from robotree.vr.running import chance
@@ -32,6 +38,8 @@ from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
 
 Main = Callable[["SimulatedProcess"], Coroutine[Any, Any, None]]
 """What a process does; it exits when this returns or raises."""
+
+_encode = msgspec.msgpack.Encoder(enc_hook=repr).encode
 
 Event = tuple[float, str, str, object]
 """One line of the trace: when [s], in which process, what, and details."""
@@ -113,6 +121,34 @@ class SimulatedProcess:
         self.world.complaints.append(f"{self.name}: {context.get('message')}: {context.get('exception')!r}")
 
 
+class TracedCore(RobotCore):
+    """The machine of a robot whose events and effects are part of the trace."""
+
+    __slots__ = ("_world",)
+
+    def __init__(self, state: State, world: World) -> None:
+        """Made by `World.core`."""
+        super().__init__(state)
+        self._world = world
+
+    def handle(self, event: CoreEvent, now: float) -> list[Effect]:
+        """See `RobotCore.handle`."""
+        try:
+            effects = super().handle(event, now)
+        except VrError as refusal:
+            self._note(event, type(refusal).__name__)
+            raise
+        self._note(event, effects)
+        return effects
+
+    def reload(self) -> None:
+        """Go on from the encoded state: whatever else refers to the old one is left behind with it."""
+        self.state = decode_state(encode_state(self.state))
+
+    def _note(self, event: CoreEvent, result: object) -> None:
+        self._world.note(self.state.address.name, type(event).__name__, zlib.crc32(_encode((event, result))))
+
+
 class World:
     """See the module. Use it as a context manager; what it ran is gone afterwards, the trace stays."""
 
@@ -134,6 +170,7 @@ class World:
         self.complaints: list[str] = []
         """What event loops report and nobody handles: faults, if there are any."""
         self.processes: list[SimulatedProcess] = []
+        self._cores: list[TracedCore] = []
         self._keys = random.Random(f"{seed} keys")
         self._stack = contextlib.ExitStack()
 
@@ -160,6 +197,7 @@ class World:
             for process in self.processes:
                 process.loop.drop()
             self.processes.clear()
+            self._cores.clear()
             gc.collect(0)  # what was made meanwhile: it was off
         finally:
             sys.unraisablehook = told
@@ -192,11 +230,21 @@ class World:
         """Add a line to the trace."""
         self.trace.append((self.runner.now(), who, what, details))
 
+    def core(self, state: State) -> RobotCore:
+        """Make the machine of a robot (`Process`): what it does is part of the trace."""
+        core = TracedCore(state, self)
+        self._cores.append(core)
+        return core
+
+    def reload(self) -> None:
+        """Replace the state of every robot by what is decoded from its encoding."""
+        for core in self._cores:
+            core.reload()
+
     @property
     def digest(self) -> str:
         """A short text that is the same for the same trace."""
-        text = "\n".join(map(repr, self.trace))
-        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+        return hashlib.blake2b(_encode(self.trace), digest_size=16).hexdigest()
 
     def _message(self, source: str, target: str, what: str, body: bytes) -> None:
         self.trace.append((self.runner.now(), target, f"{what} from {source}", zlib.crc32(body)))
