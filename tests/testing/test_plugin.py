@@ -68,3 +68,9 @@ def test_the_command_line_chooses_the_seed(tmp_path: Path) -> None:
     output = run(tmp_path, "-s", "-k", "seeds", "--robotree-seed", "4321")
     assert "seed 4321" in output
     assert "seed 1\n" not in output
+
+
+def test_a_type_checker_reads_the_kit() -> None:
+    import robotree.testing
+
+    assert Path(robotree.testing.__file__).with_name("py.typed").exists()

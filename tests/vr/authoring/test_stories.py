@@ -64,6 +64,25 @@ TOLD_ELSEWHERE = {
     "test_a_lever_is_closed_by_the_simulated_arm_faster_than_real_time",
     "a test under 100 seeds": "tests/testing/test_seeds.py::"
     "test_a_good_page_keeps_the_laws_under_100_seeds_in_two_seconds_of_processor_time",
+    "an own class of the same name": "tests/vr/authoring/test_kinds.py::"
+    "test_an_own_class_of_the_same_name_does_not_fit_an_arm_slot",
+    "pyright": "tests/vr/authoring/test_type_checkers.py::test_pyright_flags_the_wrong_lines_and_no_others",
+    "mypy": "tests/vr/authoring/test_type_checkers.py::test_mypy_flags_the_wrong_lines_and_no_others",
+    "pages with mistakes": "tests/vr/authoring/test_mistakes.py::"
+    "test_a_page_with_a_mistake_is_refused_with_its_line_and_the_remedy",
+    "a page of several files": "tests/vr/authoring/test_helpers.py::"
+    "test_a_page_imports_what_lies_beside_it_in_every_usual_way",
+    "an edited helper": "tests/vr/authoring/test_helpers.py::test_an_edited_helper_is_never_stale",
+    "a thread pool": "tests/vr/core/test_thread_pools.py::"
+    "test_a_thread_pool_works_for_the_command_with_keys_that_repeat",
+    "units on the way": "tests/vr/core/test_exposed_units.py::"
+    "test_arguments_and_results_are_converted_on_the_way",
+    "six steps": "tests/vr/core/test_progress.py::test_each_of_six_quick_steps_is_told",
+    "print": "tests/vr/network/test_heard.py::test_print_logging_and_warnings_are_in_the_robots_own_log",
+    "check": "tests/tui/test_authoring.py::test_check_prints_file_line_and_what_to_write",
+    "new": "tests/tui/test_authoring.py::test_a_new_page_passes_its_check_and_nothing_is_overwritten",
+    "an installed wheel": "tests/architecture/test_wheel.py::"
+    "test_an_author_tests_a_page_of_the_guide_in_an_empty_folder",
     "the guide": "tests/guide/test_guide.py::test_a_chapter_is_played",
 }
 Metres = Annotated[float, Unit("m"), Range(0, 1)]
