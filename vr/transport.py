@@ -12,7 +12,7 @@ for one chunk, `**` for many.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Protocol
 
 import msgspec
@@ -62,6 +62,15 @@ class Held(msgspec.Struct, frozen=True):
     def in_words(self) -> str:
         """Who holds it and does not answer, for people: `process 4711, which hangs`."""
         return f"{self.where}, {self.how}"
+
+
+class Occupied(Exception):
+    """A key was not announced, because others are present."""
+
+    def __init__(self, keys: Sequence[str]) -> None:
+        """Name what they are present under."""
+        super().__init__(", ".join(keys))
+        self.keys = tuple(keys)
 
 
 class Unlisted(msgspec.Struct, frozen=True):
@@ -141,8 +150,27 @@ class Transport(Protocol):
         """Take what is published under a pattern from now on."""
         ...
 
-    async def announce(self, key: str) -> Registration:
-        """Be present under a key until the registration closes or this process dies."""
+    async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
+        """Be present under a key until the registration closes or this process dies.
+
+        Args:
+            key: to be present under.
+            unless: patterns; if somebody is present under one of them, it is not announced.
+
+        Raises:
+            Occupied: somebody is.
+        """
+        ...
+
+    async def settle(self, within: float) -> None:
+        """Wait until what this process has announced is known to all others that are awake, and theirs here.
+
+        Of two that announce `unless` the other is there, and then settle, each knows of the other, or one of
+        them was refused.
+
+        Args:
+            within: [s] to wait at most; where nobody can tell, that long.
+        """
         ...
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:

@@ -8,14 +8,15 @@ list and one log; hosts and lookup services have their own.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.errors import DuplicateName, NameInSilence
 from robotree.vr.running.chance import token
-from robotree.vr.transport import Held, Registration, Transport
+from robotree.vr.transport import Held, Occupied, Registration, Transport
 
 SETTLE = 0.1
-"""[s] after which an announcement has reached all others, and its end too."""
+"""[s] after which an announcement has reached all others that live and answer, and its end too."""
 _SIDE_BY_SIDE: tuple[Role, ...] = ("robot", "view")
 
 
@@ -42,8 +43,11 @@ async def claim(transport: Transport, address: Address) -> Registration:
         DuplicateName: a living agent has the name.
         NameInSilence: one has it that lives and hangs.
     """
-    await expect_free(transport, address)
-    presence = await transport.announce(address.key)
+    presence: Registration | None = None
+    while presence is None:
+        await expect_free(transport, address)
+        with contextlib.suppress(Occupied):  # somebody came meanwhile: it is looked at once more
+            presence = await transport.announce(address.key, unless=_patterns(address))
     try:
         await outlast(transport, address)
     except BaseException:
@@ -74,7 +78,7 @@ async def outlast(transport: Transport, address: Address) -> None:
     Raises:
         DuplicateName: another one stays, because its address is smaller.
     """
-    await asyncio.sleep(SETTLE)
+    await transport.settle(SETTLE)
     for other in await _others(transport, address):
         if other < address:
             raise DuplicateName(role=other.role, name=other.name)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -152,11 +153,24 @@ class LocalTransport:
         number = self.mesh.subscribe(pattern, lambda key, body: inbox.put((key, body)))
         return _Registration(self, lambda: self.mesh.unsubscribe(number), inbox.close)
 
-    async def announce(self, key: str) -> Registration:
+    async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         """See `Transport.announce`."""
         self._check(key)
-        self.mesh.announce(key)
+        self.mesh.announce(key, unless=unless)
         return _Registration(self, lambda: self.mesh.withdraw(key))
+
+    async def settle(self, within: float) -> None:
+        """See `Transport.settle`."""
+        self._check("")
+        settled = asyncio.Event()
+
+        def on_settled() -> None:
+            self._turns.put(settled.set, urgent=True)
+
+        self.mesh.settle(on_settled)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(within):
+                await settled.wait()
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""

@@ -23,7 +23,7 @@ import socket
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Final
 
@@ -48,7 +48,7 @@ from robotree.vr.network.link import (
 from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
-from robotree.vr.transport import Held, Unlisted
+from robotree.vr.transport import Held, Occupied, Unlisted
 
 TICK: Final = 0.5
 """[s] between two beats, and between two looks into the folder."""
@@ -279,17 +279,50 @@ class Mesh:
             if self._servers.pop(key, None) is not None:
                 self._announce_change(Topic.SERVES, key, there=False)
 
-    def announce(self, key: str) -> None:
-        """Be present under a key; as often as `withdraw` is called later."""
+    def announce(self, key: str, *, unless: Sequence[str] = ()) -> None:
+        """Be present under a key; as often as `withdraw` is called later.
+
+        Raises:
+            Occupied: somebody is present under one of the patterns `unless`.
+        """
         self.place.hold(key)  # first: a process that cannot be seen must be known of
         with self._lock:
-            self._announce_change(Topic.HOLDS, key, there=True)
+            others = [other for pattern in unless for other in self._holders.under(pattern)]
+            if not others:
+                self._announce_change(Topic.HOLDS, key, there=True)
+                return
+        self.place.drop(key)
+        raise Occupied(others)
 
     def withdraw(self, key: str) -> None:
         """Be present under a key no longer."""
         with self._lock:
             self._announce_change(Topic.HOLDS, key, there=False)
         self.place.drop(key)
+
+    def settle(self, on_settled: Callable[[], None]) -> None:
+        """Call back once all others that are awake know what was announced here, and theirs is known here.
+
+        Announcements and urgent requests share one connection, which keeps their order. So a process that has
+        answered an urgent request, here to no key, knows what was announced here, and what it announced
+        without knowing that has come before its answer.
+        """
+        with self._lock:
+            peers = [peer for peer in self._peers.values() if peer.awake]
+            left = len(peers)
+
+        def on_reply(reply: bytes | None) -> None:
+            nonlocal left
+            with self._lock:
+                left -= reply is None
+                settled = left <= 0
+            if settled:
+                on_settled()
+
+        if not peers:
+            on_settled()
+        for peer in peers:
+            self._ask_peer(peer, "", b"", void_at=0.0, urgent=True, on_reply=on_reply)
 
     def subscribe(self, pattern: str, on_sample: OnSample) -> int:
         """Take the samples under a pattern; returns a number for `unsubscribe`."""
@@ -389,13 +422,23 @@ class Mesh:
             on_reply: takes the replies, and None at the end: at once if nobody serves the key, and when the
                 process that does dies or hangs.
         """
+        with self._lock:
+            peer = None if self.closed else self._where.get(key)
+        if peer is None:
+            on_reply(None)
+        else:
+            self._ask_peer(peer, key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
+
+    def _ask_peer(
+        self, peer: _Peer, key: str, body: bytes, *, void_at: float, urgent: bool, on_reply: OnReply
+    ) -> None:
         number = next(self._numbers)
         packed = pack(Ask(number, key, body))
         with self._lock:
-            peer = None if self.closed else self._where.get(key)
-            if peer is not None:
+            lives = self._peers.get(peer.tag) is peer
+            if lives:
                 peer.exchanges[number] = _Exchange(on_reply, void_at)
-        if peer is None:
+        if not lives:
             on_reply(None)
             return
         try:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from robotree.vr.errors import TransportClosed, VrError
-from robotree.vr.transport import Respond
+from robotree.vr.transport import Occupied, Registration, Respond, Transport
 from robotree.vr.world.promises import (
     PATIENCE,
     Join,
@@ -18,6 +18,9 @@ from robotree.vr.world.promises import (
     until,
     until_present,
 )
+
+SETTLE = 0.1
+"""[s] that two who come at the same time wait at most until they know of each other."""
 
 
 async def samples_reach_whoever_subscribed(join: Join) -> None:
@@ -143,6 +146,34 @@ async def who_is_seen_is_not_silent(join: Join) -> None:
         await token.close()
     await until_present(other, "robot/a/*", [])
     promise(await other.silent("**") == [], "who has left is not silent")
+    await close_all(one, other)
+
+
+async def two_that_announce_at_once_know_of_each_other(join: Join) -> None:
+    """After both have settled; or one was refused."""
+    one, other = await join(), await join()
+    for number, member in enumerate((one, other)):
+        await member.announce(f"linked/{number}")
+    for member in (one, other):
+        await until_present(member, "linked/*", ["linked/0", "linked/1"])
+
+    async def come(member: Transport, key: str) -> Registration | None:
+        try:
+            token = await member.announce(key, unless=[f"{key.rpartition('/')[0]}/*"])
+        except Occupied as refusal:
+            promise(refusal.keys != (), "who is refused learns because of what")
+            return None
+        await member.settle(SETTLE)
+        return token
+
+    for number in range(20):
+        keys = [f"robot/{number}/1", f"robot/{number}/2"]
+        tokens = await asyncio.gather(*map(come, (one, other), keys))
+        there = [key for key, token in zip(keys, tokens, strict=True) if token is not None]
+        promise(there != [], "of two one may come")
+        for member, token in zip((one, other), tokens, strict=True):
+            seen = sorted(await member.present(f"robot/{number}/*"))
+            promise(token is None or seen == there, "who has settled knows all who came at the same time")
     await close_all(one, other)
 
 

@@ -22,7 +22,7 @@ import itertools
 import logging
 import threading
 from collections import Counter
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -36,6 +36,7 @@ from robotree.vr.transport import (
     DirectHandler,
     End,
     Held,
+    Occupied,
     OnReply,
     PresenceHandler,
     Registration,
@@ -645,14 +646,21 @@ class MemoryTransport:
 
     # -- presence ---------------------------------------------------------------------------------
 
-    async def announce(self, key: str) -> Registration:
+    async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         """See `Transport.announce`."""
         self._check(key)
+        if others := [other for pattern in unless for other in self._visible(pattern)]:
+            raise Occupied(others)
         self.tokens[key] += 1
         if self.tokens[key] == 1:
             self._count(key, there=True)
             self._let_know(lambda other: other.learn_holder(self, key, there=True))
         return _Entry(lambda: self._unannounce(key))
+
+    async def settle(self, within: float) -> None:
+        """See `Transport.settle`: what the network delays or loses nobody acknowledges."""
+        self._check("")
+        await asyncio.sleep(within)
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""

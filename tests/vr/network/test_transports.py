@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
@@ -61,9 +61,9 @@ class Mute(MemoryTransport):
 class Stubborn(MemoryTransport):
     """Goes on after it was closed."""
 
-    async def announce(self, key: str) -> Registration:
+    async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         self.closed = False
-        return await super().announce(key)
+        return await super().announce(key, unless=unless)
 
 
 class Blind(MemoryTransport):

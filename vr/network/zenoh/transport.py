@@ -27,6 +27,7 @@ from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
     Held,
+    Occupied,
     OnReply,
     PresenceHandler,
     Registration,
@@ -201,12 +202,19 @@ class ZenohTransport:
             inbox.close,
         )
 
-    async def announce(self, key: str) -> Registration:
+    async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         """See `Transport.announce`."""
         session = self._open(key)
+        if others := [other for pattern in unless for other in await self.present(pattern)]:
+            raise Occupied(others)
         return await self._declare(
             lambda: session.liveliness().declare_token(key), zenoh.LivelinessToken.undeclare
         )
+
+    async def settle(self, within: float) -> None:
+        """See `Transport.settle`: liveliness tokens are not acknowledged."""
+        self._open("")
+        await asyncio.sleep(within)
 
     async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
         """See `Transport.watch`."""
