@@ -183,6 +183,8 @@ class Mesh:
         self._strangers: set[str] = set()
         """Processes in the folder whose frames are not understood."""
         self._numbers = itertools.count(1)
+        self._to_settle: list[Callable[[], None]] = []
+        self._settling = False
         self._sockets = _Sockets()
         self._door: socket.socket | None = None
         self._nudge, self._nudged = socket.socketpair()
@@ -305,24 +307,33 @@ class Mesh:
 
         Announcements and urgent requests share one connection, which keeps their order. So a process that has
         answered an urgent request, here to no key, knows what was announced here, and what it announced
-        without knowing that has come before its answer.
+        without knowing that has come before its answer. Many that come together share their requests.
         """
         with self._lock:
-            peers = [peer for peer in self._peers.values() if peer.awake]
-            left = len(peers)
+            self._to_settle.append(on_settled)
+            if self._settling:
+                return
+            self._settling = True
+        self._settle_all()
+
+    def _settle_all(self) -> None:
+        """Ask all others once for those that wait now; those that come meanwhile wait for the next round."""
+        with self._lock:
+            waiting, self._to_settle = self._to_settle, []
+            self._settling = bool(waiting)
+            peers = [peer for peer in self._peers.values() if peer.awake] if waiting else []
+        left = itertools.count(len(peers), -1)  # its next is atomic
 
         def on_reply(reply: bytes | None) -> None:
-            nonlocal left
-            with self._lock:
-                left -= reply is None
-                settled = left <= 0
-            if settled:
-                on_settled()
+            if reply is None and next(left) == 0:
+                for on_settled in waiting:
+                    on_settled()
+                self._settle_all()
 
-        if not peers:
-            on_settled()
-        for peer in peers:
-            self._ask_peer(peer, "", b"", void_at=0.0, urgent=True, on_reply=on_reply)
+        if waiting:
+            for peer in peers:
+                self._ask_peer(peer, "", b"", void_at=0.0, urgent=True, on_reply=on_reply)
+            on_reply(None)  # of this process
 
     def subscribe(self, pattern: str, on_sample: OnSample) -> int:
         """Take the samples under a pattern; returns a number for `unsubscribe`."""
