@@ -45,20 +45,11 @@ def check_arguments(spec: CommandSpec, arguments: Arguments, *, robot: str = "")
     Raises:
         BadArgument: one is unknown, missing, of the wrong type or dimension, not finite or out of range.
     """
-    label = f"{robot}.{spec.name}" if robot else spec.name
-    fields = {field.name: field for field in spec.parameters}
-    for name in arguments:
-        if name not in fields:
-            takes = ", ".join(fields) or "none"
-            raise BadArgument(
-                command=label, parameter=name, reason=f"there is no such parameter; it takes {takes}"
-            )
-    for field in spec.parameters:
-        if field.required and field.name not in arguments:
-            raise BadArgument(
-                command=label, parameter=field.name, reason=f"is missing; give {expected(field)}"
-            )
-    return {name: check_argument(fields[name], value, command=label) for name, value in arguments.items()}
+    try:
+        return _read_parts(spec.parameters, arguments, "", "parameter; it takes")
+    except _Refused as error:
+        label = f"{robot}.{spec.name}" if robot else spec.name
+        raise BadArgument(command=label, parameter=error.path, reason=error.reason) from None
 
 
 def check_argument(field: FieldSpec, value: object, *, command: str) -> Any:
@@ -140,20 +131,22 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
             parts = zip(field.items, found, strict=True)
             return [_read(item, part, f"{path}[{index}]") for index, (item, part) in enumerate(parts)]
         case "record":
-            return _read_parts(field, found, path)
+            return _read_parts(field.items, found, f"{path}.", "part; it has")
         case _:
             return found
 
 
-def _read_parts(field: FieldSpec, given: Mapping[str, object], path: str) -> dict[str, Any]:
-    parts = {part.name: part for part in field.items}
+def _read_parts(
+    fields: Sequence[FieldSpec], given: Mapping[str, object], path: str, known: str
+) -> dict[str, Any]:
+    parts = {part.name: part for part in fields}
     for name in given:
         if name not in parts:
-            raise _Refused(f"{path}.{name}", f"there is no such part; it has {', '.join(parts)}")
+            raise _Refused(f"{path}{name}", f"there is no such {known} {', '.join(parts) or 'none'}")
     for name, part in parts.items():
         if part.required and name not in given:
-            raise _Refused(f"{path}.{name}", f"is missing; give {expected(part)}")
-    return {name: _read(parts[name], value, f"{path}.{name}") for name, value in given.items()}
+            raise _Refused(f"{path}{name}", f"is missing; give {expected(part)}")
+    return {name: _read(parts[name], value, f"{path}{name}") for name, value in given.items()}
 
 
 def _is_none(field: FieldSpec, value: object) -> bool:
@@ -182,17 +175,15 @@ def _number(field: FieldSpec, value: object) -> float:
         number = float(value) if abs(value) < 1e300 else math.inf
     if not math.isfinite(number):
         raise ValueError(f"{value} is not a finite number; give {expected(field)}")
-    number, meant = _clip(field, number), number
-    if not math.isclose(number, meant, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
+    meant = number
+    if field.lower is not None:
+        number = max(number, field.lower)
+    if field.upper is not None:
+        number = min(number, field.upper)
+    if number != meant and not math.isclose(number, meant, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
         shown = f"{value}" if isinstance(value, str) else f"{meant:g} {field.unit}".strip()
         raise ValueError(f"{shown} is out of range; give {expected(field)}")
     return number
-
-
-def _clip(field: FieldSpec, number: float) -> float:
-    low = -math.inf if field.lower is None else field.lower
-    high = math.inf if field.upper is None else field.upper
-    return min(max(number, low), high)
 
 
 def _whole(field: FieldSpec, value: object) -> int:

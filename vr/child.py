@@ -24,7 +24,7 @@ from robotree.vr.context import CallFuture, activity_here, running
 from robotree.vr.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
 from robotree.vr.errors import BadArgument
 from robotree.vr.kind import Kind, promises_of
-from robotree.vr.plain import plain_arguments
+from robotree.vr.plain import READY, plain_arguments
 from robotree.vr.units import Unit, convert
 
 if TYPE_CHECKING:
@@ -125,7 +125,10 @@ class Child(Slotted, Generic[K]):
     @overload
     def __get__(self, robot: HasSlots, owner: type[Any]) -> K: ...
     def __get__(self, robot: HasSlots | None, owner: type[Any]) -> Any:
-        return self if robot is None else ChildRobot(robot, self.name)
+        if robot is None:
+            return self
+        child = vars(robot)[self.name] = ChildRobot(robot, self.name)  # from now on found there at once
+        return child
 
     def exposed(self, command: str = "", **units: Unit) -> Exposed:
         """Let callers from above use one of the child's commands: `move = rover.exposed()`.
@@ -317,8 +320,6 @@ class Exposed:
 class ChildRobot:
     """The child in a slot, false while the slot is empty. Its attributes are its commands."""
 
-    __slots__ = ("_robot", "_slot")
-
     def __init__(self, robot: HasSlots, slot: str) -> None:
         """Made by access to the slot."""
         self._robot, self._slot = robot, slot
@@ -339,7 +340,8 @@ class ChildRobot:
     def __getattr__(self, command: str) -> ChildCommand:
         if command.startswith("_"):
             raise AttributeError(command)
-        return ChildCommand(self._robot, self._slot, command)
+        found = vars(self)[command] = ChildCommand(self._robot, self._slot, command)
+        return found
 
 
 class ChildCommand:
@@ -368,6 +370,8 @@ class ChildCommand:
         running().tell(self._slot, self._command, self._named(values, arguments))
 
     def _named(self, values: tuple[Any, ...], arguments: dict[str, Any]) -> Mapping[str, Any]:
+        if not values and READY.issuperset(map(type, arguments.values())):
+            return arguments
         label = f"{self._slot}.{self._command}"
         try:
             arguments = plain_arguments(arguments)

@@ -10,16 +10,19 @@ A command is plain sequential code and runs in its own thread, one at a time per
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, overload
+from typing import Annotated, Any, TypeVar, get_args, get_origin, overload
 
 import msgspec
 
 from robotree.vr.description import Arguments, CommandSpec, Effect
-from robotree.vr.errors import BadArgument
+from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.fields import SET, settings_spec
+from robotree.vr.plain import READY, to_plain
 from robotree.vr.robot import Robot
 from robotree.vr.signature import built_for, returned_by, spec_of
+from robotree.vr.units import shorten
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
@@ -55,6 +58,34 @@ class Command(msgspec.Struct, frozen=True):
             for name, value in arguments.items()
         }
         return self.function(robot, **built)
+
+    def plain_result(self, value: Any, *, robot: str, name: str) -> Any:
+        """Return a result as plain values, if it is what the signature promises.
+
+        Args:
+            value: what the author's code returned.
+            robot: its name.
+            name: under which the command was called.
+
+        Raises:
+            CommandFailed: it is of another type; names both.
+            TypeError: it cannot travel.
+        """
+        try:
+            plain = value if type(value) in READY else to_plain(value)
+        except TypeError as error:
+            raise TypeError(f"the result {error}") from None
+        declared = self.returns
+        if declared is not Any:
+            try:
+                msgspec.convert(plain, declared, strict=True)
+            except msgspec.ValidationError as error:
+                got = shorten(value)
+                bare = get_args(declared)[0] if get_origin(declared) is Annotated else declared
+                promised = "nothing" if bare is type(None) else inspect.formatannotation(bare)
+                detail = f"it promises {promised} but returned {got}: {error}"
+                raise CommandFailed(robot=robot, command=name, detail=detail) from None
+        return plain
 
     def _build(self, name: str, value: Any) -> Any:
         try:

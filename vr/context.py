@@ -267,6 +267,5 @@ def commander_here() -> Activity | None:
     return activity if activity is not None and activity.is_here() else None
 
 
-def enter(activity: Activity) -> None:
-    """Say which command runs in the present context."""
-    _running.set(activity)
+enter: Callable[[Activity], object] = _running.set
+"""Says which command runs in the present context."""

@@ -17,6 +17,8 @@ LARGEST_BYTES = 256_000
 DEEPEST = 32
 """Levels of lists and records in each other."""
 _PLAIN = frozenset({type(None), bool, int, float, str})
+READY = _PLAIN - {int}
+"""Types of values that travel as they are: nothing about them has to be looked at."""
 _WHOLE = range(-(2**63), 2**64)
 """Whole numbers that MessagePack can carry."""
 

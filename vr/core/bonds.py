@@ -235,13 +235,17 @@ class Slots(msgspec.Struct):
             NoSuchSlot: there is no such slot.
             SlotEmpty: nobody is in it, and why.
         """
-        slot = self[name]
-        if slot.bond is None:
+        slot = self.by_name.get(name)
+        if slot is None or slot.bond is None:
             raise self.emptiness(name)
         return slot.bond
 
     def emptiness(self, name: str) -> SlotEmpty:
-        """Return the error for an empty slot, with the reason."""
+        """Return the error for an empty slot, with the reason.
+
+        Raises:
+            NoSuchSlot: there is no such slot.
+        """
         slot = self[name]
         before = f"{slot.released} was released" if slot.released else "no child was bound to it"
         reason = slot.lost or ("its child is just being asked" if slot.asked else before)

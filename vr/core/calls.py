@@ -109,37 +109,33 @@ class Calls(msgspec.Struct, kw_only=True):
 
     def late(self, source: str, number: int) -> bool:
         """Whether a numbered call comes after its caller has said that it is over."""
-        return bool(source) and number < self.lowest.get(source, 0)
+        return number < self.lowest.get(source, 0)
 
-    def expect_room(self, robot: str, *, reads: bool) -> None:
-        """Refuse a call for which there is no place.
+    def enter(self, call: Call, robot: str) -> bool:
+        """Take a new call of a robot in; returns whether it begins at once.
 
         Raises:
-            Busy: too many wait, or read.
+            Busy: too many wait, or read; nothing has changed.
         """
-        if reads:
+        if call.reads:
             if self.readers >= MOST_READERS:
                 raise Busy(robot=robot, waiting=self.readers)
-        elif self.running and len(self.waiting) >= LONGEST_QUEUE:
-            raise Busy(robot=robot, waiting=len(self.waiting))
-
-    def enter(self, call: Call) -> bool:
-        """Take a new call in; returns whether it begins at once."""
-        self.live[call.key] = call
-        self.counts[call.command] = self.counts.get(call.command, 0) + 1
-        if call.reads:
             self.readers += 1
             call.running = True
         elif not self.running:
             self.running = call.key
             call.running = True
+        elif len(self.waiting) >= LONGEST_QUEUE:
+            raise Busy(robot=robot, waiting=len(self.waiting))
         else:
             self.waiting.append(call.key)
+        self.live[call.key] = call
+        self.counts[call.command] = self.counts.get(call.command, 0) + 1
         return call.running
 
     def settle_below(self, source: str, lowest: int) -> None:
         """Forget the ended calls of a caller below a number: copies of them are refused from now on."""
-        if not source or lowest <= self.lowest.get(source, 0):
+        if lowest <= self.lowest.get(source, 0):
             return
         self.lowest.pop(source, None)
         self.lowest[source] = lowest
@@ -158,7 +154,7 @@ class Calls(msgspec.Struct, kw_only=True):
             The key of the call whose turn it is now because of that; empty: of none.
         """
         call = self.live.pop(key)
-        if not self.late(call.source, call.number):
+        if not (call.source and self.late(call.source, call.number)):
             self.ended[key] = Ended(call.command, call.sent, reply, call.source, call.number)
             while len(self.ended) > MOST_KEPT:
                 del self.ended[next(iter(self.ended))]

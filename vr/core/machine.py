@@ -55,12 +55,14 @@ Effects = list[Effect]
 class RobotCore:
     """One robot: its state, and what each event does to it."""
 
-    __slots__ = ("_bonds_due", "state")
+    __slots__ = ("_bonds_due", "due", "state")
 
     def __init__(self, state: State) -> None:
         """Take a state, new or decoded."""
         self.state = state
         self._bonds_due = _bonds_due(state.slots)
+        self.due = self._due()
+        """[s] when `Tick` will change something if nothing else does before."""
 
     def handle(self, event: Event, now: float) -> Effects:
         """Change the state; return what is to be done, in this order.
@@ -72,16 +74,16 @@ class RobotCore:
         Raises:
             VrError: it is refused; nothing has changed.
         """
-        return self._handlers[type(event)](self, event, now)
+        effects = self._handlers[type(event)](self, event, now)
+        self.due = self._due()
+        return effects
 
     @property
     def name(self) -> str:
         """The robot's name."""
         return self.state.address.name
 
-    @property
-    def due(self) -> float:
-        """[s] when `Tick` will change something if nothing else does before."""
+    def _due(self) -> float:
         tenure = self.state.lease.tenure
         due = self._bonds_due if tenure is None else min(self._bonds_due, tenure.expires)
         for call in self.state.calls.live.values():
@@ -103,9 +105,9 @@ class RobotCore:
     # -- calls ------------------------------------------------------------------------------------
 
     def _invoke(self, event: on.Invoke, now: float) -> Effects:
-        calls, name, command = self.state.calls, self.name, event.command
+        calls, name, command = self.state.calls, self.state.address.name, event.command
         self.state.lease.check(event.epoch, now)
-        if calls.late(event.source, event.number):
+        if event.source and calls.late(event.source, event.number):
             raise CommandCancelled(robot=name, command=command, reason="its caller has given it up")
         known = calls.known(name, event.key, command, event.sent)
         if isinstance(known, Ended):
@@ -116,8 +118,6 @@ class RobotCore:
             self._expect_free_to_move(event)
         if not now < event.deadline_at < math.inf:
             raise DeadlineExceeded(robot=name, command=command)
-        calls.expect_room(name, reads=event.reads)
-        calls.settle_below(event.source, event.lowest)
         call = Call(
             key=event.key,
             command=command,
@@ -131,7 +131,10 @@ class RobotCore:
             number=event.number,
             detached=event.detached,
         )
-        return [Begin(key=event.key)] if calls.enter(call) else []
+        begins = calls.enter(call, name)
+        if event.source:
+            calls.settle_below(event.source, event.lowest)
+        return [Begin(key=event.key)] if begins else []
 
     def _expect_free_to_move(self, event: on.Invoke) -> None:
         """Refuse what moves while something forbids it.
@@ -139,20 +142,21 @@ class RobotCore:
         Raises:
             CommandError: which says what.
         """
-        name, stop, tenure = self.name, self.state.stop, self.state.lease.tenure
-        if stop.in_force:
+        name, stop, tenure = self.state.address.name, self.state.stop, self.state.lease.tenure
+        if reason := stop.reason or stop.halted:
             commander = name if tenure is None else tenure.parent.name
-            raise Stopped(robot=name, reason=stop.in_force, commander=commander)
+            raise Stopped(robot=name, reason=reason, commander=commander)
         if event.stops_seen not in {-1, stop.generation}:  # what came before a stop has ended with it
             raise CommandCancelled(robot=name, command=event.command, reason=stop.latest)
-        if self.outranked:
+        if tenure is None and self.state.lease.outranked:
             raise CommandFailed(
                 robot=name,
                 command=event.command,
                 detail="another proxy commands its controller, under a later lease; enslave "
                 f"{name} to take it over, or end that proxy and start this one again",
             )
-        if refusal := self.state.calls.beside_abandoned(name, self.state.home):
+        calls = self.state.calls
+        if calls.abandoned and (refusal := calls.beside_abandoned(name, self.state.home)):
             raise refusal
 
     def _finish(self, event: on.Finish, _: float) -> Effects:

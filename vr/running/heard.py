@@ -68,7 +68,7 @@ class Log:
         self._number = 0
         self._room, self._at = float(BURST), now()
         self._dropped = 0
-        self._begun: dict[str, str] = {}
+        self.begun: dict[str, str] = {}
         """Lines that have no end yet, by command and level."""
 
     def write(self, key: str, level: Level, text: str) -> None:
@@ -80,19 +80,19 @@ class Log:
             text: of any length.
         """
         place = f"{key}|{level}"
-        *whole, rest = (self._begun.pop(place, "") + text).split("\n")
+        *whole, rest = (self.begun.pop(place, "") + text).split("\n")
         if len(rest) > LONGEST:
             whole, rest = [*whole, rest], ""
         if rest:
-            self._begun[place] = rest
+            self.begun[place] = rest
         for line in whole:
             self.say(level, line)
 
     def end(self, key: str) -> None:
         """A command has ended: say what has no line break."""
-        for place in [one for one in self._begun if one.rpartition("|")[0] == key]:
+        for place in [one for one in self.begun if one.rpartition("|")[0] == key]:
             level: Any = place.rpartition("|")[2]
-            self.say(level, self._begun.pop(place))
+            self.say(level, self.begun.pop(place))
 
     def say(self, level: Level, text: str) -> None:
         """Take a line."""
@@ -104,21 +104,22 @@ class Log:
                 self._dropped += 1
                 return
             self._room -= 1.0
-            self._own_up()
+            if self._dropped:
+                self._own_up()
             self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…")
         self.on_line()
 
     def since(self, number: int) -> list[Said]:
         """Return the lines after the one of a number, the oldest first."""
         with self._lock:
-            self._own_up()
+            if self._dropped:
+                self._own_up()
             return [line for line in self._lines if line.number > number]
 
     def _own_up(self) -> None:
         """Say how many lines were dropped."""
-        if self._dropped:
-            count, self._dropped = self._dropped, 0
-            self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
+        count, self._dropped = self._dropped, 0
+        self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
 
     def _append(self, level: Level, text: str) -> None:
         self._number += 1

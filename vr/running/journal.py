@@ -1,4 +1,4 @@
-"""Where a robot's events are written before they have consequences; and a journal that forgets them."""
+"""Where a robot's events are written before they have consequences."""
 
 from __future__ import annotations
 
@@ -26,15 +26,3 @@ class Journal(Protocol):
     def commit(self, number: int) -> None:
         """Wait until the event, and all before it, would survive the process."""
         ...
-
-
-class NoJournal:
-    """Survives nothing: what a process knows ends with it."""
-
-    def append(self, robot: str, now: float, event: Event) -> int:
-        """See `Journal.append`."""
-        del robot, now, event
-        return 0
-
-    def commit(self, number: int) -> None:
-        """See `Journal.commit`."""

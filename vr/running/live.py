@@ -32,7 +32,7 @@ from robotree.vr.fields import SET
 from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.heard import Log
-from robotree.vr.running.outcome import check_result, raised
+from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
@@ -126,8 +126,8 @@ class LiveRobot:
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
-        self._calling: dict[str, dict[PendingCall, None]] = {}
-        """Calls under way of the child in each slot, the oldest first: they end in that order."""
+        self._calling: dict[str, set[PendingCall]] = {}
+        """Calls under way of the child in each slot."""
         self._reminder = math.inf
         """[s] when the watchdog looks next."""
         self._unremind: Callable[[], None] = _nothing
@@ -170,27 +170,25 @@ class LiveRobot:
         """
         now, refusal, number = self._runner.now(), None, 0
         with self._lock:
-            core = self.core
             effects: list[Effect] = []
-            if core.due <= now:
-                effects = self._handle(on.Tick(unix=self._runner.unix()), now)
+            if self.core.due <= now:
+                effects, _ = self._handle(on.Tick(unix=self._runner.unix()), now)
             try:
-                effects += core.handle(event, now)
+                following, number = self._handle(event, now)
             except VrError as error:
                 refusal = error
             else:
-                number = self._journal.append(self.key, now, event)
+                effects += following
                 if listener is not None and isinstance(event, on.Invoke):
-                    self._listeners.setdefault(event.key, []).append(listener)
-                    if turn is not None:
-                        self._turns[event.key] = turn
-            turned = self._turn_page(effects, now) if self._coming is not None else _nothing
-            due = math.inf if turn is not None else core.due
-        if number:
+                    self._attend(event.key, listener, turn)
+            turned = None if self._coming is None else self._turn_page(effects, now)
+            due = self.core.due
+        if number and self._journal is not None:
             self._journal.commit(number)
         if refusal is None and accepted is not None:
             accepted()
-        turned()
+        if turned is not None:
+            turned()
         self._carry_out(effects)
         if turn is None:  # a turn's deadline is watched over with its caller's
             self._remind_at(due)
@@ -217,22 +215,22 @@ class LiveRobot:
                 self._coming = None
         return waits
 
-    def _turn_page(self, effects: list[Effect], now: float) -> Callable[[], None]:
+    def _turn_page(self, effects: list[Effect], now: float) -> Callable[[], None] | None:
         """Go on with the page that waits, if this is a boundary between commands. Under the lock.
 
         Returns:
-            What is to be called outside of the lock.
+            What is to be called outside of the lock; None: nothing.
         """
         coming, calls = self._coming, self.core.state.calls
         if coming is None or (calls.running and not any(_begins(one, calls.running) for one in effects)):
-            return _nothing
+            return None
         (robot, done), self._coming = coming, None
         state = self.core.state
         specs = slot_specs(type(robot))
         fields, notes = robot.field_values.taken_over(state.fields)
         slots = set(state.slots.by_name)
         try:
-            effects += self._handle(on.Reload(slots=specs, fields=fields), now)
+            effects += self._handle(on.Reload(slots=specs, fields=fields), now)[0]
         except VrError as refusal:
             return partial(done, refusal)
         gone = sorted(slots - set(state.slots.by_name))
@@ -256,10 +254,15 @@ class LiveRobot:
         with self._lock:
             return query(self.core)
 
-    def _handle(self, event: Event, now: float) -> list[Effect]:
+    def _attend(self, key: str, listener: Listener, turn: PendingCall | None = None) -> None:
+        self._listeners.setdefault(key, []).append(listener)
+        if turn is not None:
+            self._turns[key] = turn
+
+    def _handle(self, event: Event, now: float) -> tuple[list[Effect], int]:
+        """Let an event change the state, and write it down; returns what follows and the number to commit."""
         effects = self.core.handle(event, now)
-        self._journal.append(self.key, now, event)
-        return effects
+        return effects, 0 if self._journal is None else self._journal.append(self.key, now, event)
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due; a later time than the one it knows waits for that."""
@@ -278,26 +281,27 @@ class LiveRobot:
 
     def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:
-            self._carry_out_effect(effect)
+            if isinstance(effect, Begin):
+                turn = self._turns.pop(effect.key, None)
+                run = partial(self._run, effect.key)
+                if turn is None or not turn.give_turn(run):
+                    self.process.work(run)
+            elif isinstance(effect, Settled):
+                self._turns.pop(effect.key, None)
+                self.said.pop(effect.key, None)
+                self._own.pop(effect.key, None)
+                for listener in self._listeners.pop(effect.key, ()):
+                    try:
+                        listener.settle(effect.reply)
+                    except Exception:  # noqa: BLE001 # of the others, and of the robot, it is not the fault
+                        _log.exception("%s: the end of a call could not be told", self.robot.name)
+            else:
+                self._carry_out_other(effect)
         if effects:
             self._on_change()
 
-    def _carry_out_effect(self, effect: Effect) -> None:
-        if isinstance(effect, Begin):
-            turn = self._turns.pop(effect.key, None)
-            run = partial(self._run, effect.key)
-            if turn is None or not turn.give_turn(run):
-                self.process.work(run)
-        elif isinstance(effect, Settled):
-            self._turns.pop(effect.key, None)
-            self.said.pop(effect.key, None)
-            self._own.pop(effect.key, None)
-            for listener in self._listeners.pop(effect.key, ()):
-                try:
-                    listener.settle(effect.reply)
-                except Exception:  # noqa: BLE001 # of the others, and of the robot, it is not the fault
-                    _log.exception("%s: the end of a call could not be told", self.robot.name)
-        elif isinstance(effect, Interrupt):
+    def _carry_out_other(self, effect: Effect) -> None:
+        if isinstance(effect, Interrupt):
             if frame := self.frames.get(effect.key):
                 frame.cancel(effect.cause.revive(), final=effect.final)
         else:
@@ -347,16 +351,20 @@ class LiveRobot:
             NotDescribed: the child must be asked for the command first.
         """
         self.look_at_robot()
-        self.core.state.lease.check(call.epoch, self._runner.now())
         if stops < 0:
             stops = self.core.state.stop.generation
-        spec = self.spec(call.command)
+        try:
+            spec = self.spec(call.command)
+            arguments = check_arguments(spec, call.arguments, robot=self.robot.name)
+        except (VrError, NotDescribed):
+            self.core.state.lease.check(call.epoch, self._runner.now())  # a stranger is told that first
+            raise
         self.post(
             on.Invoke(
                 key=call.key,
                 command=call.command,
                 sent=call.arguments,
-                arguments=check_arguments(spec, call.arguments, robot=self.robot.name),
+                arguments=arguments,
                 deadline_at=deadline_at,
                 epoch=call.epoch,
                 caller=call.caller,
@@ -386,7 +394,7 @@ class LiveRobot:
         with self._lock:
             if key not in self.core.state.calls.live:
                 return False
-            self._listeners.setdefault(key, []).append(listener)
+            self._attend(key, listener)
             return True
 
     def abandon(self, key: str, at: FrameType | None) -> None:
@@ -441,7 +449,8 @@ class LiveRobot:
 
     def _enter_end(self, call: on_calls.Call, reply: Returned | Raised) -> None:
         """Enter in the log how a command ended: that, of those that only read, failures alone."""
-        self.log.end(call.key)
+        if self.log.begun:
+            self.log.end(call.key)
         if isinstance(reply, Returned):
             if not call.reads:
                 self.log.say("done", f"{call.command} is done")
@@ -461,7 +470,7 @@ class LiveRobot:
             NotDescribed: the child must be asked for it first.
         """
         if command := self._commands.get(name):
-            return self._present(command.spec)
+            return self._present(command.spec) if command.spec.beside else command.spec
         exposed = self._exposures.get(name)
         if exposed is None:
             known = ", ".join([*self._commands, *self._exposures]) or "none"
@@ -535,9 +544,9 @@ class LiveRobot:
             exposed = self._exposures.get(call.command)
         work: Callable[[], Any]
         if command is not None:
-            work = partial(
-                _author, command, robot, call.sent if self._turned else call.arguments, self._turned
-            )
+            work = partial(command.run, robot, call.arguments)
+            if self._turned:  # they were checked for another page, perhaps
+                work = partial(_check_again, command, robot, call.sent)
         elif exposed is not None:
             work = partial(self._pass_on, frame, exposed, call.arguments)
         else:  # it was accepted while another page was in force
@@ -577,9 +586,7 @@ class LiveRobot:
         try:
             if error is None:
                 if command is not None:
-                    value = check_result(
-                        value, command.returns, robot=self.robot.name, command=context.command
-                    )
+                    value = command.plain_result(value, robot=self.robot.name, name=context.command)
                 return Returned(key=context.key, value=value)
         except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
             error = refusal
@@ -700,11 +707,11 @@ class LiveRobot:
         pending.let_go = partial(self._detach, key, pending.key, epoch)
         pending.oneway = oneway
         if not oneway:
-            self._calling.setdefault(pending.slot, {})[pending] = None
+            self._calling.setdefault(pending.slot, set()).add(pending)
 
         def ended() -> None:
             ledger.numbers.discard(number)
-            self._calling.get(pending.slot, {}).pop(pending, None)
+            self._calling.get(pending.slot, set()).discard(pending)
 
         pending.ended = ended
         sealed = seal(call, now=now, within=PATIENCE, sender=self.key)
@@ -754,7 +761,5 @@ def _nothing() -> None:
     """Nothing is planned."""
 
 
-def _author(command: Command, robot: Robot, arguments: Arguments, turned: bool) -> Any:  # noqa: FBT001 # a fact
-    if turned:  # the arguments were checked for another page, perhaps
-        arguments = check_arguments(command.spec, arguments, robot=robot.name)
-    return command.run(robot, arguments)
+def _check_again(command: Command, robot: Robot, sent: Arguments) -> Any:
+    return command.run(robot, check_arguments(command.spec, sent, robot=robot.name))

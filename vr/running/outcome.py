@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
-from typing import Annotated, Any, get_args, get_origin
-
-import msgspec
+from typing import Any
 
 from robotree.vr.context import CommandContext
 from robotree.vr.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
@@ -17,35 +14,6 @@ from robotree.vr.running.trace import words_of
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
-
-
-def check_result(value: Any, declared: Any, *, robot: str, command: str) -> Any:
-    """Return a result as plain values, if it is what its command's signature promises.
-
-    Args:
-        value: what the author's code returned.
-        declared: the annotation of its result; `Any`: whatever can travel.
-        robot: its name.
-        command: its name.
-
-    Raises:
-        CommandFailed: it is of another type; names both.
-        TypeError: it cannot travel.
-    """
-    try:
-        plain = to_plain(value)
-    except TypeError as error:
-        raise TypeError(f"the result {error}") from None
-    if declared is not Any:
-        try:
-            msgspec.convert(plain, declared, strict=True)
-        except msgspec.ValidationError as error:
-            got = shorten(value)
-            bare = get_args(declared)[0] if get_origin(declared) is Annotated else declared
-            promised = "nothing" if bare is type(None) else inspect.formatannotation(bare)
-            detail = f"it promises {promised} but returned {got}: {error}"
-            raise CommandFailed(robot=robot, command=command, detail=detail) from None
-    return plain
 
 
 def raised(robot: str, context: CommandContext, error: BaseException, *, source: str = "") -> Raised:

@@ -28,6 +28,27 @@ class Listener(Protocol):
 class PendingCall(Part):
     """A child's command under way: the `CallFuture` that the author's code gets."""
 
+    reply: Returned | Raised | None = None
+    accepted: bool = False
+    accept_by: float = math.inf
+    """[s] when the child must have accepted it."""
+    oneway: bool = False
+    """Whether nobody waits for its end."""
+    run_here: Callable[[Worker], None] | None = None
+    """Carries the command out on the worker that waits for it: set when it is its turn."""
+    ended: Callable[[], None] | None = None
+    """Called once it has ended."""
+    at_rest = True
+    """See `Started.at_rest`."""
+    key_of_child: str = ""
+    """Under which a child in another process answers."""
+    _fraction: float = math.nan
+    _awaited: bool = False
+    """Whether the caller waits until the child has accepted it."""
+    _dropped: bool = False
+    """Whether nobody waits for it any more."""
+    _error: VrError | None = None
+
     def __init__(
         self, frame: Frame, slot: str, key: str, child: str, command: str, *, passes_on: bool = False
     ) -> None:
@@ -42,27 +63,13 @@ class PendingCall(Part):
             passes_on: its progress is that of the command that calls.
         """
         self.slot, self.key, self.child, self.command = slot, key, child, command
-        self.reply: Returned | Raised | None = None
-        self.accepted = False
-        self.oneway = False
-        """Whether nobody waits for its end."""
-        self.run_here: Callable[[Worker], None] | None = None
-        """Carries the command out on the worker that waits for it: set when it is its turn."""
-        self.accept_by = math.inf
-        """[s] when the child must have accepted it."""
         self.let_go: Callable[[], None] = _no_more
         """Has the child go on when the command that called it has ended."""
         self.withdraw: Callable[[str], None] = _nothing
         """Tells the child that nobody wants the call any more, and why."""
-        self.ended: Callable[[], None] = _no_more
-        """Called once it has ended."""
         self.frame = frame
-        self._fraction, self._passes_on = math.nan, passes_on
+        self._passes_on = passes_on
         self._tell = []
-        self._awaited = False
-        """Whether the caller waits until the child has accepted it."""
-        self._dropped = False
-        """Whether nobody waits for it any more."""
         self._may_be_given = [True]
         """Emptied by who decides whether the caller's worker carries the command out: caller or child."""
 
@@ -80,7 +87,8 @@ class PendingCall(Part):
         """See `Listener.settle`."""
         if self.reply is None:
             self.reply = reply
-            self.ended()
+            if self.ended is not None:
+                self.ended()
             if self._tell:
                 self.tell_all()
             self.frame.wake()
@@ -111,15 +119,10 @@ class PendingCall(Part):
             self.note(reply.fraction, reply.text)
         elif isinstance(reply, Accepted):
             self.accepted, self.accept_by = True, math.inf
-            if self.oneway:
+            if self.oneway and self.ended is not None:
                 self.ended()
             if self._awaited:
                 self.frame.wake()
-
-    at_rest = True
-    """See `Started.at_rest`."""
-    key_of_child = ""
-    """Under which a child in another process answers."""
 
     # -- a CallFuture -----------------------------------------------------------------------------
 
@@ -226,8 +229,6 @@ class PendingCall(Part):
     def _is_news(self) -> bool:
         # that it was accepted is looked at when the time for that is over: it wakes nobody
         return self.reply is not None or self.run_here is not None or (self._awaited and self.accepted)
-
-    _error: VrError | None = None
 
     def _value(self) -> Any:
         reply = self.reply

@@ -15,7 +15,7 @@ from typing import Any
 
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State
-from robotree.vr.running.journal import Journal, NoJournal
+from robotree.vr.running.journal import Journal
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.running.worker import Frame, Worker
@@ -49,7 +49,7 @@ class Process:
         hand_on()
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
-        self.journal: Journal = NoJournal() if journal is None else journal
+        self.journal = journal
         self.robots: dict[str, Any] = {}
         """The robots that live here (`LiveRobot`), by the key of their address."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None

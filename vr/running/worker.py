@@ -657,7 +657,10 @@ class Worker:
                         if frame.cause is not None and frame.shield <= self._now():
                             outcome = (None, frame.cause)
                         else:
-                            outcome = (contextvars.Context().run(self._author, frame, work), None)
+                            context = contextvars.Context()
+                            context.run(enter, frame)
+                            self.arm(frame)
+                            outcome = (context.run(work), None)
                     except BaseException as error:  # noqa: BLE001 # the boundary to foreign code
                         outcome = (None, error)
                 self.disarm()
@@ -666,11 +669,6 @@ class Worker:
             break
         self.stack.pop()
         return outcome
-
-    def _author(self, frame: Frame, work: Callable[[], Any]) -> Any:
-        enter(frame)
-        self.arm(frame)
-        return work()
 
     # -- what is blocked, blocks here and nowhere else --------------------------------------------
 
