@@ -78,10 +78,16 @@ SHAPES: list[tuple[str, type, set[str]]] = [
     ("ls --lookups", list, {"name"}),
     ("tree", list, {"name", "kind", "state", "children"}),
     ("show arm-1", dict, ARM - {"calls"}),
+    ("stubs arm-1", dict, {"kind", "source"}),
     ("look cell --size 64x36", dict, {"file", "camera", "width", "height"}),
     ("create {examples}/move_to.py as mover", dict, {"address", "kinds", "doc", "host", "commands", "slots"}),
     ("enslave mover.arm arm-1", dict, {"address", "kinds", "slots"}),
     ("call mover.get_info", dict, {"x", "y", "z", "twist"}),
+    ("reload mover", dict, {"reloaded", "page", "notes"}),
+    ("create {folder}/paced.py as paced speed=0.2", dict, {"address", "kinds", "host"}),
+    ("set paced speed=0.3", dict, {"name", "settings"}),
+    ("call paced.greet", dict, {"words"}),
+    ("log paced", list, {"number", "level", "text"}),
     ("cancel mover", dict, {"cancelled"}),
     ("stop rover-1", dict, {"stopped"}),
     ("resume rover-1", dict, {"resumed"}),
@@ -92,11 +98,32 @@ SHAPES: list[tuple[str, type, set[str]]] = [
 """Verb, what its data is, and what is in it (in each part of a list): as `docs/operating.md` says."""
 
 
+PACED = """
+from dataclasses import dataclass
+from typing import Annotated
+
+from robotree.vr import Range, VirtualRobot, command
+
+@dataclass
+class Greeting:
+    words: str
+
+class Paced(VirtualRobot):
+    speed: Annotated[float, Range(0, 1)] = 0.1
+
+    @command
+    def greet(self) -> Greeting:
+        print("hello")
+        return Greeting("done")
+"""
+
+
 @pytest.mark.parametrize(("line", "kind", "keys"), SHAPES, ids=[line for line, _, _ in SHAPES])
 def test_plain_data_of_each_verb_has_its_documented_shape(
     line: str, kind: type, keys: set[str], say: Say, folder: Path
 ) -> None:
     (folder / "a.session").write_text("expect arm-1 listed\nexpect done\n")
+    (folder / "paced.py").write_text(PACED)
     (data,) = say(*line.format(examples=EXAMPLES, folder=folder).split())
     assert isinstance(data, kind)
     for part in data if isinstance(data, list) else [data]:

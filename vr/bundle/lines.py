@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 
-_ABOUT = re.compile(r"(?:default of )?(\w+)\.(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
+_ABOUT = re.compile(r"(?:default of )?(\w+)(?:\.|: )(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
 _FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 
 

@@ -105,7 +105,7 @@ class Page(VirtualRobot):
     with pytest.raises(BrokenSource) as caught:
         Bundle(source, "page.py").load()
     assert says in str(caught.value)
-    assert "line 7" in str(caught.value)
+    assert "line 8" in str(caught.value)
 
 
 async def test_a_setting_is_changed_while_a_command_runs(realm: Realm) -> None:
