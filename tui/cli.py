@@ -176,7 +176,8 @@ def _ask(line: Line, realm: str, _readonly: bool) -> int:  # noqa: FBT001 # one 
     """Carry out a verb over the robots of a realm."""
     from robotree.tui.line.shell import once
 
-    return _run(once(line, realm), listening=line.verb == "watch" or line.flag("--follow"))
+    listening = line.verb == "watch" or line.flag("--follow") or line.flag("--watch")
+    return _run(once(line, realm), listening=listening)
 
 
 def _look(line: Line, realm: str, readonly: bool) -> int:  # noqa: FBT001 # one of several that are alike

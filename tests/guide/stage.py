@@ -98,7 +98,7 @@ def _for_script(line: str) -> str:
     """Return a line of a shell as a script has it; empty: it is for the shell alone."""
     command, _, remark = line.partition("  #")
     words = command.removeprefix("robotree ").strip()
-    if not line.startswith("robotree ") or words.split()[0] in ELSEWHERE:
+    if not line.startswith("robotree ") or words.split()[0] in ELSEWHERE or "--watch" in words:
         return ""
     parsed = grammar.parse(grammar.split(words), shapes(Where.SHELL), EVERYWHERE)
     assert parsed.verb

@@ -74,6 +74,8 @@ class Action(NamedTuple):
     is told: this is true of every form, and said nowhere else."""
     alters: bool = False
     """It changes robots, or who commands them: absent where one may only look (`--readonly`)."""
+    shell_options: tuple[str, ...] = ()
+    """Options that only a shell takes: with them the verb goes on until it is interrupted."""
     examples: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
     """Modules whose docstrings explain it further: `robotree help VERB` prints them."""

@@ -103,9 +103,10 @@ ACTIONS: tuple[Action, ...] = (
     ),
     # -- shape the tree
     Action(
-        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …]",
+        usage="create FILE as NAME [on HOST] [PARAMETER=VALUE …] [--watch]",
         help="Make a virtual robot from FILE.py or FILE.py:Class, or from a script, FILE.yaml or FILE.clp;"
-        " PARAMETER: one of its settings.",
+        " PARAMETER: one of its settings. --watch (in a shell): go on, and reload it each time that the page"
+        " or what belongs to it is saved.",
         group=SHAPE,
         run="create",
         where=ANYWHERE,
@@ -115,7 +116,9 @@ ACTIONS: tuple[Action, ...] = (
             "create examples/move_to.py as mover",
             "create mine.py:Painter as painter on host-2",
             "create team.py as team speed='20 cm/s'",
+            "create team.py as team --watch",
         ),
+        shell_options=("--watch",),
         alters=True,
     ),
     Action(
@@ -130,15 +133,16 @@ ACTIONS: tuple[Action, ...] = (
         alters=True,
     ),
     Action(
-        usage="reload NAME [FILE] [--now]",
+        usage="reload NAME [FILE] [--now] [--watch]",
         help="Let a robot go on with its page as it is now, from the next boundary between commands on;"
-        " --now cancels the running command.",
+        " --now cancels the running command. --watch (in a shell): again at each save, until Ctrl-C.",
         group=SHAPE,
         run="reload",
         where=ANYWHERE,
         key="u",
         about=About.ROBOT,
-        examples=("reload team", "reload team team.py --now"),
+        examples=("reload team", "reload team team.py --now", "reload team --watch --json"),
+        shell_options=("--watch",),
         alters=True,
     ),
     Action(

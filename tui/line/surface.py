@@ -76,7 +76,10 @@ class Surface(NamedTuple):
             if elsewhere := self.elsewhere(given):
                 raise elsewhere from None
             raise
-        checking.check(line, {**self.everywhere, **BY_VERB[line.verb].shape.options})
+        shape, only = BY_VERB[line.verb].shape, BY_VERB[line.verb].shell_options
+        if self.where is not Where.SHELL and (given_here := [one for one in only if line.flag(one)]):
+            raise BadLine(f"{given_here[0]} works in a shell, not {_NAMES[self.where]}", shape.usage)
+        checking.check(line, {**self.everywhere, **shape.options})
         return line
 
     def verb_of(self, words: Sequence[str]) -> str:

@@ -6,10 +6,11 @@ Each takes the fleet, the line that was understood and a `Teller`, and returns a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Awaitable, Callable
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Protocol, cast
 
 from robotree.files import overwrite
 from robotree.tui.errors import BadLine, OldList, SomeHang, SupervisorError, ValueRefused
@@ -20,8 +21,9 @@ from robotree.tui.seen import forest, status, unlisted, wording
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
 
+    from robotree.tui.line.page_files import PageFiles
     from robotree.vr.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.requests import Said, State
+    from robotree.vr.requests import Reloaded, Said, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -280,17 +282,23 @@ async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 # -- shaping the tree ------------------------------------------------------------------------------
 
 
-async def create(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
-    """Make a virtual robot from a file."""
+async def create(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
+    """Make a virtual robot from a file; with `--watch`, reload it at each save."""
     path, wanted = values.source(line.text("FILE"))
+    path = str(shipped(path))
+    files = _files_of(path, wanted) if line.flag("--watch") else None
     robot = await fleet.create(
-        str(shipped(path)),
+        path,
         line.text("NAME"),
         host=line.text("HOST"),
         wanted=wanted,
         settings=values.assignments(line.many("PARAMETER=VALUE")),
     )
-    return _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
+    made = _did(robot, f"{robot.name} ({robot.kind}) runs" + (f" on {robot.host}" if robot.host else ""))
+    if files is not None:
+        teller.outcome(made)
+        await _follow_saves(fleet, robot.name, files, teller)
+    return made
 
 
 def shipped(given: str) -> Path:
@@ -343,14 +351,93 @@ async def delete(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 
 async def reload(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
-    """Have a virtual robot go on with another page."""
+    """Have a virtual robot go on with another page; with `--watch`, again at each save."""
     path, wanted = values.source(line.text("FILE")) if line.text("FILE") else ("", "")
+    path = str(shipped(path)) if path else ""
     name, now = line.text("NAME"), line.flag("--now")
+    if line.flag("--watch"):
+        page = path or (await fleet.describe(name)).page
+        if not page:
+            from robotree.vr.errors import NoPage
+
+            raise NoPage(robot=name)
+        files = _files_of(path, wanted) if path else _files_of(*values.source(page))
+        await _take_over(fleet, name, files, teller, now=now)
+        await _follow_saves(fleet, name, files, teller, now=now)
     if not now and (busy := (await fleet.describe(name)).busy):
         teller.warn(f"{name}.{busy} is running: the reload waits for its end, 10 s at most")
-    done = await fleet.reload(name, str(shipped(path)) if path else "", wanted, now=now)
+    return _reloaded(name, await fleet.reload(name, path, wanted, now=now))
+
+
+def _reloaded(name: str, done: Reloaded) -> Outcome:
     lines = [f"{name} goes on with {done.robot.page}", *done.notes]
     return Outcome({"reloaded": name, "page": done.robot.page, "notes": list(done.notes)}, "\n".join(lines))
+
+
+# -- while an author edits -------------------------------------------------------------------------
+
+
+def _files_of(path: str, wanted: str) -> PageFiles:
+    from robotree.tui.line.page_files import PageFiles
+
+    return PageFiles(path, wanted)
+
+
+async def _follow_saves(
+    fleet: Fleet, name: str, files: PageFiles, teller: Teller, *, now: bool = False
+) -> NoReturn:
+    """Have a robot go on with its page at each save, until this is cancelled or the robot is gone."""
+    teller.outcome(
+        Outcome(None, f"{name} is reloaded each time that {files.path} is saved; Ctrl-C ends this")
+    )
+    while True:
+        await files.saved()
+        await _take_over(fleet, name, files, teller, now=now)
+
+
+async def _take_over(fleet: Fleet, name: str, files: PageFiles, teller: Teller, *, now: bool) -> None:
+    """Have a robot go on with the page as it is now, however long its running command takes; tell mistakes.
+
+    Raises:
+        NoSuchRobot: it is gone.
+        NotVirtual: it has no page.
+        TransportError: it cannot be reached.
+    """
+    import asyncio
+
+    from robotree.vr.errors import NoSuchRobot, NotVirtual, ReloadWaits, TransportError, VrError
+
+    busy = (await fleet.describe(name)).busy
+    if busy and not now:
+        teller.warn(f"{name}.{busy} is running: the page is taken over when it has ended")
+    while True:
+        try:
+            done = await fleet.reload(name, files.path, files.wanted, now=now)
+        except ReloadWaits:
+            await asyncio.to_thread(files.read)  # the next attempt takes what is saved by now
+            continue
+        except (NoSuchRobot, NotVirtual, TransportError):
+            raise
+        except VrError as error:
+            files.mistaken = True
+            teller.outcome(_mistake(name, files.path, str(error)))
+        else:
+            files.mistaken = False
+            teller.outcome(_reloaded(name, done))
+        return
+
+
+_MISTAKE = re.compile(r"(?:: (?P<file>[^:,]+), |: )line (?P<line>\d+): ")
+"""Where the sentence about a page names the line, and the file if it is one beside the page."""
+
+
+def _mistake(name: str, path: str, sentence: str) -> Outcome:
+    """Return what is wrong with a page that a robot did not take over."""
+    where = _MISTAKE.search(sentence)
+    file = str(Path(path).parent / where["file"]) if where and where["file"] else path
+    line = int(where["line"]) if where else None
+    data = {"mistake": sentence, "name": name, "file": file, "line": line}
+    return Outcome(data, f"{sentence}; {name} goes on with its old page")
 
 
 async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
