@@ -46,7 +46,7 @@ def check_arguments(spec: CommandSpec, arguments: Arguments, *, robot: str = "")
         BadArgument: one is unknown, missing, of the wrong type or dimension, not finite or out of range.
     """
     try:
-        return _read_parts(spec.parameters, arguments, "", "parameter; it takes")
+        return _read_parts(spec.by_name, arguments, "", "parameter; it takes")
     except _Refused as error:
         label = f"{robot}.{spec.name}" if robot else spec.name
         raise BadArgument(command=label, parameter=error.path, reason=error.reason) from None
@@ -114,8 +114,7 @@ class _Refused(Exception):
 
 
 def _read(field: FieldSpec, value: object, path: str) -> Any:
-    optional = field.nullable or (not field.required and field.default is None)
-    if optional and (value is None or _is_none(field, value)):
+    if (value is None or isinstance(value, str)) and _is_none(field, value):
         return None
     try:
         if isinstance(value, str) and field.nested:
@@ -131,15 +130,15 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
             parts = zip(field.items, found, strict=True)
             return [_read(item, part, f"{path}[{index}]") for index, (item, part) in enumerate(parts)]
         case "record":
-            return _read_parts(field.items, found, f"{path}.", "part; it has")
+            named = {part.name: part for part in field.items}
+            return _read_parts(named, found, f"{path}.", "part; it has")
         case _:
             return found
 
 
 def _read_parts(
-    fields: Sequence[FieldSpec], given: Mapping[str, object], path: str, known: str
+    parts: Mapping[str, FieldSpec], given: Mapping[str, object], path: str, known: str
 ) -> dict[str, Any]:
-    parts = {part.name: part for part in fields}
     for name in given:
         if name not in parts:
             raise _Refused(f"{path}{name}", f"there is no such {known} {', '.join(parts) or 'none'}")
@@ -149,9 +148,10 @@ def _read_parts(
     return {name: _read(parts[name], value, f"{path}{name}") for name, value in given.items()}
 
 
-def _is_none(field: FieldSpec, value: object) -> bool:
-    """Whether a person has typed that there is no value; of a text that cannot be told."""
-    return field.type != "str" and isinstance(value, str) and value.strip().lower() in {"none", "null"}
+def _is_none(field: FieldSpec, value: str | None) -> bool:
+    """Whether there is none, or a person has typed so, where none is needed; of texts that cannot be told."""
+    optional = field.nullable or (not field.required and field.default is None)
+    return optional and (value is None or (field.type != "str" and value.strip().lower() in {"none", "null"}))
 
 
 def _span(field: FieldSpec) -> str:

@@ -7,6 +7,7 @@ here knows how.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -53,7 +54,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self.type in {"list", "tuple", "record"}
 
 
-class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, dict=True):
     """One command as its callers see it."""
 
     name: str
@@ -68,6 +69,11 @@ class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     """It runs beside a command that moves, as one that reads does, though it changes something: `set`."""
     available: bool = True
     """False while the slot it goes through is empty (its parameters are unknown then)."""
+
+    @cached_property
+    def by_name(self) -> Mapping[str, FieldSpec]:
+        """The parameters by their names, in their order."""
+        return {field.name: field for field in self.parameters}
 
 
 class SlotSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -189,7 +189,7 @@ class RobotAgent:
             await self._withdraw()
             self._close_process()
             raise
-        self._process.robots[self.address.key] = self.live
+        self._process.robots[self.address] = self.live
         self._news.begin()
 
     async def listed(self) -> None:
@@ -229,7 +229,7 @@ class RobotAgent:
             self._callers.close()
             self._news.stop()
             await self._withdraw()
-            self._process.robots.pop(self.address.key, None)
+            self._process.robots.pop(self.address, None)
             self._close_process()
             self.closed.set()
 

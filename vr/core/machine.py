@@ -84,8 +84,9 @@ class RobotCore:
         return self.state.address.name
 
     def _due(self) -> float:
-        tenure = self.state.lease.tenure
-        due = self._bonds_due if tenure is None else min(self._bonds_due, tenure.expires)
+        due, tenure = self._bonds_due, self.state.lease.tenure
+        if tenure is not None and tenure.expires < due:
+            due = tenure.expires
         for call in self.state.calls.live.values():
             if call.deadline_at < due and call.cause is None:
                 due = call.deadline_at

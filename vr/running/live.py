@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from robotree.vr.address import Address
 from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
@@ -131,8 +132,8 @@ class LiveRobot:
         self._reminder = math.inf
         """[s] when the watchdog looks next."""
         self._unremind: Callable[[], None] = _nothing
-        self._neighbours: dict[str, LiveRobot] = process.robots
-        """The robots that live in this process, by key."""
+        self._neighbours: dict[Address, LiveRobot] = process.robots
+        """The robots that live in this process."""
         self._ledgers: dict[str, _Ledger] = {}
         """The numbered calls of each child in another process, by `parent/slot/epoch`."""
 
@@ -389,6 +390,10 @@ class LiveRobot:
         """End a call in the name of its caller."""
         self.post(on.Cancel(key=key, reason=reason, entitled=True, final=final))
 
+    def detach(self, key: str) -> None:
+        """Let a call go on without the command that has made it, in the name of its caller."""
+        self.post(on.Detach(key=key, entitled=True))
+
     def listen(self, key: str, listener: Listener) -> bool:
         """Tell somebody how a live call fares; returns whether it is live."""
         with self._lock:
@@ -631,7 +636,7 @@ class LiveRobot:
             raise TypeError(f"{self.robot.name} has no children")
         bond = self.core.state.slots.require(slot)
         pending = PendingCall(frame, slot, frame.step(), bond.child.name, command, passes_on=passes_on)
-        child = self._neighbours.get(bond.child.key)
+        child = self._neighbours.get(bond.child)
         if instead:
             pending.fail(CommandCancelled(robot=bond.child.name, command=command, reason=instead))
         elif child is None:
@@ -665,7 +670,7 @@ class LiveRobot:
         )
         if not oneway:
             pending.withdraw = partial(child.cancel, pending.key)
-            pending.let_go = partial(child.post, on.Detach(key=pending.key, entitled=True))
+            pending.let_go = partial(child.detach, pending.key)
         while True:
             try:
                 child.admit(

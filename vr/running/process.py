@@ -13,6 +13,7 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
+from robotree.vr.address import Address
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State
 from robotree.vr.running.journal import Journal
@@ -50,8 +51,8 @@ class Process:
         self.runner: Runner = Threads() if runner is None else runner
         self.core = core
         self.journal = journal
-        self.robots: dict[str, Any] = {}
-        """The robots that live here (`LiveRobot`), by the key of their address."""
+        self.robots: dict[Address, Any] = {}
+        """The robots that live here (`LiveRobot`)."""
         self.on_raise: Callable[[str, BaseException], None] = lambda _robot, _error: None
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False
