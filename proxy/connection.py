@@ -9,8 +9,10 @@ import asyncio
 import logging
 import math
 import random
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkError, LocalProtocolError
@@ -23,7 +25,7 @@ from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
 from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect, Event, OnlineChanged, Redial
-from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.running.runner import Runner, Threads, Waiter
 
 _log = logging.getLogger(__name__)
 
@@ -115,6 +117,8 @@ class Connection:
         self._ticked_at = -math.inf
         """[s] When the last one was."""
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._awaited: list[tuple[type[Any], float, Waiter]] = []
+        """Which kind of message is waited for, heard after which moment [s], and who waits."""
 
     def now(self) -> float:
         """The time [s] on the clock of this connection."""
@@ -149,6 +153,24 @@ class Connection:
             action()
         else:
             loop.call_soon_threadsafe(action)
+
+    @contextmanager
+    def awaiting(self, kind: type[Any], since: float) -> Generator[Waiter]:
+        """Wake a thread when a message is heard: `with connection.awaiting(Tool, since) as waiter: …`.
+
+        Args:
+            kind: of message.
+            since: [s] on this connection's clock, after which it must be heard.
+
+        Yields:
+            What is woken. A message that was heard before this began wakes nobody: look first.
+        """
+        entry = (kind, since, self.runner.waiter())
+        self._awaited.append(entry)
+        try:
+            yield entry[2]
+        finally:
+            self._awaited.remove(entry)
 
     def perform(self, effects: Sequence[Effect]) -> None:
         """Carry out what the session asks for and pass its events on. On the loop only."""
@@ -291,6 +313,9 @@ class Connection:
         self._heard = True
         if effects := self.session.receive(frame, self.now()):
             self.perform(effects)
+        for kind, since, waiter in tuple(self._awaited):  # threads enter and leave meanwhile
+            if self.session.twin.after(kind, since) is not None:
+                waiter.wake()
 
     def _note(self, *, online: bool) -> None:
         if online:

@@ -242,16 +242,19 @@ class RobotProxy(Robot):
         """
         self._wait_until_settled()
         twin, deadline = self._session.twin, self._connection.now() + READING_TIMEOUT
-        while True:
-            message = twin.after(kind, since)
-            if message is not None:
-                return message
-            if not self.online:
-                raise self._failed(f"{self._session.trouble}; {NEXT}")
-            if self._connection.now() >= deadline:
-                name = kind.codec.definition.name
-                raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
-            self.sleep(0.01)
+        with self._connection.awaiting(kind, since) as waiter:
+            while True:
+                message = twin.after(kind, since)
+                if message is not None:
+                    return message
+                if not self.online:
+                    raise self._failed(f"{self._session.trouble}; {NEXT}")
+                left = deadline - self._connection.now()
+                if left <= 0:
+                    name = kind.codec.definition.name
+                    raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
+                waiter.wait(min(left, POLL_PERIOD))
+                self.check()
 
     @property
     def asked_at(self) -> float:
