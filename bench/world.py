@@ -6,18 +6,24 @@ run the real firmware, two operators, and up to 12 faults (tests/world/story.py)
     python bench/world.py [SEEDS [FIRST]]        figures
     python bench/world.py safeguards [SEEDS]     the first seed that breaks a law without each safeguard
     python bench/world.py traces SEEDS SECONDS FILE
-        compare the traces of seeds that are played twice, for SECONDS [s] at most; FILE has a line for each
-        seed, and the command goes on behind its last one. A trace has every message, every frame on a cable,
-        and every event and effect of every robot.
+        compare the traces of seeds that are played twice, for SECONDS [s] at most: here and in a second
+        process, where strings and objects have other hashes. FILE has a line for each seed, and the command
+        goes on behind its last one. A trace has every message, every frame on a cable, and every event and
+        effect of every robot.
+    python bench/world.py digests FIRST SEEDS    a line for each seed: its number and the digest of its trace
 """
 
 from __future__ import annotations
 
 import gc
 import logging
+import os
 import statistics
+import subprocess
 import sys
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the stories lie beside the tests
@@ -42,16 +48,39 @@ def search(seeds: int) -> int:
     return missing
 
 
+@contextmanager
+def elsewhere(first: int, seeds: int) -> Generator[Generator[str]]:
+    """Play seeds in a process with other hashes; gives the digest of each, from the first one."""
+    command = [sys.executable, __file__, "digests", str(first), str(seeds)]
+    environment = {**os.environ, "PYTHONHASHSEED": str(1 + first)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None  # noqa: S101 # it is a pipe
+        try:
+            yield (line.split()[1] for line in process.stdout)
+        finally:
+            process.kill()
+
+
+def tell_digests(first: int, seeds: int) -> int:
+    """Print a line for each seed; returns how many broke a law."""
+    broken = 0
+    for seed in range(first, seeds):
+        outcome = play(seed)
+        broken += bool(outcome.broken)
+        print(seed, outcome.digest, flush=True)
+    return broken
+
+
 def compare(seeds: int, seconds: float, file: Path) -> int:
     """Play seeds twice until the time is over; returns how many were not the same or broke a law."""
     known = file.read_text().splitlines() if file.exists() else []
     end = time.monotonic() + seconds
-    with file.open("a") as out:
+    with file.open("a") as out, elsewhere(len(known), seeds) as digests:
         for seed in range(len(known), seeds):
             if time.monotonic() > end:
                 break
-            one, other = play(seed), play(seed)
-            same = "same" if one.digest == other.digest else f"other {other.digest}"
+            one, other = play(seed), next(digests)
+            same = "same" if one.digest == other else f"other {other}"
             known.append(f"{seed} {one.digest} {same} {'; '.join(one.broken) or 'lawful'}")
             out.write(f"{known[-1]}\n")
             out.flush()
@@ -67,6 +96,8 @@ def main() -> int:
     words = sys.argv[1:]
     if words[:1] == ["traces"]:
         return compare(int(words[1]), float(words[2]), Path(words[3]))
+    if words[:1] == ["digests"]:
+        return tell_digests(int(words[1]), int(words[2]))
     if words[:1] == ["safeguards"]:
         return search(int(words[1]) if len(words) > 1 else 100)
     return measure(int(words[0]) if words else 20, int(words[1]) if len(words) > 1 else 0)

@@ -292,17 +292,17 @@ class Story:
         if not process.alive or operator not in self.realm.fleets:
             return
         leaves = leaf_tickets(name, ticket)
-        for leaf in leaves:
-            deadlines[leaf] = now + deadline
         self.calls += 1
 
         def orphan() -> None:
             for leaf in leaves:
-                deadlines[leaf] = min(deadlines[leaf], self.world.runner.now() + ORPHANED)
+                deadlines[leaf] = min(deadlines.get(leaf, 0.0), self.world.runner.now() + ORPHANED)
 
         process.on_exit.append(orphan)
 
         async def call(fleet: Fleet) -> None:
+            # a program that is paused at the moment asks when it goes on, and its deadline begins then
+            deadlines.update(dict.fromkeys(leaves, self.world.runner.now() + deadline))
             try:
                 async with asyncio.timeout(deadline + 20.0):
                     await fleet.call(name, "drive", {"ticket": ticket, "seconds": seconds}, deadline=deadline)
@@ -325,9 +325,9 @@ class Story:
         name, ticket = self.chance.choice(["cart-3", "cart-4"]), self._ticket + 1
         self._ticket = ticket
         pause = self.chance.uniform(0.0, 0.3)
-        self.judge.deadlines[ticket] = self.world.runner.now() + 5.0
 
         async def both(fleet: Fleet) -> None:
+            self.judge.deadlines[ticket] = self.world.runner.now() + 5.0
             robot = RobotClient(
                 self.realm.processes["operator-1"].transport, await fleet.directory.resolve(name)
             )

@@ -38,8 +38,9 @@ def played(seed: int) -> Outcome:
     return play(seed)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 2, 186])
 def test_a_seed_gives_one_trace(seed: int) -> None:
+    """In 186 two commands wait for a child that is lost: they end in the order in which they called it."""
     assert play(seed).digest == played(seed).digest
     assert played(seed).broken == []
 
@@ -65,6 +66,11 @@ def test_a_seed_gives_the_same_trace_in_another_process() -> None:
 def test_robots_that_go_on_from_their_encoded_states_do_the_same(seed: int) -> None:
     """At two hundred moments every robot of the realm goes on from what is decoded from its encoding."""
     assert play(seed, reloads=200).digest == played(seed).digest
+
+
+def test_the_deadline_of_a_call_begins_when_a_paused_program_goes_on() -> None:
+    """In 177 an operator's program is paused when it is to call: it calls some seconds later."""
+    assert played(177).broken == []
 
 
 @pytest.mark.parametrize("safeguard", CAUGHT)

@@ -36,7 +36,7 @@ class Callers:
         """
         self._live, self._transport = live, transport
         self._loop = asyncio.get_running_loop()
-        self._present: dict[str, set[str]] = {}
+        self._present: dict[str, dict[str, None]] = {}
         """The callers of each command under way, by its key."""
         self._watching: dict[str, asyncio.Task[None]] = {}
 
@@ -61,8 +61,8 @@ class Callers:
         if key not in self._present:
             if not self._live.listen(key, _End(self, key)):
                 return  # it has ended already
-            self._present[key] = set()
-        self._present[key].add(presence)
+            self._present[key] = {}
+        self._present[key][presence] = None
         if presence not in self._watching:
             self._watching[presence] = self._loop.create_task(self._watch(presence))
 
@@ -101,7 +101,7 @@ class Callers:
     def _lost(self, presence: str) -> None:
         self._watching.pop(presence, None)
         for key, callers in list(self._present.items()):
-            callers.discard(presence)
+            callers.pop(presence, None)
             if not callers:
                 _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
                 self._live.cancel(key, GONE)

@@ -73,7 +73,7 @@ class Children:
         self._on_change, self._term = on_change, term
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
-        self._retracting: set[asyncio.Task[None]] = set()
+        self._retracting: dict[asyncio.Task[None], None] = {}
         self._closed = False
 
     @property
@@ -129,8 +129,8 @@ class Children:
         self._closed = True
         await asyncio.gather(*map(self._free_if_bound, self._slots.bonds()))
         if self._retracting:
-            _, late = await asyncio.wait(self._retracting, timeout=FAREWELL)
-            for task in late:
+            await asyncio.wait(self._retracting, timeout=FAREWELL)
+            for task in list(self._retracting):  # those that are done have left it
                 task.cancel()
 
     async def _free_if_bound(self, slot: str) -> None:
@@ -225,8 +225,8 @@ class Children:
                     return
 
         task = asyncio.ensure_future(tell())
-        self._retracting.add(task)
-        task.add_done_callback(self._retracting.discard)
+        self._retracting[task] = None
+        task.add_done_callback(self._retracting.pop)
 
     # -- keeping ----------------------------------------------------------------------------------
 

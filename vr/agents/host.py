@@ -95,7 +95,7 @@ class Host:
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
         self._declared: list[Registration] = []
-        self._watchers: set[asyncio.Task[None]] = set()
+        self._watchers: dict[asyncio.Task[None], None] = {}
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
         self._open = False
 
@@ -217,8 +217,8 @@ class Host:
         await agent.start()
         self.agents[agent.robot.name] = agent
         watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
-        self._watchers.add(watcher)
-        watcher.add_done_callback(self._watchers.discard)
+        self._watchers[watcher] = None
+        watcher.add_done_callback(self._watchers.pop)
         if not self._open:  # the host has ended meanwhile
             await agent.close()
             raise Unreachable(key=self.address.key)

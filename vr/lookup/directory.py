@@ -71,8 +71,8 @@ class Directory:
         """Wait until all services that live have said what they hold, or for `limit` [s]."""
         waiting = [asyncio.create_task(event.wait()) for event in self._answered.values()]
         if waiting:
-            _, late = await asyncio.wait(waiting, timeout=limit)
-            for task in late:
+            await asyncio.wait(waiting, timeout=limit)
+            for task in waiting:
                 task.cancel()
 
     async def close(self) -> None:

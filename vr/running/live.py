@@ -127,8 +127,8 @@ class LiveRobot:
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
-        self._calling: dict[str, set[PendingCall]] = {}
-        """Calls under way of the child in each slot."""
+        self._calling: dict[str, dict[PendingCall, None]] = {}
+        """Calls under way of the child in each slot, the oldest first: they end in that order."""
         self._reminder = math.inf
         """[s] when the watchdog looks next."""
         self._unremind: Callable[[], None] = _nothing
@@ -712,11 +712,11 @@ class LiveRobot:
         pending.let_go = partial(self._detach, key, pending.key, epoch)
         pending.oneway = oneway
         if not oneway:
-            self._calling.setdefault(pending.slot, set()).add(pending)
+            self._calling.setdefault(pending.slot, {})[pending] = None
 
         def ended() -> None:
             ledger.numbers.discard(number)
-            self._calling.get(pending.slot, set()).discard(pending)
+            self._calling.get(pending.slot, {}).pop(pending, None)
 
         pending.ended = ended
         sealed = seal(call, now=now, within=PATIENCE, sender=self.key)

@@ -470,7 +470,7 @@ class MemoryTransport:
         self._cut_off_handlers: dict[int, CutOffHandler] = {}
         self._cut_off = False
         self._numbers = itertools.count()
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], None] = {}
         self._asking: dict[Replies, None] = {}
 
     # -- requests ---------------------------------------------------------------------------------
@@ -591,8 +591,8 @@ class MemoryTransport:
 
         if not self.closed:
             task = self.loop.create_task(run(), name=f"{self.name} answers {key}")
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+            self._tasks[task] = None
+            task.add_done_callback(self._tasks.pop)
 
     def _end_serving(self, key: str) -> None:
         self._direct.pop(key, None)
@@ -793,7 +793,7 @@ class MemoryTransport:
         self._subscriptions.clear()
         self._watches.clear()
         self._inbox.clear()
-        for task in self._tasks - {_current_task()}:
+        for task in self._others():
             task.cancel()
         for replies in list(self._asking):
             replies.shut()
@@ -803,9 +803,14 @@ class MemoryTransport:
         if self.closed:
             return
         self.network.kill(self)
-        await asyncio.gather(*self._tasks - {asyncio.current_task()}, return_exceptions=True)
+        await asyncio.gather(*self._others(), return_exceptions=True)
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _others(self) -> list[asyncio.Task[None]]:
+        """Return what answers requests, the oldest first, without the task that asks."""
+        me = _current_task()
+        return [task for task in self._tasks if task is not me]
 
     def _check(self, key: str) -> None:
         if self.closed:
