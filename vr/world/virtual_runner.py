@@ -90,7 +90,7 @@ class VirtualRunner:
         """Has a greenlet or an event loop go on when it is chosen."""
         self._main = getcurrent()
         self._hub = _Fiber(self._schedule)
-        self._all: set[_Fiber] = set()
+        self._all: dict[_Fiber, None] = {}
         self.pids = itertools.count(FIRST_PID + 1)
         """Numbers for processes."""
         self._closed = False
@@ -152,12 +152,12 @@ class VirtualRunner:
                 self._error = self._error or error
                 self.resume(self._main)
             finally:
-                self._all.discard(one)
+                self._all.pop(one, None)
                 one.parent = self._hub
 
         one = _Fiber(run, parent=self._hub)
         one.process = process
-        self._all.add(one)
+        self._all[one] = None
         self.resume(one)
         return one
 
@@ -238,7 +238,7 @@ class VirtualRunner:
         """A callback of an event loop waits: another greenlet takes over the task of choosing."""
         me, loop = self._hub, events._get_running_loop()  # noqa: SLF001
         me.process = self._turning
-        self._all.add(me)
+        self._all[me] = None
         self._hub = _Fiber(self._schedule, self._main)
         events._set_running_loop(None)  # noqa: SLF001
         try:
@@ -255,7 +255,7 @@ class VirtualRunner:
             except Exception as error:  # noqa: BLE001 # raised where the world is run
                 self._error = self._error or error
                 self._ready.append(self._main)
-        self._all.discard(cast("_Fiber", me))
+        self._all.pop(cast("_Fiber", me), None)
         me.parent = self._hub
 
     def _choose(self, me: greenlet) -> None:
