@@ -98,7 +98,7 @@ class Log:
         """Take a line."""
         with self._lock:
             now = self._now()
-            self._room = min(float(BURST), self._room + (now - self._at) * RATE)
+            self._room = min(BURST, self._room + (now - self._at) * RATE)
             self._at = now
             if self._room < 1.0:
                 self._dropped += 1

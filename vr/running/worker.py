@@ -172,12 +172,12 @@ class Frame:
 
     def is_here(self) -> bool:
         """See `Activity.is_here`."""
-        here = self.worker.process.runner.here()
+        here = self.worker.here()
         return here == self.worker.thread or here in self.guests
 
     def in_this_thread(self) -> Frame:
         """See `Activity.in_this_thread`."""
-        here = self.worker.process.runner.here()
+        here = self.worker.here()
         if here == self.worker.thread:
             return self
         with self.worker.guard:
@@ -196,7 +196,7 @@ class Frame:
         frame.guests[-frame.steps] = guest
 
         def run(*values: Any, **arguments: Any) -> _T:
-            guest.worker.thread = guest.worker.process.runner.here()
+            guest.worker.thread = guest.worker.here()
             context = contextvars.copy_context()
             context.run(enter, guest)
             return context.run(work, *values, **arguments)
@@ -249,7 +249,7 @@ class Frame:
     def wake(self) -> None:
         """See `Activity.wake`."""
         worker = self.worker
-        if worker.process.runner.here() != worker.thread:  # else it does not wait
+        if worker.here() != worker.thread:  # else it does not wait
             worker.waiter.wake()
 
     def progress(self, fraction: float, text: str) -> None:
@@ -272,7 +272,7 @@ class Frame:
     def keep(self, change: Callable[[], None]) -> None:
         """See `Activity.keep`."""
         worker = self.worker
-        if worker.process.runner.here() != worker.thread:  # a thread that the command was handed on to
+        if worker.here() != worker.thread:  # a thread that the command was handed on to
             change()
             return
         worker.disarm()
@@ -594,7 +594,7 @@ class Worker:
         self.thread = 0
         self.dead = False
         """Whether it is abandoned."""
-        self._now = runner.now
+        self._now, self.here = runner.now, runner.here
         self.guard = runner.lock()
         """Orders interruptions with `arm` and `disarm`."""
         self._armed: Frame | None = None
@@ -603,7 +603,7 @@ class Worker:
 
     def main(self) -> None:
         """Carry out what is given, until the process closes or nothing has come for a while."""
-        self.thread = self.process.runner.here()
+        self.thread = self.here()
         while self.process.wait_for_job(self):
             self.jobs.pop()(self)
             if self.dead:
