@@ -42,6 +42,40 @@ class Other: ...
     assert heir.name == "Heir"
 
 
+def test_settings_are_read_without_running_the_source() -> None:
+    source = """
+from typing import Annotated, Literal
+from robotree.vr import Range, Unit, VirtualRobot, state
+Speed = Annotated[float, Unit("m/s"), Range(0.01, upper=0.3), "how quickly it goes"]
+class Base(VirtualRobot):
+    speed: Speed = 0.1
+    hand: Literal["left", "right"] = "left"
+    picked: int = state(0)
+    _hidden: int = 1
+    table: dict[str, int] = {}
+    many: "int" = 3
+    unknown: Somewhere = 4
+    plain = 5
+class Heir(Base):
+    speed: Speed = 0.2
+    label: str | None = None
+"""
+    base, heir = outline(source)
+    assert [(one.name, one.type, one.default) for one in base.settings] == [
+        ("speed", "float", 0.1),
+        ("hand", "choice", "left"),
+        ("many", "int", 3),
+    ]
+    speed = base.settings[0]
+    assert (speed.unit, speed.lower, speed.upper, speed.doc) == ("m/s", 0.01, 0.3, "how quickly it goes")
+    assert [(one.name, one.default) for one in heir.settings] == [
+        ("speed", 0.2),
+        ("hand", "left"),
+        ("many", 3),
+        ("label", None),
+    ]
+
+
 def test_a_file_without_a_robot_offers_nothing_and_no_python_is_told() -> None:
     assert outline("x = 1") == []
     with pytest.raises(SyntaxError):

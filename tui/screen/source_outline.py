@@ -6,7 +6,13 @@ What is seen here is only offered to a person; the host that creates the robot h
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, Union
+
+from robotree.vr.description import FieldSpec
+from robotree.vr.signature import field_with_default
+from robotree.vr.units import Range, Unit
 
 ROOT = "VirtualRobot"
 
@@ -21,6 +27,8 @@ class ClassOutline:
     """Name and kind of each child slot."""
     commands: tuple[str, ...]
     """Names of the commands."""
+    settings: tuple[FieldSpec, ...] = ()
+    """Those whose types can be read without running the source."""
 
 
 def outline(source: str) -> list[ClassOutline]:
@@ -31,9 +39,22 @@ def outline(source: str) -> list[ClassOutline]:
         ValueError: it has null bytes.
     """
     found: dict[str, ClassOutline] = {}
+    aliases: dict[str, ast.expr] = {}
     for node in ast.parse(source).body:
-        if isinstance(node, ast.ClassDef) and any(_leads_to_root(base, found) for base in node.bases):
-            found[node.name] = _outlined(node)
+        match node:
+            case ast.ClassDef() if any(_leads_to_root(base, found) for base in node.bases):
+                settings = {
+                    one.name: one
+                    for base in reversed(node.bases)
+                    if _last_name(base) in found
+                    for one in found[_last_name(base)].settings
+                }
+                settings |= _settings(node, aliases)
+                found[node.name] = replace(_outlined(node), settings=tuple(settings.values()))
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                aliases[name] = value
+            case _:
+                pass
     return list(found.values())
 
 
@@ -74,6 +95,73 @@ def _take_call(name: str, call: ast.Call, slots: list[tuple[str, str]], commands
         slots.append((name, str(call.args[0].value)))
     elif called == "exposed":
         commands.append(name)
+
+
+# -- settings --------------------------------------------------------------------------------------
+
+_TYPES: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": None}
+
+
+def _settings(node: ast.ClassDef, aliases: Mapping[str, ast.expr]) -> dict[str, FieldSpec]:
+    """Return the settings that a class declares, by name; see `robotree.vr.fields`."""
+    found: dict[str, FieldSpec] = {}
+    for item in node.body:
+        match item:
+            case ast.AnnAssign(target=ast.Name(id=name), annotation=written, value=ast.expr() as value) if (
+                not name.startswith("_")
+            ):
+                try:
+                    default = ast.literal_eval(value)
+                    annotation = _annotation(written, aliases)
+                    found[name] = field_with_default(name, annotation, default, name, node.name)
+                except (ValueError, TypeError, SyntaxError, RecursionError):
+                    continue  # no setting, or of a type that only the running source knows
+            case _:
+                pass
+    return found
+
+
+def _annotation(node: ast.expr, aliases: Mapping[str, ast.expr]) -> Any:
+    """Return the type that an annotation means.
+
+    Raises:
+        ValueError: it has a part that cannot be read without running the source.
+        TypeError: a unit or a range is none.
+    """
+    match node:
+        case ast.Name(id=name) if name in _TYPES:
+            return _TYPES[name]
+        case ast.Name(id=name) if name in aliases:
+            return _annotation(aliases[name], {one: each for one, each in aliases.items() if one != name})
+        case ast.Constant(value=text):
+            return None if text is None else _annotation(ast.parse(str(text), mode="eval").body, aliases)
+        case ast.BinOp(left=left, op=ast.BitOr(), right=right):
+            return Union[_annotation(left, aliases), _annotation(right, aliases)]  # noqa: UP007 # known at run time
+        case ast.Subscript(value=outer, slice=inner):
+            return _subscribed(
+                _last_name(outer), inner.elts if isinstance(inner, ast.Tuple) else [inner], aliases
+            )
+        case _:
+            pass
+    raise ValueError(ast.unparse(node))
+
+
+def _subscribed(outer: str, parts: list[ast.expr], aliases: Mapping[str, ast.expr]) -> Any:
+    """Return what `Literal[…]` and `Annotated[…]` mean; errors as those of `_annotation`."""
+    if outer == "Literal":
+        return Literal[tuple(ast.literal_eval(one) for one in parts)]
+    if outer == "Annotated":
+        return Annotated[(_annotation(parts[0], aliases), *map(_extra, parts[1:]))]
+    raise ValueError(outer)
+
+
+def _extra(node: ast.expr) -> Unit | Range | str:
+    """Return what an annotation says beside the type: a unit, a range or a text."""
+    if isinstance(node, ast.Call) and (made := _last_name(node.func)) in {"Unit", "Range"}:
+        given = [ast.literal_eval(one) for one in node.args]
+        named = {one.arg: ast.literal_eval(one.value) for one in node.keywords if one.arg}
+        return Unit(*given, **named) if made == "Unit" else Range(*given, **named)
+    return str(ast.literal_eval(node))
 
 
 def suggested_name(class_name: str, taken: frozenset[str]) -> str:

@@ -11,6 +11,7 @@ from textual.widgets import Button, Input
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage, SourceTree
 from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.widgets.field_row import FieldRow
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -32,12 +33,28 @@ class Finisher(Painter):
 '''
 
 
+SETTINGS = """
+from typing import Annotated
+from robotree.vr import Range, Unit, VirtualRobot, command
+
+class Team(VirtualRobot):
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1
+    turn: Annotated[float, Unit("rad")] = 0.0
+    label: str = "left"
+
+    @command
+    def told(self) -> str:
+        return f"{self.speed:g} {self.turn:.3f} {self.label}"
+"""
+
+
 @pytest.fixture(autouse=True)
 def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "robots"
     folder.mkdir()
     (folder / "good.py").write_text(GOOD)
     (folder / "empty.py").write_text("x = 1\n")
+    (folder / "team.py").write_text(SETTINGS)
     (folder / "wrong.py").write_text("def (:\n")
     (folder / "raises.py").write_text(
         "from robotree.vr import VirtualRobot\nclass R(VirtualRobot): ...\n1 / 0\n"
@@ -156,3 +173,33 @@ async def test_escape_leaves_without_creating(realm: Realm, operate: Operate) ->
         await operator.press("escape")
         await operator.at(MainPage)
         assert set(operator.app.store.robots) == {"arm-1", "rover-1"}
+
+
+async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_given(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "team.py")
+        await operator.sees("settings", "0.01 … 0.3 m/s", "label")
+        rows = {row.spec.name: row for row in page.query(FieldRow)}
+        assert [row.text for row in rows.values()] == ["0.1", "0.0", "left"]
+        rows["speed"].query_one(Input).value = "7"
+        page.query_one("#create", Button).press()
+        await operator.sees("7 is out of range")
+        assert isinstance(operator.app.screen, NewPage)
+        rows["speed"].query_one(Input).value = "20 cm/s"
+        rows["turn"].query_one(Input).value = "90"
+        page.query_one("#create", Button).press()
+        await operator.at(MainPage)
+        await operator.until(lambda: "team" in operator.app.store.robots, "it is listed")
+        assert await realm.fleet.call("team", "told", {}) == "0.2 1.571 left"
+
+
+async def test_another_class_has_other_settings(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        page = await pick(operator, "team.py")
+        await operator.sees("settings", "0.01 … 0.3 m/s")
+        page._read(Path("good.py"))  # as choosing it does
+        await operator.until(lambda: page.path == Path("good.py"), "it is read")
+        await operator.until(lambda: not page.query(FieldRow), "no settings")
+        assert "settings" not in operator.text

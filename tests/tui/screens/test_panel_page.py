@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import pytest
@@ -345,3 +346,41 @@ async def test_odd_words_are_shown_as_they_are_and_break_nothing(realm: Realm, o
         await operator.sees("kinds", "Odd < Robot")
         await operator.press("escape", "escape", "t")
         await operator.sees("odd-1 ", "Odd ")
+
+
+TEAM = """
+from typing import Annotated
+from robotree.vr import Range, Unit, VirtualRobot, command
+
+class Team(VirtualRobot):
+    speed: Annotated[float, Unit("m/s"), Range(0.01, 0.3)] = 0.1
+    label: str = "left"
+
+    @command
+    def told(self) -> str:
+        return f"{self.speed:g} {self.label}"
+"""
+
+
+async def test_settings_are_changed_in_the_form_that_the_key_opens(
+    realm: Realm, operate: Operate, tmp_path: Path
+) -> None:
+    (tmp_path / "team.py").write_text(TEAM)
+    await realm.fleet.create(str(tmp_path / "team.py"), "team")
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "team" in operator.app.store.descriptions, "team")
+        table = operator.one(RobotTable)
+        await operator.until(lambda: "team" in table.names, "the list")
+        while table.selected != "team":
+            await operator.press("down")
+        await operator.press("s")
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: any(one.display for one in page.query(CommandForm)), "the form")
+        form = next(one for one in page.query(CommandForm) if one.display)
+        assert form.spec.name == "set"
+        assert {one.spec.name: one.text for one in form.query(FieldRow)} == {"speed": "0.1", "label": "left"}
+        await fill(operator, form, "speed", "20 cm/s")
+        await realm.fleet.call("team", "set", {"label": "right"})
+        await operator.press("ctrl+r")
+        await operator.sees("done in")
+        assert await realm.fleet.call("team", "told", {}) == "0.2 right", "what was not edited stays"

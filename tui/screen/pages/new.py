@@ -10,23 +10,26 @@ from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Horizontal, VerticalScroll
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input, Label, Static
 from textual.widgets.directory_tree import DirEntry
 from textual.widgets.tree import TreeNode
 
 from robotree.files import text as text_of
-from robotree.tui.line.grammar import Line
+from robotree.tui.line.grammar import Line, Value
+from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.busy import Form
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
 from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
 from robotree.vr.address import check_name
 from robotree.vr.bundle import LARGEST
+from robotree.vr.description import CommandSpec
 from robotree.vr.errors import BadName
 
 ANY_HOST = "*"
@@ -97,6 +100,9 @@ class NewPage(Form, Page):
         self._found: list[ClassOutline] = []
         self._named_by_hand = False
         self._places = places()
+        self._outlined: ClassOutline | None = None
+        """The class whose settings are shown."""
+        self._rows: list[FieldRow] = []
 
     def parts(self) -> ComposeResult:
         """Tree on the left, form on the right."""
@@ -113,6 +119,8 @@ class NewPage(Form, Page):
                 yield Input(placeholder="letters, digits, - and _", compact=True, id="name", max_length=64)
                 yield Label("host", classes="caption", markup=False)
                 yield Choice(self._hosts(), chosen=ANY_HOST, id="host")
+                yield Label("settings", classes="caption", id="settings-caption", markup=False)
+                yield Vertical(id="settings")
                 yield Label("", id="new-complaint", classes="field-complaint", markup=False)
                 yield Button("Create", id="create", variant="primary", disabled=True, compact=True)
 
@@ -121,6 +129,7 @@ class NewPage(Form, Page):
 
     def on_mount(self) -> None:
         """Begin in the tree, at its first file."""
+        self.query_one("#settings-caption").display = False
         tree = self.query_one(SourceTree)
         tree.show_root = False
         tree.focus()
@@ -183,7 +192,44 @@ class NewPage(Form, Page):
                     self.query_one("#name", Input).value = suggested_name(chosen.name, taken)
             self.query_one("#name", Input).focus()
         self.query_one("#source-about", Static).update(text)
+        self._offer_settings(chosen)
         self._judge()
+
+    def _offer_settings(self, chosen: ClassOutline | None) -> None:
+        """Show a field for each setting of the chosen class, with its default."""
+        if chosen == self._outlined:
+            return
+        self._outlined = chosen
+        self._rows = [FieldRow(one, {}) for one in chosen.settings] if chosen else []
+        self.query_one("#settings-caption").display = bool(self._rows)
+        place = self.query_one("#settings", Vertical)
+        place.remove_children()
+        place.mount(*self._rows)
+
+    @on(FieldRow.Onward)
+    def _onward(self, event: FieldRow.Onward) -> None:
+        """Go on to the next setting, and from the last one to the button."""
+        following = self._rows[self._rows.index(event.row) + 1 :]
+        if following:
+            following[0].focus_entry()
+        else:
+            self.query_one("#create", Button).focus()
+
+    def _edited(self) -> tuple[str, ...] | None:
+        """Return the settings that are not the defaults, as `NAME=VALUE`; None: one is wrong, and says so."""
+        rows = {row.spec.name: row for row in self._rows}
+        spec = CommandSpec(name="create", parameters=tuple(row.spec for row in self._rows))
+        read = entry.read(spec, {name: row.text for name, row in rows.items()})
+        for name, row in rows.items():
+            row.complain(read.complaints.get(name, ""))
+        if read.complaints:
+            rows[next(iter(read.complaints))].focus_entry()
+            return None
+        return tuple(
+            f"{name}={wording.typed(value)}"
+            for name, value in read.arguments.items()
+            if value != rows[name].spec.default
+        )
 
     @on(Input.Changed, "#name")
     def _named(self, event: Input.Changed) -> None:
@@ -217,11 +263,17 @@ class NewPage(Form, Page):
         if not (self._judge() and chosen and self.path):
             return
         host = self.query_one("#host", Choice).chosen
-        values = {"FILE": f"{self.path}:{chosen.name}", "NAME": self.query_one("#name", Input).value}
+        edited = self._edited()
+        if edited is None:
+            return
+        name = self.query_one("#name", Input).value
+        values: dict[str, Value] = {"FILE": f"{self.path}:{chosen.name}", "NAME": name}
+        if edited:
+            values["PARAMETER=VALUE"] = edited
         if host != ANY_HOST:
             values["HOST"] = host
         self.query_one("#create", Button).disabled = True
-        self.carrying = f"{values['NAME']} is being made"
+        self.carrying = f"{name} is being made"
         self.query_one("#new-complaint", Label).update(f"… {self.carrying}")
         self.set_focus(None)  # a field would take letters, and the space that stops
         making = self._ask_for(Line("create", values))  # the page may be left meanwhile
