@@ -6,6 +6,7 @@ robotree new team --over arm
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -76,7 +77,7 @@ PAGE = '''"""{Class}: what it is for, in one line."""
 
 from typing import Annotated
 
-from robotree.vr import {imports}
+{kinds}from robotree.vr import {imports}
 
 
 class {Class}(VirtualRobot):
@@ -107,12 +108,7 @@ def test_it_counts_what_it_has_done() -> None:
     assert {name}.call("work", times=2) == 1
 '''
 
-PYRIGHT = """{
-  "include": ["."],
-  "typeCheckingMode": "standard",
-  "reportMissingModuleSource": false
-}
-"""
+PYRIGHT = {"include": ["."], "typeCheckingMode": "standard", "reportMissingModuleSource": False}
 
 EDITOR = """{
   "python.analysis.typeCheckingMode": "standard",
@@ -138,7 +134,7 @@ def new(line: Line, kinds: Kinds) -> int:
     if not module.isidentifier():
         raise ValueRefused("NAME", f"{name!r} cannot be the name of a page; begin with a letter")
     kind = _kind(line.text("--over"), kinds)
-    written = _files(module, kind)
+    written = _files(module, kind, exposes="get_info" in kinds.get(kind, {}))
     present = [
         path for path in written if Path(path).exists() and path in {f"{module}.py", f"test_{module}.py"}
     ]
@@ -161,6 +157,14 @@ def new(line: Line, kinds: Kinds) -> int:
     return exit_codes.DONE
 
 
+def _found_by() -> dict[str, Any]:
+    """Return where pyright finds robotree when it is installed from its repository (a wheel needs nothing)."""
+    import robotree.vr
+
+    place = Path(str(robotree.vr.__file__)).resolve().parents[1] / "typings"
+    return {"extraPaths": [str(place)]} if (place / "robotree").is_dir() else {}
+
+
 def _kind(given: str, kinds: Kinds) -> str:
     known = {one.lower(): one for one in kinds}
     if given and given.lower() not in known:
@@ -168,15 +172,16 @@ def _kind(given: str, kinds: Kinds) -> str:
     return known.get(given.lower(), "")
 
 
-def _files(module: str, kind: str) -> dict[str, str]:
+def _files(module: str, kind: str, *, exposes: bool) -> dict[str, str]:
     """Return the texts of the files, by path."""
     words = {
         "module": module,
         "name": module,
         "Class": "".join(part.capitalize() for part in module.split("_")),
         "imports": ", ".join([*(["Child"] if kind else []), "Range, Unit, VirtualRobot, command, state"]),
-        "slot": f'\n    {kind.lower()} = Child("{kind}", "the robot that does it")\n' if kind else "",
-        "exposed": f"\n    get_info = {kind.lower()}.exposed()\n" if kind else "",
+        "slot": f'\n    {kind.lower()} = Child({kind}, "the robot that does it")\n' if kind else "",
+        "kinds": f"from robotree.kinds import {kind}\n" if kind else "",
+        "exposed": f"\n    get_info = {kind.lower()}.exposed()\n" if exposes else "",
         "children": "",
     }
     page = PAGE.format(**words)
@@ -186,11 +191,11 @@ def _files(module: str, kind: str) -> dict[str, str]:
     if kind:
         test = test.replace(
             "\nfrom robotree.testing",
-            f"\nfrom robotree.proxy.{kind.lower()} import {kind}\nfrom robotree.testing",
+            f"\nfrom robotree.kinds import {kind}\nfrom robotree.testing",
         )
     return {
         f"{module}.py": page,
         f"test_{module}.py": test,
-        "pyrightconfig.json": PYRIGHT,
+        "pyrightconfig.json": json.dumps(PYRIGHT | _found_by(), indent=2) + "\n",
         ".vscode/settings.json": EDITOR,
     }

@@ -151,12 +151,10 @@ def _start(line: Line, *, readonly: bool) -> int:
 
 def _kinds() -> dict[str, dict[str, CommandSpec]]:
     """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
-    from robotree.proxy.kinds import KINDS
-    from robotree.vr.command import commands_of
+    from robotree import kinds
+    from robotree.vr.kind import promises_of
 
-    return {
-        cls.__name__: {name: one.spec for name, one in commands_of(cls).items()} for cls in KINDS.values()
-    }
+    return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 
 
 def _offline(line: Line) -> bool:

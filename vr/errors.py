@@ -503,7 +503,8 @@ class OtherKind(BundleError):
     """The page to be loaded defines another kind of robot; the old page goes on."""
 
     sentence = (
-        "{path} defines a {given}, and {robot} is a {kind}; keep the name of the class, or create a new robot"
+        "{path} defines the kind {given}, and {robot} is of kind {kind}; "
+        "keep the name of the class, or create a new robot"
     )
 
 

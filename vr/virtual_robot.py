@@ -33,14 +33,16 @@ class VirtualRobot(Robot):
         """Find settings and state, and refuse what cannot work: slow hooks, and slots that are none.
 
         Raises:
-            TypeError: a hook is `async def`, an attribute is a list of `Child`, or a setting or state is
-                declared wrongly.
+            TypeError: a hook is `async def`, the kind of a slot lacks an exposed command, an attribute is a
+                list of `Child`, or a setting or state is declared wrongly.
             ValueError: a unit of a reading is not known.
         """
         super().__init_subclass__()
         for symbol in cls.reading_units.values():
             Unit(symbol)
         for name, value in vars(cls).items():
+            if isinstance(value, Exposed):
+                _expect_promised(cls, name, value)
             if kinds := _listed(value):
                 count = len(kinds)
                 raise TypeError(
@@ -108,6 +110,19 @@ def _specs(cls: type[Any]) -> Iterator[SlotSpec]:
 def exposures_of(cls: type[Any]) -> dict[str, Exposed]:
     """Return the children's commands that a class and its bases let through, by their names here."""
     return {name: value for name, value in _attributes(cls).items() if isinstance(value, Exposed)}
+
+
+def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
+    """Refuse to let a command through that the interface of the slot does not have.
+
+    Raises:
+        TypeError: it has none of this name.
+    """
+    slot = exposed.child
+    known = sorted(promise.name for promise in slot.promises())
+    if slot.interface is not None and exposed.command not in known:
+        told = f"{slot.name} is of kind {slot.kind}, which has no command {exposed.command!r}"
+        raise TypeError(f"{cls.__name__}.{name}: {told}; it has: {', '.join(known)}")
 
 
 def _listed(value: object) -> list[str]:

@@ -38,7 +38,7 @@ PLACES = [
     ("random.choice([1, 2])", "random.choice is another one each time"),
     ("time.time()", "time.time is another one each time"),
     ("datetime.now()", "datetime.datetime.now is another one each time"),
-    ("self.arm.go_too(x=1)", "arm is a Arm, which has no command 'go_too'"),
+    ("self.arm.go_too(x=1)", "arm is of kind Arm, which has no command 'go_too'"),
 ]
 """Lines inside a command, and what is found in them."""
 
@@ -81,8 +81,8 @@ def test_a_command_that_reads_and_changes_state_is_found() -> None:
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("get_inf = arm.exposed()", "13: arm is a Arm, which has no command 'get_inf'"),
-        ('info = arm.exposed("get_inf")', "13: arm is a Arm, which has no command 'get_inf'"),
+        ("get_inf = arm.exposed()", "13: arm is of kind Arm, which has no command 'get_inf'"),
+        ('info = arm.exposed("get_inf")', "13: arm is of kind Arm, which has no command 'get_inf'"),
         ('wide: Annotated[float, Unit("metrs")] = 1.0', "13: "),
     ],
 )
@@ -131,7 +131,9 @@ def test_a_new_page_passes_its_check_and_nothing_is_overwritten(
     assert "robotree create my_team.py as my-team" in said
     assert main(["check", "my_team.py"]) == 0
     compile(Path("test_my_team.py").read_text(), "test_my_team.py", "exec")
-    json.loads(Path("pyrightconfig.json").read_text())
+    places = json.loads(Path("pyrightconfig.json").read_text()).get("extraPaths", [])
+    assert all((Path(place) / "robotree" / "kinds" / "arm.py").is_file() for place in places)
+    assert ("from robotree.kinds import Arm" in Path("my_team.py").read_text()) == bool(over)
     json.loads(Path(".vscode/settings.json").read_text())
     Path("my_team.py").write_text("mine")
     assert main(["new", "my-team"]) != 0

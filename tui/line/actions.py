@@ -88,8 +88,8 @@ ACTIONS: tuple[Action, ...] = (
     # -- write a page
     Action(
         usage="new NAME [--over KIND]",
-        help="Write a page NAME.py, its test and settings for an editor into this folder, on top of a KIND:"
-        " arm, rover, limb, head, base. Nothing is overwritten.",
+        help="Write a page NAME.py, its test and settings for an editor into this folder, on top of a KIND"
+        " of robotree.kinds: arm, rover, limb, head, base and others. Nothing is overwritten.",
         group=AUTHOR,
         where=Where.SHELL,
         examples=("new team --over arm",),

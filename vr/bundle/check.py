@@ -262,4 +262,5 @@ def _of_children(page: _Page, kinds: Mapping[str, Collection[str]]) -> Iterator[
         if known is not None and command not in known and command not in OF_EVERY_KIND:
             kind = page.slots[slot]
             names = ", ".join(sorted(known)) or "none"
-            yield Finding(line, f"{slot} is a {kind}, which has no command {command!r}", f"it has: {names}")
+            what = f"{slot} is of kind {kind}, which has no command {command!r}"
+            yield Finding(line, what, f"it has: {names}")

@@ -21,6 +21,24 @@ def line_of(source: str, sentence: str) -> int:
     return 0
 
 
+def slots_at(source: str, line: int) -> list[str]:
+    """Return the slots that the class around a line declares above it."""
+    found: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef) and node.lineno < line <= (node.end_lineno or 0):
+            for item in node.body:
+                match item:
+                    case ast.Assign(
+                        targets=[ast.Name(id=name)],
+                        value=ast.Call(func=ast.Name(id="Child" | "Children")),
+                        lineno=number,
+                    ) if number < line:
+                        found.append(name)
+                    case _:
+                        pass
+    return found
+
+
 def _line_in(owner: ast.ClassDef, attribute: str, parameter: str | None) -> int:
     for node in owner.body:
         if isinstance(node, _FUNCTIONS) and node.name == attribute:

@@ -22,7 +22,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
-from robotree.vr.bundle.lines import line_of
+from robotree.vr.bundle.lines import line_of, slots_at
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
@@ -228,7 +228,19 @@ def _reason(error: BaseException, file: str, limit: float) -> str:
     if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
         line = line_of("".join(linecache.getlines(file)), str(error))
         return f"{f'line {line}: ' if line else where}{error}"
-    return f"{where}{type(error).__name__}: {error}".removesuffix(": ")
+    return f"{where}{_no_slot(error, file) or f'{type(error).__name__}: {error}'.removesuffix(': ')}"
+
+
+def _no_slot(error: BaseException, file: str) -> str:
+    """Say which slots there are, where a page exposes a command of one that there is not; else nothing."""
+    last = traceback.extract_tb(error.__traceback__)[-1:]
+    if not isinstance(error, NameError) or not last or last[0].filename != file:
+        return ""
+    if f"{error.name}.exposed(" not in (last[0].line or ""):
+        return ""
+    slots = slots_at("".join(linecache.getlines(file)), last[0].lineno or 0)
+    told = f"the slots above it are: {', '.join(slots)}" if slots else "there is none above it"
+    return f"no slot {error.name!r}; {told}"
 
 
 def _of_author(filename: str, file: str) -> bool:

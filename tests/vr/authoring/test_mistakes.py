@@ -64,7 +64,11 @@ MISTAKES = {
     ),
     "exposed of an unknown slot": (
         "    move = rover.exposed()\n",
-        "line 8: NameError: name 'rover' is not defined",
+        "line 8: no slot 'rover'; the slots above it are: arm",
+    ),
+    "exposed of a command that the kind lacks": (
+        "    from robotree.kinds import Rover\n    rover = Child(Rover)\n    fly = rover.exposed()\n",
+        "line 10: Team.fly: rover is of kind Rover, which has no command 'fly'; it has: get_info, move, stop",
     ),
     "a hook that is async": (
         "    async def readings(self): ...\n",

@@ -129,7 +129,7 @@ async def test_a_reload_at_once_cancels_what_runs(stage: Stage) -> None:
         (
             SECOND.replace("class Team", "class Other"),
             OtherKind,
-            "team.py defines a Other, and team is a Team",
+            "team.py defines the kind Other, and team is of kind Team",
         ),
         (SECOND.replace('rover = Child("Rover")', ""), SlotHeld, "team.rover holds rover-1"),
         (SECOND.replace('Child("Rover")', 'Child("Arm")'), SlotHeld, "team.rover holds rover-1"),
