@@ -158,7 +158,7 @@ def new(line: Line, kinds: Kinds) -> int:
 
 
 def _found_by() -> dict[str, Any]:
-    """Return where pyright finds robotree when it is installed from its repository (a wheel needs nothing)."""
+    """Return where pyright finds robotree if it is installed from its repository; a wheel needs nothing."""
     import robotree.vr
 
     place = Path(str(robotree.vr.__file__)).resolve().parents[1] / "typings"

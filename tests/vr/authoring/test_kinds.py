@@ -76,6 +76,20 @@ async def test_an_own_class_of_the_same_name_does_not_fit_an_arm_slot(realm: Rea
         assert mine.description().bond is None, "it was not disturbed"
 
 
+class LetsThrough(VirtualRobot):
+    """Only lets a command through."""
+
+    arm = Child("Arm")
+    wave = arm.exposed()
+
+
+async def test_an_exposed_command_that_the_child_lacks_is_refused_when_it_is_enslaved(realm: Realm) -> None:
+    mine, agent = await realm.start(Arm("mine")), await realm.start(LetsThrough("through"))
+    error = await refusal(realm.client(agent).enslave("arm", mine.address))
+    assert isinstance(error, DoesNotFit)
+    assert "mine is called so, but has no command wave, which the page uses; it has: rise" in str(error)
+
+
 def test_a_name_expects_what_the_page_uses_and_an_interface_what_it_promises() -> None:
     used = {slot.name: slot.commands for slot in slot_specs(Picker)}
     assert used == {"arm": ("get_info", "go_to", "grip"), "arms": ("grip", "hold")}
