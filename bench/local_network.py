@@ -87,7 +87,7 @@ def be_crowd(folder: str) -> None:
     mesh.open()
     mesh.announce(f"echo/{os.getpid()}")
     while len(mesh.present("echo/*")) < MANY and time.perf_counter() - began < LONGEST:
-        time.sleep(0.005)
+        time.sleep(0.005)  # as an onlooker would: what is measured is when all are seen
     print(time.perf_counter() - began, flush=True)
     sys.stdin.read()
     mesh.close().result(LONGEST)
@@ -255,14 +255,14 @@ def freezes(folder: str, times: int, seed: int = 1) -> None:
         seconds = chance.choice((chance.uniform(1, 6), chance.gauss(around, 0.03)))
         frozen = chance.choice(others)
         frozen.send_signal(signal.SIGSTOP)
-        time.sleep(max(0.5, seconds))
+        time.sleep(max(0.5, seconds))  # this is the freeze
         frozen.send_signal(signal.SIGCONT)
         began = time.perf_counter()
         keys = [f"echo/{other.pid}" for other in others]
         while time.perf_counter() - began < LONGEST:
             if sorted(mesh.present("echo/*")) == sorted(keys) and all(ask(mesh, key, 1.0) for key in keys):
                 break
-            time.sleep(0.01)
+            time.sleep(0.01)  # not too often: asking takes processor time from those that answer
         took = time.perf_counter() - began
         slowest = max(slowest, took)
         apart += took >= LONGEST

@@ -76,7 +76,7 @@ def newcomers(root: Path, _: list[_Process], others: list[_Process]) -> None:
     """25 processes that join meanwhile."""
     others += [start("robot", root, f"new-{number}", wait=False) for number in range(CROWD)]
     while len(list((root / "bench").glob("*.sock"))) < len(NAMES) + 3:  # the first of them has come
-        time.sleep(0.005)
+        time.sleep(0.005)  # a file of another process: nothing wakes us
 
 
 def a_paused_newcomer(root: Path, _: list[_Process], others: list[_Process]) -> None:
@@ -84,7 +84,7 @@ def a_paused_newcomer(root: Path, _: list[_Process], others: list[_Process]) -> 
     before = len(list((root / "bench").glob("*.sock")))
     others.append(start("robot", root, "paused", wait=False))
     while len(list((root / "bench").glob("*.sock"))) == before:
-        time.sleep(0.001)
+        time.sleep(0.001)  # as above, and quickly: it must not have joined
     os.kill(others[-1].pid, signal.SIGSTOP)
 
 

@@ -41,7 +41,7 @@ class Address(msgspec.Struct, frozen=True, order=True):
     role: Role
     name: str
     incarnation: str
-    """Opaque, unique in the realm for ever; made by whoever creates the agent."""
+    """Opaque, unique in the realm for ever; made by the creator of the agent."""
 
     @property
     def identity(self) -> str:

@@ -1,4 +1,4 @@
-"""What a running command knows of itself, and what it may ask of whoever runs it.
+"""What a running command knows of itself, and what it may ask of the robot that runs it.
 
 Kept in a context variable, so that a command that moves and one that reads can run on the same robot at
 the same time without knowing of each other.
@@ -27,7 +27,7 @@ class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
     """`command id / path`: unique, passed down to the children and to the wire."""
     command: str
     caller: str
-    """Name of whoever called, for people."""
+    """Name of the caller, for people."""
     epoch: int
     """Epoch of the robot when the command was accepted."""
     deadline_at: float

@@ -301,7 +301,7 @@ class CoreMachine(RuleBasedStateMachine):
         with pytest.raises(StaleEpoch if right is None else NotInControl):
             self.handle(on.Set(values={"seen": 1}, epoch=7 if right is None else None))
 
-    # -- whom it commands ------------------------------------------------------------------------
+    # -- the robots that it commands -------------------------------------------------------------
 
     @precondition(lambda self: len(self.granted) < len(SLOTS))
     @rule(data=st.data())

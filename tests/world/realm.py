@@ -77,7 +77,7 @@ class CartProxy(RobotProxy):
 
     limits = LIMITS
     on_call: Callable[[CartProxy], None] = staticmethod(lambda _: None)
-    """Told of each drive that begins to be carried out; by whoever judges."""
+    """Called with each drive that begins to be carried out; set by the judge."""
 
     @command
     def drive(self, ticket: float, seconds: Annotated[float, Unit("s"), "how long"]) -> float:

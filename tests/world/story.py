@@ -44,7 +44,7 @@ HOPS = 3
 LOOK = 0.1
 """[s] between two looks of the judge."""
 BONDS = {("pair", "left"): "cart-1", ("pair", "right"): "cart-2", ("train", "pair"): "pair"}
-"""Who commands whom at first, and at the end."""
+"""Which parent commands which child, at first and at the end."""
 ROBOTS = (("pair", "host-1", "Pair"), ("train", "host-2", "Train"), ("spare", "host-3", "Pair"))
 
 

@@ -388,7 +388,7 @@ class RobotAgent:
         self.live.look_at_robot()
         match request:
             case SafeStop():
-                say(Accepted(key=request.order))  # the asker must know at once whom it has reached
+                say(Accepted(key=request.order))  # the asker must know at once that it has reached us
                 say(await self._stops.safe_stop(request))
             case Resume():
                 say(await self._stops.resume(request))
@@ -513,7 +513,7 @@ class RobotAgent:
         self._unwatch_parent()
         self._unwatch_parent = self._shared.presence.watch(parent.key, look)
 
-    # -- whom it commands -------------------------------------------------------------------------
+    # -- the robots that it commands --------------------------------------------------------------
 
     def _virtual(self, what: str) -> Children:
         if self._children is None:

@@ -336,7 +336,7 @@ class Children:
             if seen is None or bond.child.key in seen:
                 chosen.append(bond)
             else:
-                confirmations.deny(bond.child.name, "whoever resumes has not seen it")
+                confirmations.deny(bond.child.name, "the resume was sent without having seen it")
 
         async def resume(bond: Bond) -> None:
             within = budget.below(bond.lease.round_trip, waited)

@@ -119,7 +119,7 @@ class Package:
         self,
         name: str,
         globals: Mapping[str, Any] | None = None,  # noqa: A002 # Python's own names
-        locals: Mapping[str, Any] | None = None,  # noqa: A002
+        locals: Mapping[str, Any] | None = None,  # noqa: A002 # as above
         fromlist: Sequence[str] | None = (),
         level: int = 0,
     ) -> ModuleType:

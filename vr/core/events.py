@@ -148,7 +148,7 @@ class Obeyed(_Value, frozen=True, kw_only=True):
     epoch: int
 
 
-# -- events: whom it commands ----------------------------------------------------------------------
+# -- events: the robots that it commands -----------------------------------------------------------
 
 
 class Reserve(_Value, frozen=True, kw_only=True):

@@ -305,7 +305,7 @@ class RobotCore:
         self.state.lease.hear(event.epoch)
         return []
 
-    # -- whom it commands -------------------------------------------------------------------------
+    # -- the robots that it commands --------------------------------------------------------------
 
     def _reserve(self, event: on.Reserve, _: float) -> Effects:
         self.state.slots.begin(event.slot, event.child)

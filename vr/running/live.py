@@ -1,6 +1,6 @@
 """A robot at work in a process: its core behind one lock, its code on workers, and the one way to call it.
 
-Whoever calls it, an operator, its parent or a command that it lets through to a child, comes by `admit`: the
+All calls, of an operator, of its parent or of a command that it lets through to a child, come by `admit`: the
 command is found, its arguments are checked, the call is accepted by the core and written to the journal, and
 only then anything begins. `post` is the one door to the core. Effects are carried out outside the lock.
 """
@@ -734,7 +734,7 @@ class LiveRobot:
         self.way.ask(key, sealed.body, on_reply=lambda _: None)
 
     def _end_calls_of(self, slot: str) -> None:
-        """A child is gone: whoever waits for it waits no longer."""
+        """A child is gone: nobody waits for its answers any longer."""
         for pending in tuple(self._calling.get(slot, ())):
             pending.fail(self.core.state.slots.emptiness(slot))
 

@@ -36,7 +36,7 @@ class Do(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
-    """Answer whoever asked."""
+    """Answer the sender."""
 
     conversation: str
     performative: str

@@ -38,7 +38,7 @@ class Partner(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Parameter(msgspec.Struct, frozen=True, kw_only=True):
-    """A value that whoever starts the script may choose."""
+    """A value that may be chosen when the script is started."""
 
     name: str
     default: Scalar

@@ -56,7 +56,7 @@ class Orders:
             del self._counts[next(iter(self._counts))]
 
     async def stop(self, name: str | None, reason: str, on_late: OnLate) -> Sequence[str]:
-        """Stop at once all whom it concerns, also those who come to sight meanwhile; see `Stop`.
+        """Stop at once all robots that it concerns, also those that appear meanwhile; see `Stop`.
 
         Args:
             name: of the robot; None: all.

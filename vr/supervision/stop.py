@@ -1,8 +1,8 @@
-"""One protective stop, given to one robot or to all: it waits for nobody, and says whom it may have missed.
+"""One protective stop, for one robot or all: it waits for nobody, and says which robots it may have missed.
 
-Whom to tell is read from the record that the machine keeps of who lives, so that nobody has to be looked for
-first. A robot that has not even said that it has the stop is named soon, with its process; one that has it
-may take as long as its hardware needs.
+The robots are read from the record that the machine keeps of what lives, so no search comes first. A robot
+that has not even said that it has the stop is named soon, with its process; one that has it may take as long
+as its hardware needs.
 """
 
 from __future__ import annotations
@@ -96,12 +96,12 @@ class Stop:
         self._told: dict[Address, _Told] = {}
         self._held: dict[Address, Held] = {}
         self._unlisted: dict[Unlisted, float] = {}
-        """Those of whom nothing else is known, and since when [s]."""
+        """Robots of which nothing else is known, and since when [s]."""
         self._named: set[str] = set()
         """Those who were named, because nothing was heard of them."""
 
     async def give(self) -> Sequence[str]:
-        """Tell all whom it concerns, also those who come to sight meanwhile, and wait for what they say.
+        """Tell all robots that it concerns, also those that appear meanwhile, and wait for what they say.
 
         Returns:
             The names of those that have confirmed it.

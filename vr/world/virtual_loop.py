@@ -88,20 +88,20 @@ class VirtualLoop(base_events.BaseEventLoop):
 
     def run_forever(self) -> None:
         """Run until `stop`; this greenlet waits meanwhile."""
-        self._check_closed()  # type: ignore[attr-defined]
+        self._check_closed()  # type: ignore[attr-defined] # typeshed hides it
         if self.is_running():
             raise RuntimeError("This event loop is already running")
         previous = events._get_running_loop()  # noqa: SLF001 # of the greenlet that waits here
         self._thread_id = threading.get_ident()
-        events._set_running_loop(None)  # noqa: SLF001
+        events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
         try:
-            if self._queue or self._stopping:  # type: ignore[has-type]
+            if self._queue or self._stopping:  # type: ignore[has-type] # typeshed hides it
                 self._be_chosen()
             self._done.wait(None)
         finally:
             self._stopping = False
             self._thread_id = None  # type: ignore[assignment] # as asyncio does
-            events._set_running_loop(previous)  # noqa: SLF001
+            events._set_running_loop(previous)  # noqa: SLF001 # asyncio offers no other way
 
     def switch(self) -> None:
         """Do what is to be done now. Called by the runner."""
@@ -109,14 +109,14 @@ class VirtualLoop(base_events.BaseEventLoop):
             self._chosen = False
             return
         queue: deque[Any] = self._queue
-        events._set_running_loop(self)  # noqa: SLF001
+        events._set_running_loop(self)  # noqa: SLF001 # asyncio offers no other way
         try:
             for _ in range(len(queue)):
                 handle = queue.popleft()
                 if not handle._cancelled:  # noqa: SLF001 # as asyncio does
-                    handle._run()  # noqa: SLF001
+                    handle._run()  # noqa: SLF001 # asyncio offers no other way
         finally:
-            events._set_running_loop(None)  # noqa: SLF001
+            events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
             self._chosen = False
         if self._stopping:
             self._done.wake()
@@ -140,7 +140,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         self, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.Handle:
         """See `asyncio.AbstractEventLoop.call_soon`."""
-        if self._closed:  # type: ignore[attr-defined]
+        if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         handle = _Handle(callback, args, self, context)
         self._queue.append(handle)
@@ -151,28 +151,28 @@ class VirtualLoop(base_events.BaseEventLoop):
 
     call_soon_threadsafe = call_soon  # type: ignore[assignment] # as above
 
-    def call_at(  # type: ignore[override]
+    def call_at(  # type: ignore[override] # typed more loosely than in asyncio
         self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
         """See `asyncio.AbstractEventLoop.call_at`."""
-        if self._closed:  # type: ignore[attr-defined]
+        if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         timer = _Timer(when, callback, args, self, context)
         process = self.process
         self.world.at(when if process is None else process.of_world(when), timer)
         return timer
 
-    def call_later(  # type: ignore[override]
+    def call_later(  # type: ignore[override] # typed more loosely than in asyncio
         self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
         """See `asyncio.AbstractEventLoop.call_later`."""
         return self.call_at(self.time() + delay, callback, *args, context=context)
 
     def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
-        if handle._scheduled:  # type: ignore[attr-defined] # noqa: SLF001
+        if handle._scheduled:  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
             self.world.discard()
 
-    def run_in_executor(  # type: ignore[override]
+    def run_in_executor(  # type: ignore[override] # typed more loosely than in asyncio
         self, executor: Any, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
         """Run something in a greenlet of its own."""
@@ -200,21 +200,21 @@ class VirtualLoop(base_events.BaseEventLoop):
         Each of them is closed, which runs its `finally` blocks up to their first `await`.
         """
         self.set_exception_handler(lambda _loop, _context: None)
-        previous = events._get_running_loop()  # noqa: SLF001
-        events._set_running_loop(self)  # noqa: SLF001
+        previous = events._get_running_loop()  # noqa: SLF001 # asyncio offers no other way
+        events._set_running_loop(self)  # noqa: SLF001 # asyncio offers no other way
         try:
             closed: set[asyncio.Task[Any]] = set()
             while tasks := asyncio.all_tasks(self) - closed:  # a `finally` may have made more
                 closed |= tasks
                 for task in tasks:
-                    task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
+                    task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
                     coroutine: Any = task.get_coro()
                     with contextlib.suppress(BaseException):
                         coroutine.close()
         finally:
-            events._set_running_loop(previous)  # noqa: SLF001
+            events._set_running_loop(previous)  # noqa: SLF001 # asyncio offers no other way
         self._queue.clear()
-        self._thread_id = None  # type: ignore[assignment]
+        self._thread_id = None  # type: ignore[assignment] # typeshed hides it
         self.close()
 
     def _from_greenlet(self, callback: Callable[..., object], *args: Any) -> None:

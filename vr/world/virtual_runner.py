@@ -236,15 +236,15 @@ class VirtualRunner:
 
     def _wait_in_a_turn(self) -> None:
         """A callback of an event loop waits: another greenlet takes over the task of choosing."""
-        me, loop = self._hub, events._get_running_loop()  # noqa: SLF001
+        me, loop = self._hub, events._get_running_loop()  # noqa: SLF001 # asyncio offers no other way
         me.process = self._turning
         self._all[me] = None
         self._hub = _Fiber(self._schedule, self._main)
-        events._set_running_loop(None)  # noqa: SLF001
+        events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
         try:
             self._hub.switch()
         finally:
-            events._set_running_loop(loop)  # noqa: SLF001
+            events._set_running_loop(loop)  # noqa: SLF001 # asyncio offers no other way
 
     def _schedule(self) -> None:
         """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""

@@ -32,7 +32,7 @@ sys.path.pop(0)
 
 
 class Arm(Robot):
-    """A class of one's own that happens to be called so."""
+    """A class of the author that happens to have this name."""
 
     @command
     def rise(self) -> None:
