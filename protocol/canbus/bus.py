@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import msgspec
 from can import BusABC, BusState, CanOperationError, CanProtocol, CanTimeoutError, Message
 
-from robotree.protocol.canbus import seats
 from robotree.protocol.canbus.membership import Membership
 from robotree.protocol.canbus.records import encode
+from robotree.protocol.canbus.seats import DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,15 +69,13 @@ class LoopbackBus(BusABC):
         receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
-        name = seats.DEFAULT if channel is None else channel
-        first = seats.first_port(name)
-        self.channel = str(name)
+        self.channel = str(DEFAULT if channel is None else channel)
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
         self._own = receive_own_messages
         self._state = BusState.ACTIVE
         self._inbox: deque[Message] = deque()
         self._sent = self._received = self._incompatible = 0
-        self._membership = Membership(first, self.channel)
+        self._membership = Membership(self.channel)
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rung = self._left = False
         self._reading = threading.Lock()
@@ -227,4 +225,4 @@ class LoopbackBus(BusABC):
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:
-        return [{"interface": "robotree", "channel": seats.DEFAULT}]
+        return [{"interface": "robotree", "channel": DEFAULT}]

@@ -23,7 +23,7 @@ import msgspec
 from can import CanInitializationError
 
 from robotree.protocol.canbus.records import GREETING_BYTES, Greeting, read_greeting
-from robotree.protocol.canbus.seats import HOST, SEATS
+from robotree.protocol.canbus.seats import HOST, SEATS, channel_id, first_port
 from robotree.protocol.canbus.wire import Wire
 
 if TYPE_CHECKING:
@@ -56,12 +56,15 @@ class Membership:
     """One member's connections to all others.
 
     Args:
-        first: first port of the channel.
-        channel: what `Message.channel` shall say.
+        channel: a name, or the first port in digits; what `Message.channel` shall say.
+
+    Raises:
+        CanInitializationError: all seats of the channel are taken.
+        ValueError: the channel is no port and no name.
     """
 
-    def __init__(self, first: int, channel: str) -> None:
-        self._first, self._channel = first, channel
+    def __init__(self, channel: str) -> None:
+        self._first, self._id, self._channel = first_port(channel), channel_id(channel), channel
         self._token = secrets.randbits(64)
         self.lock = threading.Condition()
         """Guards the connections; told whenever one makes room, comes or goes."""
@@ -155,7 +158,7 @@ class Membership:
         )
 
     def _dial_all(self) -> None:
-        greeting = Greeting(answer=False, channel=self._first, token=self._token).encode()
+        greeting = Greeting(answer=False, channel=self._id, token=self._token).encode()
         for port in range(self._first, self._first + SEATS):
             if port == self.port:
                 continue
@@ -235,7 +238,7 @@ class Membership:
         if (
             greeting is None
             or greeting.answer is not pending.dialled
-            or greeting.channel != self._first
+            or greeting.channel != self._id
             or greeting.token == self._token
         ):
             self.malformed += bool(data)
@@ -246,7 +249,7 @@ class Membership:
     def _welcome(self, pending: PendingConnection, token: int) -> None:
         wire = Wire(pending.connection, token, self._channel)
         if not pending.dialled:
-            answer = Greeting(answer=True, channel=self._first, token=self._token)
+            answer = Greeting(answer=True, channel=self._id, token=self._token)
             try:
                 wire.put(answer.encode(), monotonic())
             except OSError:

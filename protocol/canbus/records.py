@@ -2,7 +2,7 @@
 
 ::
 
-    greeting   "rtcb", version, greeting or answer (1), first port of the channel (2), token (8)
+    greeting   "rtcb", version, greeting or answer (1), id of the channel (4), token (8)
     record     mark, flags, length, 0, identifier (4), timestamp [s] (8), data
 
 All numbers are big-endian. The token is a number that each member draws at random; it distinguishes two
@@ -16,13 +16,13 @@ import struct
 import msgspec
 from can import Message
 
-VERSION = 1
-GREETING_BYTES = 16
+VERSION = 2
+GREETING_BYTES = 18
 LARGEST_RECORD = 80
 """[bytes]"""
 
 _MAGIC = b"rtcb"
-_GREETING = struct.Struct(">4sBBHQ")
+_GREETING = struct.Struct(">4sBBIQ")
 _RECORD = struct.Struct(">BBBxId")
 _MARK = 0xCA
 _EXTENDED, _REMOTE, _ERROR, _FD, _SWITCH, _INDICATOR = (1 << bit for bit in range(6))
@@ -35,7 +35,7 @@ class Greeting(msgspec.Struct, frozen=True):
     answer: bool
     """Whether it answers one."""
     channel: int
-    """First port of the sender's channel."""
+    """`seats.channel_id` of the sender's channel."""
     token: int
     """Names the sender."""
 

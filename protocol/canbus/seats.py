@@ -7,6 +7,9 @@ however it ends, so the row is a directory that cannot go stale and needs nobody
 (5770, 5770)
 >>> first_port("arm") == first_port("arm"), first_port("arm") == first_port("rover")
 (True, False)
+
+There are fewer rows than names, so two named channels can share a row. They stay two channels: a greeting
+carries `channel_id`, and a member refuses the greeting of another channel.
 """
 
 from __future__ import annotations
@@ -38,3 +41,16 @@ def first_port(channel: int | str) -> int:
     if not 1024 <= port <= 65536 - SEATS:
         raise ValueError(f"channel {port} is no port from 1024 to {65536 - SEATS}; choose one, or a name")
     return port
+
+
+def channel_id(channel: int | str) -> int:
+    """What tells a channel from others in the same row: its port, or the CRC-32 of its name.
+
+    Args:
+        channel: a port, as a number or in digits, or a name.
+
+    Returns:
+        A number below 2^32.
+    """
+    text = str(channel)
+    return int(text) if text.isascii() and text.isdigit() else crc32(text.encode())

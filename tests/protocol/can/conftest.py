@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator
-from itertools import count
+from itertools import cycle
 from subprocess import PIPE, Popen
 
 import can
 import pytest
 
+from robotree.protocol.canbus import SEATS
+from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.links.can import CanAddress
 from robotree.protocol.links.can import host as can_host
 
-_COUNT = count()
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_ROWS = cycle(range(10_000 + SEATS * _WORKER, 17_000 - SEATS, SEATS * _WORKERS))
+"""Rows of ports that no other worker of the tests uses, below those of named channels."""
 Spawn = Callable[..., "Popen[str]"]
 
 
 @pytest.fixture
 def channel() -> str:
-    """The name of a channel that nobody else uses."""
-    return f"test-{os.getpid()}-{next(_COUNT)}"
+    """A channel that nobody else uses: a row of ports, the first of which is free."""
+    return str(next(first for first in _ROWS if _is_free(first)))
+
+
+def _is_free(port: int) -> bool:
+    try:
+        with socket.create_server((HOST, port)):
+            return True
+    except OSError:
+        return False
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from robotree.protocol.canbus import first_port
+from robotree.protocol.canbus import channel_id, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.errors import BadUrl, LinkClosed, LinkRefused
@@ -53,7 +53,7 @@ async def test_on_a_crowded_bus_order_is_kept_and_telemetry_superseded(here: Can
     async with listening(here, at_controller) as listener, connected(here, at_host):
         link = at_controller.recorders[0].link
         with socket.create_connection((HOST, first_port(here.channel))) as sleeper:
-            sleeper.sendall(Greeting(answer=False, channel=first_port(here.channel), token=1).encode())
+            sleeper.sendall(Greeting(answer=False, channel=channel_id(here.channel), token=1).encode())
             await until(lambda: listener._port.bus.statistics.members == 2)  # type: ignore[attr-defined]
             sent = 0
             while not link.congested:

@@ -13,7 +13,7 @@ from contextlib import ExitStack, suppress
 import can
 import pytest
 
-from robotree.protocol.canbus import LoopbackBus, first_port
+from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.canbus.wire import GLANCE, PATIENCE, Wire
@@ -203,6 +203,16 @@ def test_channels_are_separate(channel: str) -> None:
         assert one.statistics.members == 0
 
 
+def test_two_names_that_share_a_row_of_ports_are_separate_channels() -> None:
+    names = ("bus 0", "bus 20")
+    assert len({first_port(name) for name in names}) == 1
+    with LoopbackBus(names[0]) as one, LoopbackBus(names[1]) as other, LoopbackBus(names[0]) as third:
+        one.send(can.Message())
+        assert third.recv(SOON)
+        assert other.recv(0.02) is None
+        assert other.statistics.members == 0
+
+
 def test_rows_of_ports_that_overlap_are_separate_channels_too() -> None:
     port = first_port("overlap")
     with LoopbackBus(port) as one, LoopbackBus(port + 1) as other, LoopbackBus(port) as third:
@@ -215,7 +225,7 @@ def test_rows_of_ports_that_overlap_are_separate_channels_too() -> None:
 def greeted(channel: str, *, token: int = 42) -> socket.socket:
     """A connection that has introduced itself to the first member, as a member would."""
     connection = socket.create_connection((HOST, first_port(channel)))
-    connection.sendall(Greeting(answer=False, channel=first_port(channel), token=token).encode())
+    connection.sendall(Greeting(answer=False, channel=channel_id(channel), token=token).encode())
     assert connection.recv(100)
     return connection
 

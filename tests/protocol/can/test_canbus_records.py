@@ -94,7 +94,7 @@ def test_a_frame_that_contradicts_itself_is_the_callers_mistake(message: can.Mes
         encode(message, 0.0)
 
 
-@given(answer=st.booleans(), channel=st.integers(0, 65535), token=st.integers(0, 2**64 - 1))
+@given(answer=st.booleans(), channel=st.integers(0, 2**32 - 1), token=st.integers(0, 2**64 - 1))
 def test_greetings_are_understood(answer: bool, channel: int, token: int) -> None:  # noqa: FBT001
     greeting = Greeting(answer=answer, channel=channel, token=token)
     data = greeting.encode()
