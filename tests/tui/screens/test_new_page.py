@@ -161,7 +161,6 @@ async def test_a_name_typed_by_hand_stays_when_another_class_is_chosen(
         entry = page.query_one("#name", Input)
         await operator.until(lambda: entry.value == "finisher", "a suggestion")
         entry.value = "mine"
-        await operator.settled()
         page.query_one("#class", Choice).value = "Painter"
         await operator.sees("Paints")
         assert entry.value == "mine"

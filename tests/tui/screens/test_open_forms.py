@@ -64,6 +64,20 @@ async def test_fields_that_nobody_touched_follow_the_robot_and_touched_ones_are_
         assert "x *" not in operator.text
 
 
+async def test_what_was_typed_stays_also_when_readings_come_before_its_message(
+    realm: Realm, operate: Operate
+) -> None:
+    async with at_go_to(realm, operate) as (operator, page):
+        x, y = row(page, "x"), row(page, "y")
+        x.query_one(Input).value = "0.1"
+        for moved in (0.6, 0.65):
+            for field in (x, y):
+                field.tell_readings({"x": moved, "y": moved})
+        assert (x.text, y.text) == ("0.1", "0.65")
+        await operator.settled()
+        assert (x.touched, y.touched) == (True, False)
+
+
 async def test_after_tele_operation_a_form_that_is_sent_as_it_stands_moves_nothing(
     realm: Realm, operate: Operate
 ) -> None:

@@ -98,7 +98,8 @@ class NewPage(Form, Page):
         super().__init__()
         self.path: Path | None = None
         self._found: list[ClassOutline] = []
-        self._named_by_hand = False
+        self._suggested = ""
+        """The name that was offered last; any other name was typed by a person."""
         self._places = places()
         self._outlined: ClassOutline | None = None
         """The class whose settings are shown."""
@@ -186,11 +187,11 @@ class NewPage(Form, Page):
             for name, kind in chosen.slots:
                 text.append(f"\nslot {name}: {kind}", muted)
             text.append(f"\ncommands {', '.join(chosen.commands) or 'none'}", muted)
-            if not self._named_by_hand:
+            line = self.query_one("#name", Input)
+            if line.value in ("", self._suggested):
                 taken = frozenset(self.app.store.descriptions) | frozenset(self.app.store.robots)
-                with self.prevent(Input.Changed):
-                    self.query_one("#name", Input).value = suggested_name(chosen.name, taken)
-            self.query_one("#name", Input).focus()
+                line.value = self._suggested = suggested_name(chosen.name, taken)
+            line.focus()
         self.query_one("#source-about", Static).update(text)
         self._offer_settings(chosen)
         self._judge()
@@ -232,8 +233,7 @@ class NewPage(Form, Page):
         )
 
     @on(Input.Changed, "#name")
-    def _named(self, event: Input.Changed) -> None:
-        self._named_by_hand = bool(event.value)
+    def _named(self) -> None:
         self._judge()
 
     def _judge(self) -> bool:

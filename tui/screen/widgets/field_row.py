@@ -60,8 +60,7 @@ class FieldRow(Part, Vertical):
         self.spec = spec
         self._first = self._shown = entry.first_text(spec, readings)
         self._readings = readings
-        self.touched = False
-        """A person typed something into it."""
+        self._touched = False
 
     @property
     def _options(self) -> tuple[str, ...]:
@@ -90,6 +89,11 @@ class FieldRow(Part, Vertical):
             return self.query_one(Choice).chosen
         return self.query_one(Input).value
 
+    @property
+    def touched(self) -> bool:
+        """Whether a person typed something into it, also when the message about it has not come yet."""
+        return self._touched or (not self._options and self.query_one(Input).value != self._shown)
+
     def focus_entry(self) -> None:
         """Put the cursor into the field."""
         self.query_one(".entry").focus()
@@ -113,10 +117,10 @@ class FieldRow(Part, Vertical):
             self.query_one(Choice).value = entry.first_text(spec, self._readings)
 
     def _take(self, text: str) -> None:
-        line = self.query_one(Input)
+        line, self._shown = self.query_one(Input), text
         if text == line.value:
             return
-        self._shown = line.value = text
+        line.value = text
         if line.has_focus:
             line.select_all()  # what is typed replaces it, as when the cursor came
         self.complain("")
@@ -136,7 +140,7 @@ class FieldRow(Part, Vertical):
 
     def _touch(self, touched: bool) -> None:  # noqa: FBT001 # a setter
         """Mark a field in which a person typed: it follows the robot no more."""
-        self.touched = touched
+        self._touched = touched
         self.set_class(touched, "-touched")
         self.query_one(".field-name", Label).update(f"{self.spec.name} *" if touched else self.spec.name)
 
@@ -148,8 +152,8 @@ class FieldRow(Part, Vertical):
         self.set_class(bool(reason), "-wrong")
 
     @on(Input.Changed)
-    def _changed(self, event: Input.Changed) -> None:
-        if event.value == self._shown and not self.touched:
+    def _changed(self) -> None:
+        if not self.touched:
             return  # it was put there for the person
         self._touch(True)
         self.complain("")
