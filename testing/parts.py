@@ -13,7 +13,7 @@ from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable
+    from collections.abc import Coroutine
 
     from robotree.testing.journal import Step
     from robotree.vr.agents.agent import RobotAgent
@@ -61,8 +61,10 @@ class Stage(Protocol):
         """Let a robot live in a process of its own."""
         ...
 
-    def start_process(self, path: str, live: Callable[[SimulatedProcess], Awaitable[None]]) -> None:
-        """Let something else live in a process of its own; it calls `lives` when its robot can be called."""
+    def start_process(
+        self, path: str, live: Callable[[SimulatedProcess], Coroutine[Any, Any, None]]
+    ) -> SimulatedProcess:
+        """Let something live in a process of its own; it calls `lives` when its robot can be called."""
         ...
 
     def start_page(

@@ -11,7 +11,7 @@ import math
 import re
 import traceback
 from collections import Counter
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -124,7 +124,7 @@ class Team:
         self.world.__enter__()
         _open.append(self)
         try:
-            self._operator = self._start_process(OPERATOR, _wait_for_ever)
+            self._operator = self.start_process(OPERATOR, _wait_for_ever)
             self.page = self.start_page("", "", page, settings, children)
             self._assemble()
         except BaseException:
@@ -294,10 +294,10 @@ class Team:
         async def live(process: SimulatedProcess) -> None:
             agent = RobotAgent(robot, process.transport, process=self.threads(process))
             await agent.start()
-            self._agents[path] = agent
+            self.lives(path, agent)
             await asyncio.Event().wait()
 
-        self._start_process(path, live)
+        self.start_process(path, live)
 
     def threads(self, process: SimulatedProcess) -> Process:
         """Return what carries the commands of a simulated process out, and writes them down."""
@@ -314,13 +314,12 @@ class Team:
                 f"self.check() and do not catch all errors: {where}"
             )
 
-    def start_process(self, path: str, live: Callable[[SimulatedProcess], Awaitable[None]]) -> None:
-        """Let something else live in a process of its own; it calls `lives` when its robot can be called."""
-
-        async def main(process: SimulatedProcess) -> None:
-            await live(process)
-
-        self._start_process(path, main)
+    def start_process(
+        self, path: str, live: Callable[[SimulatedProcess], Coroutine[Any, Any, None]]
+    ) -> SimulatedProcess:
+        """Let something live in a process of its own; it calls `lives` when its robot can be called."""
+        process = self._processes[path] = self.world.start(path or "page", live)
+        return process
 
     def lives(self, path: str, agent: RobotAgent) -> None:
         """Take note that a robot can be called."""
@@ -376,12 +375,6 @@ class Team:
             number += 1
             name = f"{wanted}-{number}"
         return name
-
-    def _start_process(
-        self, path: str, main: Callable[[SimulatedProcess], Awaitable[None]]
-    ) -> SimulatedProcess:
-        process = self._processes[path] = self.world.start(path or "page", main)  # type: ignore[arg-type]
-        return process
 
     def _assemble(self) -> None:
         """Wait until all live, and bind them, from the bottom up.

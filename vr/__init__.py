@@ -1,10 +1,11 @@
 """Virtual robots (nothing to do with goggles): agents that wrap other robots' commands into coarser ones.
 
 What an author of a robot needs is here, in pure files; every error is in `errors.py`. From the bottom up:
+`core/` is a robot's state and the rules that change it, without threads and clocks;
 `running/` carries out an author's code, `roles/` changes its manner, `scripts/` are robots made of rules,
 `bundle/` loads a page or a script, `network/` leads to other processes;
-`exchange/` asks and answers, `lookup/` knows who is where, `space/` keeps counts; `agents/` live by all of
-these, `supervision/` sees them all by name, and `world/` runs it all in virtual time, for tests.
+`exchange/` asks and answers, `lookup/` knows which agent is where, `agents/` use all of these,
+`supervision/` finds and commands them all by name, and `world/` runs it all in virtual time, for tests.
 """
 
 from robotree.vr.child import Child, Children, Record

@@ -130,85 +130,16 @@ class BondSpec(msgspec.Struct, frozen=True, kw_only=True):
     """[s] left of the lease, on the child's clock."""
 
 
-class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """All that an agent says of itself. Any agent may ask for it, whoever commands the robot."""
+class _Agent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the description of a robot and the listing of any agent have in common."""
 
     address: Address
     kinds: tuple[str, ...]
     """Class names, most special first: a slot for `MoveTo` also takes a subclass of it."""
     doc: str = ""
     host: str = ""
-    commands: tuple[CommandSpec, ...] = ()
-    slots: tuple[SlotSpec, ...] = ()
-    bond: BondSpec | None = None
-    epoch: int = 0
-    busy: str = ""
-    """Name of the command that runs now, or empty."""
-    waiting: int = 0
-    """Commands in the queue."""
-    online: bool = True
-    """False while a proxy has lost its controller: its readings are stale."""
-    stopped: bool = False
-    """True from a protective stop until it is released, whoever ordered it."""
-    stop_reason: str = ""
-    """Why it is stopped, for people; empty: it is not."""
-    stops: int = 0
-    """How many protective stops it has been told of: who would end one names the count that they saw."""
-    abandoned: tuple[str, ...] = ()
-    """Commands that were ended and whose code still runs: only a restart of its host ends them."""
     attributes: dict[str, str] = {}
     """Free key-value pairs to search by (panel, place, controller's URL …)."""
-    readings: dict[str, float] = {}
-    """What it reads now, and `progress` of the running command; an author's own are one sample old."""
-    units: dict[str, str] = {}
-    """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
-    page: str = ""
-    """Where its author keeps its page: a file, and `:Class` where that was named; empty: it has none."""
-    kept: dict[str, Any] = {}
-    """Its declared state, by name; a value that is too large to show is left out."""
-    calls: dict[str, int] = {}
-    """How often each command was called, over all incarnations of this name."""
-
-    @property
-    def name(self) -> str:
-        """The robot's name."""
-        return self.address.name
-
-    @property
-    def kind(self) -> str:
-        """The most special kind."""
-        return self.kinds[0]
-
-    @property
-    def link(self) -> str:
-        """How the link to its controller is guarded: `open` or `signed`; empty: it has no controller."""
-        return self.attributes.get(LINK, "")
-
-    @property
-    def unguarded(self) -> bool:
-        """Whether its controller obeys every program that reaches it."""
-        return self.link == OPEN_LINK
-
-    def command(self, name: str) -> CommandSpec | None:
-        """Return the command of this name, or None."""
-        return next((command for command in self.commands if command.name == name), None)
-
-    def slot(self, name: str) -> SlotSpec | None:
-        """Return the slot of this name, or None."""
-        return next((slot for slot in self.slots if slot.name == name), None)
-
-
-class Listing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a lookup service holds of one agent: enough to choose it, small enough to keep everywhere."""
-
-    address: Address
-    kinds: tuple[str, ...]
-    doc: str = ""
-    host: str = ""
-    commands: tuple[str, ...] = ()
-    attributes: dict[str, str] = {}
-    revision: int = 0
-    """Grows whenever the agent changes its listing or returns; a larger one replaces a smaller one."""
 
     @property
     def name(self) -> str:
@@ -229,6 +160,55 @@ class Listing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     def unguarded(self) -> bool:
         """Whether its controller obeys every program that reaches it."""
         return self.link == OPEN_LINK
+
+
+class RobotDescription(_Agent, frozen=True, kw_only=True, omit_defaults=True):
+    """All that a robot says of itself. Any agent may ask for it, also while the robot is enslaved."""
+
+    commands: tuple[CommandSpec, ...] = ()
+    slots: tuple[SlotSpec, ...] = ()
+    bond: BondSpec | None = None
+    epoch: int = 0
+    busy: str = ""
+    """Name of the command that runs now, or empty."""
+    waiting: int = 0
+    """Commands in the queue."""
+    online: bool = True
+    """False while a proxy has lost its controller: its readings are stale."""
+    stopped: bool = False
+    """True from a protective stop until it is released."""
+    stop_reason: str = ""
+    """Why it is stopped, for people; empty: it is not."""
+    stops: int = 0
+    """How many protective stops have begun: a request to end one names the count that its sender saw."""
+    abandoned: tuple[str, ...] = ()
+    """Commands that were ended and whose code still runs: only a restart of its host ends them."""
+    readings: dict[str, float] = {}
+    """What it reads now, and `progress` of the running command; an author's own are one sample old."""
+    units: dict[str, str] = {}
+    """Symbol of the unit of each reading that has one (`State.readings`), e.g. `m`, `rad`, `N`."""
+    page: str = ""
+    """Where its author keeps its page: a file, and `:Class` where that was named; empty: it has none."""
+    kept: dict[str, Any] = {}
+    """Its declared state, by name; a value that is too large to show is left out."""
+    calls: dict[str, int] = {}
+    """How often each command was called, over all incarnations of this name."""
+
+    def command(self, name: str) -> CommandSpec | None:
+        """Return the command of this name, or None."""
+        return next((command for command in self.commands if command.name == name), None)
+
+    def slot(self, name: str) -> SlotSpec | None:
+        """Return the slot of this name, or None."""
+        return next((slot for slot in self.slots if slot.name == name), None)
+
+
+class Listing(_Agent, frozen=True, kw_only=True, omit_defaults=True):
+    """What a lookup service holds of one agent: enough to choose it, small enough to keep everywhere."""
+
+    commands: tuple[str, ...] = ()
+    revision: int = 0
+    """Grows whenever the agent changes its listing or returns; a larger one replaces a smaller one."""
 
 
 class Template(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

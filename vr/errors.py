@@ -16,7 +16,7 @@ that a caller on the far side of the network catches the same class with the sam
                       NetworkUnusable
       BundleError     NoSuchFile · BrokenSource · OtherKind · NoPage · ReloadWaits
                       NoVirtualRobot · SeveralVirtualRobots · BrokenScript
-      RoleError       NoSuchRole · NoRoles · TwoRoles · TooWide
+      RoleError       NoSuchRole · NoRoles · TooWide
 """
 
 from __future__ import annotations
@@ -558,12 +558,6 @@ class NoRoles(RoleError):
     """The robot, or who commands it, has no roles."""
 
     sentence = "{robot} cannot change its role: {reason}"
-
-
-class TwoRoles(RoleError):
-    """Two roles were asked for at once."""
-
-    sentence = "{robot} is given two roles at once ({first} and {second}); it plays one at a time"
 
 
 class TooWide(RoleError):

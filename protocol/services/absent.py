@@ -40,7 +40,6 @@ class FtpOpcode(IntEnum):
     NONE = 0
     TERMINATE_SESSION = 1
     RESET_SESSIONS = 2
-    OPEN_FILE_RO = 4
     ACK = 128
     NAK = 129
 

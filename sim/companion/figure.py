@@ -14,7 +14,6 @@ six joints of one arm; waist and neck stay.
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -48,25 +47,11 @@ SPAN: Final = 0.68
 """[m] from the shoulder to the tool of a stretched arm; further away nothing need be tried."""
 
 
-class Side(IntEnum):
-    """Which arm."""
-
-    LEFT = 0
-    RIGHT = 1
-
-
 def tool(twist: float, tilt: float) -> Matrix:
     """R_BT of a tool that is turned by `twist` about the vertical and raised by `tilt` [rad]."""
     cz, sz = math.cos(twist), math.sin(twist)
     cy, sy = math.cos(math.pi - tilt), math.sin(math.pi - tilt)
     return np.array(((cz * cy, -sz, cz * sy), (sz * cy, cz, sz * sy), (-sy, 0.0, cy)))
-
-
-def direction_of(rotation: Matrix) -> tuple[float, float]:
-    """Twist and tilt [rad] of a tool; the twist of one that points up or down by its y axis."""
-    twist = math.atan2(-rotation[0, 1], rotation[1, 1])
-    tilt = math.pi - math.atan2(math.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
-    return twist, tilt
 
 
 class Pose(NamedTuple):

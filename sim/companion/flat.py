@@ -4,7 +4,6 @@ World frame W: the middle of the floor, x forward, y left, z up [m]. What stands
 data: the scenery is built from it, the robot's map of the flat is made of it, and tests read it.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -197,8 +196,3 @@ def _visitor(cell: mujoco.MjSpec, place: int, figurine: Figurine) -> None:
             active=False,
             solref=(0.02, 1),
         )
-
-
-def heading_towards(here: tuple[float, float], there: tuple[float, float]) -> float:
-    """[rad] from one place to another."""
-    return math.atan2(there[1] - here[1], there[0] - here[0])

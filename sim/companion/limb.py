@@ -17,7 +17,7 @@ from robotree.sim.arm.device import STILL_FOR, YIELDING
 from robotree.sim.arm.gripper import Grip, Gripper
 from robotree.sim.arm.kinematics import Dynamics
 from robotree.sim.arm.wrist import WristSensor
-from robotree.sim.companion.figure import ARM_JOINTS, Pose, direction_of
+from robotree.sim.companion.figure import ARM_JOINTS, Pose
 from robotree.sim.companion.model import HandPorts
 from robotree.sim.companion.part import Part
 from robotree.sim.companion.planner import Goal, Other
@@ -129,7 +129,7 @@ class Limb(Part):
         self._gripper = Gripper(2.0 * float(ports.finger[0]))
         self._follower = Follower(q)
         self._way: Way | None = None
-        self._q, self._v = np.array(q), np.zeros(ARM_JOINTS)
+        self._q = np.array(q)
         self._pose = pose
         self._wrench: Vector = np.zeros(6)
         self._error: Vector = np.zeros(3)
@@ -195,7 +195,7 @@ class Limb(Part):
             turned: (6, 6) Jacobian at that posture, or near to it.
         """
         ports, tuning = self._ports, self.tuning
-        self._q, self._v, self._pose = q, v, Pose(dynamics.position, dynamics.rotation)
+        self._q, self._pose = q, Pose(dynamics.position, dynamics.rotation)
         self._brake_left -= dt
         if self._brake_left <= 0.0:
             self._law.braking = 1.0
@@ -312,9 +312,4 @@ class Limb(Part):
         return f"Something holds the hand with {force:.0f} N, {short:.0f} mm short."
 
 
-def bearing(state: LimbState) -> tuple[float, float]:
-    """Twist and tilt of a hand [rad]."""
-    return direction_of(state.rotation)
-
-
-__all__ = ["Limb", "LimbState", "Other", "Thinking", "bearing"]
+__all__ = ["Limb", "LimbState", "Other", "Thinking"]

@@ -21,7 +21,6 @@ BASE_HEIGHT: Final = 0.62
 """[m] below which furniture is in the base's way; under a table top it may drive."""
 COLUMN: Final = 0.16
 """[m] that the trunk keeps from things that are higher, as a table top."""
-_TALLEST: Final = 1.2
 Point = tuple[float, float]
 
 

@@ -45,7 +45,6 @@ HIDDEN: Final = 0.2
 """[m] by which something must be nearer than a tag to hide it: a tag lies on a body."""
 AT_DOCK: Final = 0.15
 """[m] from the charging place."""
-HELD_ABOVE: Final = 0.02
 
 
 class Sight(NamedTuple):
@@ -99,10 +98,6 @@ class Flat:
     def cup(self, tag: int) -> Vector:
         """(3,) where the middle of a cup is [m, W]."""
         return np.array(self._data.xpos[self._cup_bodies[tag]])
-
-    def in_hand(self) -> frozenset[int]:
-        """Tags of the cups that a finger of the robot touches."""
-        return self._touched_by_fingers
 
     def control(self, dt: float) -> None:
         """One step [s] of everything."""

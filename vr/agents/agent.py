@@ -208,8 +208,7 @@ class RobotAgent:
     @property
     def abandoned(self) -> tuple[str, ...]:
         """Return the commands that were ended and whose code still runs, also after the robot's own end."""
-        abandoned: tuple[str, ...] = self.live.look(lambda core: tuple(core.state.calls.abandoned.values()))
-        return abandoned
+        return self.live.look(lambda core: tuple(core.state.calls.abandoned.values()))
 
     def _begin_to_end(self, grace: float) -> asyncio.Task[None]:
         """End; several requests to end are one, and it ends also if nobody waits for it."""

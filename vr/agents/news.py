@@ -218,36 +218,25 @@ class News:
         now = live.process.runner.now()
 
         def describe(core: RobotCore) -> RobotDescription:
-            state = core.state
-            tenure, calls = state.lease.tenure, state.calls
-            bond = None
-            if tenure is not None:
+            state, bond = core.state, None
+            if tenure := state.lease.tenure:
                 left = max(tenure.expires - now, 0.0)
                 bond = BondSpec(parent=tenure.parent, slot=tenure.slot, epoch=tenure.epoch, remaining=left)
-            running = calls.live.get(calls.running)
             return RobotDescription(
                 commands=live.specs(),
                 slots=state.slots.specs(),
                 bond=bond,
-                epoch=state.lease.epoch,
-                busy="" if running is None else running.command,
-                waiting=len(calls.waiting),
-                online=live.robot.online,
-                stopped=bool(state.stop.in_force),
-                stop_reason=state.stop.in_force,
-                stops=state.stop.generation,
-                abandoned=tuple(calls.abandoned.values()),
                 readings=readings,
                 units={str(name): str(unit) for name, unit in live.robot.reading_units.items()},
                 page=live.page,
                 kept=self._kept(state.fields),
-                calls=dict(calls.counts),
+                calls=dict(state.calls.counts),
                 doc=self._doc(),
                 **self._identity(),
+                **self._condition(core),
             )
 
-        described: RobotDescription = live.look(describe)
-        return described
+        return live.look(describe)
 
     def state(self) -> State:
         """Return how the robot is now, with its readings."""
@@ -255,26 +244,17 @@ class News:
         live.look_at_robot()
 
         def describe(core: RobotCore) -> State:
-            state = core.state
-            tenure, calls = state.lease.tenure, state.calls
+            tenure, calls = core.state.lease.tenure, core.state.calls
             running = calls.live.get(calls.running)
             return State(
-                busy="" if running is None else running.command,
                 caller="" if running is None else running.caller,
                 note="" if running is None else live.said.get(running.key, (0.0, ""))[1],
-                waiting=len(calls.waiting),
-                epoch=state.lease.epoch,
                 bond=None if tenure is None else tenure.parent,
-                online=live.robot.online,
-                stopped=bool(state.stop.in_force),
-                stop_reason=state.stop.in_force,
-                stops=state.stop.generation,
-                abandoned=tuple(calls.abandoned.values()),
                 readings=readings,
+                **self._condition(core),
             )
 
-        state: State = live.look(describe)
-        return state
+        return live.look(describe)
 
     def listing(self) -> Listing | None:
         """Return what a lookup service should hold of it: nothing while it is enslaved."""
@@ -286,6 +266,21 @@ class News:
             doc=self._doc().partition("\n")[0],
             **self._identity(),
         )
+
+    def _condition(self, core: RobotCore) -> dict[str, Any]:
+        """Return what its description and its state say alike."""
+        calls, stop = core.state.calls, core.state.stop
+        running = calls.live.get(calls.running)
+        return {
+            "busy": "" if running is None else running.command,
+            "waiting": len(calls.waiting),
+            "epoch": core.state.lease.epoch,
+            "online": self._live.robot.online,
+            "stopped": bool(stop.in_force),
+            "stop_reason": stop.in_force,
+            "stops": stop.generation,
+            "abandoned": tuple(calls.abandoned.values()),
+        }
 
     def _readings(self) -> dict[str, float]:
         readings = dict(self._hooks.readings())

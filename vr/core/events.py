@@ -333,24 +333,9 @@ class StopSettled(_Value, frozen=True, kw_only=True):
 
 
 class FieldsChanged(_Value, frozen=True, kw_only=True):
-    """Settings or declared state have other values."""
-
-    names: tuple[str, ...]
-
-
-class PageChanged(_Value, frozen=True, kw_only=True):
-    """Another page carries out what comes from now on."""
+    """Settings or declared state have other values: those who look at the robot are to see them."""
 
 
 Effect = (
-    Begin
-    | Interrupt
-    | Settled
-    | LeaseChanged
-    | LeaseEnded
-    | Renew
-    | ChildGone
-    | FieldsChanged
-    | PageChanged
-    | StopSettled
-)
+    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | Renew | ChildGone | FieldsChanged | StopSettled
+)  # fmt: skip

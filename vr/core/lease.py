@@ -26,11 +26,6 @@ MOST_RETRACTED = 64
 """Petitions taken back that a child remembers: those that may still be on their way to it."""
 
 
-def later_epoch(epoch: int, unix: float) -> int:
-    """Return an epoch above another, and above those of earlier incarnations, which began earlier."""
-    return max(epoch + 1, int(unix))
-
-
 class Tenure(msgspec.Struct, frozen=True, kw_only=True):
     """The lease that a child has granted."""
 
@@ -221,7 +216,8 @@ class Lessor(msgspec.Struct, kw_only=True):
         return self.tenure if self.tenure is not None and now < self.tenure.expires else None
 
     def _next_epoch(self, unix: float) -> int:
-        return later_epoch(max(self.epoch, self.found or 0), unix)
+        """Return an epoch above all before, and above those of earlier incarnations, which began earlier."""
+        return max(self.epoch + 1, (self.found or 0) + 1, int(unix))
 
     def _refuse_cycle(self, parent: Address, lineage: tuple[str, ...]) -> None:
         if self.robot in {*lineage, parent.name}:

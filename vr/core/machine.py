@@ -28,7 +28,6 @@ from robotree.vr.core.events import (
     Interrupt,
     LeaseChanged,
     LeaseEnded,
-    PageChanged,
     Renew,
     Settled,
     StopSettled,
@@ -97,11 +96,6 @@ class RobotCore:
         """Names from the topmost ancestor down to the robot."""
         tenure = self.state.lease.tenure
         return (*(() if tenure is None else tenure.lineage), self.name)
-
-    @property
-    def outranked(self) -> bool:
-        """Whether the robot is free here, and somebody else commands what stands behind it."""
-        return self.state.lease.tenure is None and self.state.lease.outranked
 
     # -- calls ------------------------------------------------------------------------------------
 
@@ -282,18 +276,12 @@ class RobotCore:
         lease = self.state.lease
         if event.taken_back:
             ended = lease.retract(event.parent, event.petition, unix=event.unix)
-            return [] if ended is None else self._freed(ended, event.reason, now)
-        tenure = lease.tenure
-        if tenure is None or event.epoch not in {None, tenure.epoch}:
-            return []
-        if event.epoch is None:  # an incarnation of the parent has gone
-            same = tenure.parent == event.parent
-        else:  # the parent itself says so, in whatever incarnation
-            same = tenure.parent.identity == event.parent.identity
-        if not same:
-            return []
-        lease.end(event.unix)
-        return self._freed(tenure, event.reason, now)
+        elif event.epoch is not None:  # the parent itself says so, in any incarnation
+            ended = lease.release(event.parent, event.epoch, unix=event.unix)
+        else:  # one incarnation of the parent has gone
+            held = lease.tenure is not None and lease.tenure.parent == event.parent
+            ended = lease.end(event.unix) if held else None
+        return [] if ended is None else self._freed(ended, event.reason, now)
 
     def _freed(self, tenure: Tenure, reason: str, now: float) -> Effects:
         parent, slot = tenure.parent, tenure.slot
@@ -377,7 +365,7 @@ class RobotCore:
         if not event.entitled:
             self.state.lease.check(event.epoch, now)
         self.state.fields.update(event.values)
-        return [FieldsChanged(names=tuple(event.values))]
+        return [FieldsChanged()]
 
     def _reload(self, event: on.Reload, _: float) -> Effects:
         state = self.state
@@ -385,7 +373,7 @@ class RobotCore:
         self._bonds_due = _bonds_due(state.slots)
         state.fields.clear()  # the same object: running readers of the old page look into it
         state.fields.update(event.fields)
-        return [PageChanged()]
+        return [FieldsChanged()]
 
     # -- stops ------------------------------------------------------------------------------------
 

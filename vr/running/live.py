@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 
@@ -44,6 +44,7 @@ from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""
 
+_T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 
@@ -250,7 +251,7 @@ class LiveRobot:
         """Have what is due end."""
         self.post(on.Tick(unix=self._runner.unix()))
 
-    def look(self, query: Callable[[RobotCore], Any]) -> Any:
+    def look(self, query: Callable[[RobotCore], _T]) -> _T:
         """Ask the state something, while nothing changes it; what is returned must be a value."""
         with self._lock:
             return query(self.core)

@@ -39,7 +39,6 @@ LONGEST = 0.04
 """[s] of processor time for one happening."""
 MOST_MEMORY = 64_000_000
 """[bytes] of one environment."""
-MOST_FACTS = 5_000
 MOST_ORDERS = 64
 """For one happening."""
 LONGEST_TEXT = 1_000
