@@ -194,6 +194,8 @@ class Link:
         self.socket, self.channel, self.member = sock, channel, member
         self.dialed = bool(member)
         """Whether this side dialed."""
+        self.refused = False
+        """Whether the far end is going to give it up for another one, so that nothing it says here counts."""
         self.closed = False
         self._wants_to_write = wants_to_write
         self._unpacker = Unpacker()

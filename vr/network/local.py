@@ -42,7 +42,7 @@ async def join(
     Args:
         realm: its name; None: `$ROBOTREE_REALM`, else `default`.
         root: where realms lie; None: `$XDG_RUNTIME_DIR/robotree` or a private directory for temporary files.
-        greeting: [s] to wait at most for those who are there to say who they are.
+        greeting: [s] to wait at most for those who are there to say who they are: see `Mesh.open`.
 
     Returns:
         A transport that already knows all who are there and answer.

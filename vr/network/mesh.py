@@ -57,7 +57,7 @@ HANGS: Final = 2.0
 """[s] without a beat after which a process counts as silent; 1 s is too little on a busy machine."""
 
 GREETING: Final = 0.3
-"""[s] that a newcomer waits at most for the others to say who they are."""
+"""[s] that a newcomer waits at most for processes that hang to say who they are."""
 
 LOST: Final = 2
 """Ticks in a row in which a process is found by nobody, after which it knows that nobody can reach it."""
@@ -103,6 +103,8 @@ class _Peer:
     def __init__(self, tag: str, now: float) -> None:
         self.tag = tag
         self.links: dict[Channel, Link] = {}
+        self.refused: list[Link] = []
+        """Connections that it has dialed and is going to give up: see `_settle_who_dialed`."""
         self.greeted: set[Channel] = set()
         """On which channels it has said who it is."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
@@ -212,7 +214,8 @@ class Mesh:
         """Enter; returns when all others have said who they are, or after a while.
 
         Args:
-            greeting: [s] to wait for that at most.
+            greeting: [s] to wait at most for those that show no sign of life; 0: wait for nobody. One that
+                does is only busy, and is waited for longer: who saw nobody there would say so.
 
         It may be closed meanwhile by another thread; then it is left again.
 
@@ -235,7 +238,26 @@ class Mesh:
         if self.closed:
             self.place.leave()
         self._check_complete()
-        self._complete.wait(greeting)
+        self._await_greetings(greeting)
+
+    def _await_greetings(self, patience: float) -> None:
+        """Wait until all others have said who they are; `HANGS` at most, for those with a sign of life."""
+        latest = time.monotonic() + HANGS
+        while not self._complete.wait(patience) and patience and time.monotonic() < latest:
+            with self._lock:
+                unmet = [tag for tag, peer in self._peers.items() if not peer.met]
+            if not any(self._beats(tag) for tag in unmet):
+                return
+
+    def _beats(self, tag: str) -> bool:
+        """Whether a process that has said nothing yet is only busy: its last sign of life is new."""
+        beat = self.place.beat_of(tag)
+        if beat is None or asleep(process_of(tag)):
+            return False
+        try:
+            return time.monotonic() - beat.read() < 2 * TICK
+        finally:
+            beat.close()
 
     def _enter(self) -> None:
         for end in (self._nudge, self._nudged):
@@ -546,11 +568,9 @@ class Mesh:
             link.member = hello.member
             raise NotAFrame(f"version {hello.version} of the frames; this process has {VERSION}")
         if not link.dialed:
-            peer = self._settle_who_dialed(hello)
-            if peer is None:
-                self._close_link(link)
-                return
             link.member, link.channel = hello.member, hello.channel
+            if (peer := self._settle_who_dialed(link)) is None:
+                return
             self._add_link(peer, link)
         peer = self._peers.get(link.member)
         if peer is None or peer.links.get(hello.channel) is not link:
@@ -567,21 +587,27 @@ class Mesh:
             self._show(peer)
         self._check_complete()
 
-    def _settle_who_dialed(self, hello: Hello) -> _Peer | None:
-        """Of two that have dialed each other the one with the smaller tag keeps its own connections."""
-        peer = self._peers.get(hello.member)
-        mine = peer.links.get(hello.channel) if peer is not None else None
+    def _settle_who_dialed(self, link: Link) -> _Peer | None:
+        """Return the process that has dialed; None: this one has dialed it, too, and that counts.
+
+        Of two that have dialed each other the one with the smaller tag keeps its own. It does not close
+        those of the other: closed before its own greeting is read there, they would look like its end.
+        """
+        peer = self._peers.get(link.member)
+        mine = peer.links.get(link.channel) if peer is not None and link.channel is not None else None
         if peer is not None and mine is not None:
-            if mine.dialed and self.place.tag < hello.member:
+            if mine.dialed and self.place.tag < link.member:
+                link.refused = True
+                peer.refused.append(link)
                 return None
             if not mine.dialed:  # it has lost this connection, and comes again
                 self._lose(peer)
                 peer = None
             else:
                 self._close_link(mine)
-                peer.greeted.discard(hello.channel)
+                peer.greeted.discard(mine.channel)
         if peer is None:
-            peer = self._peers[hello.member] = _Peer(hello.member, time.monotonic())
+            peer = self._peers[link.member] = _Peer(link.member, time.monotonic())
         return peer
 
     def _check_complete(self) -> None:
@@ -630,7 +656,7 @@ class Mesh:
     def _lose(self, peer: _Peer) -> None:
         """A connection to a process has ended, and with it all. Under the lock."""
         self._peers.pop(peer.tag, None)
-        for link in peer.links.values():
+        for link in (*peer.links.values(), *peer.refused):
             self._close_link(link)
         if peer.beat is not None:
             peer.beat.close()
@@ -748,6 +774,8 @@ class Mesh:
     def _take(self, link: Link, frame: Frame) -> None:
         if not (link.member or isinstance(frame, Hello)):
             raise NotAFrame("it did not say who it is")
+        if link.refused:  # it says all of it again on the connection that stays
+            return
         self._takers[type(frame)](link, frame)
 
     def _take_reply(self, link: Link, reply: Reply) -> None:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import os
+import random
 import shutil
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from robotree.vr.errors import BadName, RealmUnusable
 from robotree.vr.network.local import join
-from robotree.vr.network.mesh import Mesh
+from robotree.vr.network.mesh import TICK, Mesh
 from robotree.vr.network.rendezvous import Rendezvous, realm_name, runtime_directory
 
 
@@ -186,3 +191,91 @@ def test_a_process_that_leaves_while_it_enters_leaves_nothing_behind(tmp_path: P
     mesh._thread.join(10.0)
     assert mesh.close().done()
     assert names(mesh.place) == set()
+
+
+class ByHand(Mesh):
+    """A mesh without a thread: the test decides what it does next."""
+
+    def __init__(self, folder: Path, tag: str) -> None:
+        super().__init__(place_at(folder))
+        self.place.tag = f"1-{tag:0>8}"
+        self.met: list[bool] = []
+        """Each change of whether the other one is there."""
+        self.watch("robot/*/*", lambda _, there: self.met.append(there))
+
+    def enter(self) -> None:
+        self._enter()
+        self.announce(f"robot/r{self.place.tag}/1")
+
+    def dial(self) -> None:
+        self._dial_all()
+
+    def appear_or_vanish(self, key: str = "caller/here/1") -> None:
+        (self.withdraw if key in self.present("caller/*/*") else self.announce)(key)
+
+    def due(self) -> list[Callable[[], None]]:
+        """What this one could do next, each in any order."""
+        while self._to_flush:
+            self._flush(self._to_flush.popleft())
+        return [partial(self._serve_socket, what, events) for what, events in self._sockets.wait(0)]
+
+    def end(self) -> None:
+        self.place.leave()
+        self._release()
+
+
+@pytest.mark.parametrize("tags", ["ab", "ba"])
+def test_two_that_dial_each_other_at_once_meet_in_whatever_order_their_greetings_come(
+    tmp_path: Path, tags: str
+) -> None:
+    """One who is there looks into the folder just when a newcomer has its name and has not yet greeted."""
+    for seed in range(60):
+        chance = random.Random(seed)
+        there, newcomer = ByHand(tmp_path, tags[0]), ByHand(tmp_path, tags[1])
+        there.enter()
+        there.met.clear()
+        begin = newcomer._dial_all
+
+        def dial_too(begin: Callable[[], None] = begin, there: ByHand = there) -> None:
+            there.dial()
+            begin()
+
+        newcomer._dial_all = dial_too  # type: ignore[method-assign]
+        newcomer.enter()
+        newcomer.met.clear()
+        while due := [*there.due(), *newcomer.due()]:
+            chance.choice(due)()
+            if chance.random() < 0.3:
+                newcomer.appear_or_vanish()
+            newcomer._check_complete()
+            assert newcomer.met or not newcomer._complete.is_set(), f"seed {seed}: it looked and saw nobody"
+        assert (there.met, newcomer.met) == ([True], [True]), f"seed {seed}: they lost each other"
+        assert there.present("*/*/*") == newcomer.present("*/*/*"), f"seed {seed}: news overtook a greeting"
+        for mesh in (there, newcomer):
+            mesh.end()
+
+
+def test_a_newcomer_waits_for_one_that_is_busy_and_not_for_one_that_hangs(tmp_path: Path) -> None:
+    there = ByHand(tmp_path, "a")
+    there.place.tag = f"{os.getpid()}-0000000a"
+    there.enter()
+
+    def enter() -> tuple[Mesh, threading.Event]:
+        newcomer, entered = Mesh(place_at(tmp_path)), threading.Event()
+        threading.Thread(target=lambda: (newcomer.open(greeting=0.01), entered.set())).start()
+        return newcomer, entered
+
+    newcomer, entered = enter()
+    assert not entered.wait(0.1), "it is busy: its last sign of life is new"
+    while not entered.is_set():
+        for step in there.due():
+            step()
+    assert newcomer.present("robot/*/*") == [f"robot/r{there.place.tag}/1"]
+    newcomer.close().result(10.0)
+
+    there.place.beat(time.monotonic() - 2 * TICK)
+    newcomer, entered = enter()
+    assert entered.wait(10.0), "it hangs: its last sign of life is old"
+    assert newcomer.present("robot/*/*") == []
+    newcomer.close().result(10.0)
+    there.end()
