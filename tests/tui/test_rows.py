@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.seen import matching
+from robotree.tui.seen.rails import rails
 from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, listed, natural, row
 from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
@@ -74,6 +76,34 @@ def test_children_stand_below_their_parents_with_their_slots() -> None:
         ("rover-2", 0, ""),
         ("rover-10", 0, ""),
     ]
+
+
+def test_a_line_goes_down_to_the_last_child() -> None:
+    pair = robot("pair", {"left": "a", "right": "bb"})
+    store = store_of(
+        robot("cell", {"pair": "pair", "rover": "rr"}),
+        pair,
+        robot("a", {"tool": "t"}, parent="pair"),
+        *(robot(name) for name in ("bb", "rr", "t", "z")),
+    )
+    drawn = [f"{one.rail}{one.name}" for one in family(store)]
+    assert drawn == ["cell", "├ pair", "│ ├ a", "│ │ └ t", "│ └ bb", "└ rr", "z"]
+    some = listed(store, family(store), 2.0, letters="!name:bb !name:rr")
+    assert [f"{one.rail}{one.name}" for one in some] == ["cell", "└ pair", "  └ a", "    └ t", "z"]
+    flat = listed(store, family(store), 2.0, order="name")
+    assert not any(one.rail for one in flat)
+
+
+@given(depths=st.lists(st.integers(0, 5), max_size=12))
+def test_each_line_of_a_tree_is_joined_to_the_one_above(depths: list[int]) -> None:
+    depths = [min(depth, one) for one, depth in enumerate(depths)]
+    grown = [min(depth, before + 1) for depth, before in zip(depths, [-1, *depths], strict=False)]
+    drawn = rails(grown)
+    assert [len(one) for one in drawn] == [2 * depth for depth in grown]
+    for above, below in pairwise(drawn):
+        for sign, over in zip(below, above, strict=False):
+            assert (sign in "│├") <= (over in "│├ "), "a bar ends in a sign that goes on upwards"
+            assert (over in "│├") <= (sign in "│├└"), "and goes on downwards"
 
 
 @given(links=st.dictionaries(NAMES, st.lists(NAMES, max_size=3), max_size=8), order=st.sampled_from(ORDERS))

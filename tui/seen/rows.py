@@ -7,12 +7,13 @@ looked at, so that a thousand robots cost what the visible ones cost.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, get_args
 
 from robotree.tui.seen import matching, wording
+from robotree.tui.seen.rails import rails
 from robotree.tui.seen.status import STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
 
@@ -33,6 +34,8 @@ class Placement:
     parent: str = ""
     slot: str = ""
     """The parent's slot that it is in."""
+    rail: str = ""
+    """The lines of the tree before its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +112,14 @@ def family(store: Store) -> tuple[Placement, ...]:
             placements[placement.name] = placement
             children = reversed(below.get(placement.name, {}).items())
             stack += [Placement(name, placement.depth + 1, placement.name, slot) for name, slot in children]
-    return tuple(placements.values())
+    return _railed(placements.values())
+
+
+def _railed(placements: Iterable[Placement]) -> tuple[Placement, ...]:
+    """Return the places with the lines of the tree, as they stand below each other."""
+    shown = list(placements)
+    drawn = rails([placement.depth for placement in shown])
+    return tuple(replace(one, rail=rail) if rail else one for one, rail in zip(shown, drawn, strict=True))
 
 
 def row(
@@ -172,7 +182,7 @@ def listed(
     if letters.strip():
         placements = _matching(store, placements, now, letters)
     if order == "tree":
-        return tuple(placements)
+        return _railed(placements)
     flat = [Placement(one.name, parent=one.parent) for one in placements]
     flat.sort(key=lambda placement: natural(placement.name))
     if key := _KEYS.get(order):

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.marks import status_mark, tint
+from robotree.tui.seen.rails import rails
 from robotree.tui.seen.store import Store
 
 
@@ -17,8 +18,10 @@ class Branch(CachedText):
     def draw(self, store: Store, name: str, now: float) -> None:
         """Draw the robot of this name and those beneath it."""
         text = Text(no_wrap=True, overflow="ellipsis")
-        for depth, slot, robot, needed in _lines(store, name):
-            text.append("  " * (depth - 1) + "└ " if depth else "", tint(self.app, "muted"))
+        lines = list(_lines(store, name))
+        leads = rails([depth for depth, *_ in lines])
+        for lead, (_, slot, robot, needed) in zip(leads, lines, strict=True):
+            text.append(lead, tint(self.app, "muted"))
             text.append(f"{slot}: " if slot else "", tint(self.app, "muted"))
             if robot:
                 text.append(f"{robot}  ", "bold")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from rich.cells import cell_len, set_cell_size
+from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.binding import Binding, BindingType
@@ -324,7 +324,7 @@ def _lead(placement: Placement, room: int) -> str:
     """Return what stands before a robot's name: how deep it is, and its slot; it leaves half the room."""
     if not placement.depth:
         return ""
-    lead = set_cell_size("  " * (placement.depth - 1) + "└ ", min(2 * placement.depth, max(room // 3, 0)))
+    lead = placement.rail[max(len(placement.rail) - max(room // 3, 0), 0) :]
     free = max(room // 2, room - cell_len(placement.name) - 1) - cell_len(lead)
     slot = clip(f"{placement.slot}:", max(free, 0)) if placement.slot else ""
     return f"{lead}{slot} " if slot else lead
