@@ -120,3 +120,56 @@ def test_what_the_form_lets_through_the_robot_takes(texts: dict[str, str]) -> No
     read = entry.read(GO_TO, texts)
     if not read.complaints:
         assert check_arguments(GO_TO, read.arguments) == read.arguments
+
+
+POSE = FieldSpec(
+    name="",
+    type="record",
+    items=(
+        FieldSpec(name="x", type="float", unit="m"),
+        FieldSpec(name="twist", type="float", unit="rad", lower=-math.pi, upper=math.pi, required=False),
+    ),
+)
+FOLLOW = CommandSpec(
+    name="follow",
+    parameters=(
+        FieldSpec(name="path", type="list", items=(POSE,)),
+        FieldSpec(
+            name="cone",
+            type="tuple",
+            items=(FieldSpec(name="", type="float", unit="rad"),) * 2,
+            required=False,
+            default=[0.0, math.radians(30)],
+        ),
+    ),
+)
+
+
+def test_an_angle_inside_a_list_or_record_is_in_degrees_too() -> None:
+    path, cone = FOLLOW.parameters
+    assert entry.first_text(cone, {}) == "[0.0, 30.0]"
+    assert entry.hints(path, {}) == ["[{x: m, twist: °}, …]"]
+    assert entry.hints(cone, {}) == ["(°, °)", "default 0, 30"]
+    read = entry.read(FOLLOW, {"path": "[{x: 20 cm, twist: 90}, {x: 1}]", "cone": "10, 0.5 rad"})
+    assert read.arguments == {
+        "path": [{"x": 0.2, "twist": pytest.approx(math.pi / 2)}, {"x": 1.0}],
+        "cone": [pytest.approx(math.radians(10)), pytest.approx(0.5)],
+    }
+    assert entry.complaint(path, "[{x: 1, twist: 200}]").startswith("[0].twist: 200 is out of range")
+    assert "in ° from -180 to 180" in entry.complaint(path, "[{x: 1, twist: 200}]")
+
+
+def test_the_line_for_a_shell_names_degrees_inside_a_list_or_record() -> None:
+    line = entry.command_line("arm-1", FOLLOW, {"path": "{x: 1, twist: 90}, {x: 2}", "cone": "10, 0.5 rad"})
+    words = dict(word.split("=", 1) for word in shlex.split(line)[3:])
+    assert words == {"path": "[{x: 1, twist: 90deg}, {x: 2}]", "cone": "[10deg, 0.5 rad]"}
+    assert check_arguments(FOLLOW, words)["path"][0]["twist"] == pytest.approx(math.pi / 2)
+    assert "path=nonsense" in entry.command_line("arm-1", FOLLOW, {"path": "nonsense"})
+
+
+def test_a_form_that_is_sent_as_it_opened_sends_the_default_of_an_angle() -> None:
+    (cone,) = FOLLOW.parameters[1:]
+    spec = CommandSpec(name="open", parameters=(cone,))
+    assert entry.read(spec, {"cone": entry.first_text(cone, {})}).arguments["cone"] == pytest.approx(
+        cone.default
+    )

@@ -303,7 +303,7 @@ def test_every_verb_of_a_script_has_a_function() -> None:
 
 async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> None:
     shown = await do(realm, "show arm-1")
-    assert "j1     0.25 rad" in shown.text
+    assert "j1     14.32 °" in shown.text, "as on the screen"
     assert "age    0.125 s" in shown.text
     assert "width  0.08 m" in shown.text
     assert "tx     -0.01\n" in shown.text, "a reading without a unit stands alone"
@@ -312,7 +312,7 @@ async def test_show_and_watch_tell_readings_with_their_units(realm: Realm) -> No
     listener = Listener()
     watching = asyncio.create_task(do(realm, "watch --within 2s", listener))
     await until(lambda: any(one.data["name"] == "arm-1" for one in listener.outcomes), "its state")
-    assert any("j1=0.25 rad" in one.text for one in listener.outcomes)
+    assert any("j1=14.32 °" in one.text for one in listener.outcomes)
     watching.cancel()
 
 

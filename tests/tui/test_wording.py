@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -45,6 +47,12 @@ def test_a_result_has_units_where_they_are_known() -> None:
         ("more", "1, 2"),
     ]
     assert wording.result(CommandSpec(name="weigh", result=(field("", unit="N"),)), 6.5) == [("", "6.5 N")]
+    joints = FieldSpec(name="joints", type="list", items=(field("", unit="rad"),))
+    turned = CommandSpec(name="turned", result=(field("twist", unit="rad"), joints))
+    assert wording.result(turned, {"twist": math.pi / 4, "joints": [0.0, math.pi]}) == [
+        ("twist", "45 °"),
+        ("joints", "0, 180 °"),
+    ]
     assert wording.result(None, None) == []
     assert wording.result(None, True) == [("", "yes")]
 

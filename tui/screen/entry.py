@@ -12,14 +12,13 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, radians
+from math import degrees
 from typing import Any
 
-import msgspec
 from rich.cells import cell_len
 
 from robotree.tui.seen import wording
-from robotree.tui.seen.instruments import IN_DEGREES
+from robotree.tui.seen.angles import as_shown, in_radians, is_angle, with_units
 from robotree.tui.terminal import one_line
 from robotree.vr.arguments import check_argument
 from robotree.vr.description import CommandSpec, FieldSpec
@@ -62,31 +61,9 @@ def follows(field: FieldSpec, readings: Mapping[str, float]) -> bool:
     return first_text(field, readings) != first_text(field, {})
 
 
-def as_shown(field: FieldSpec) -> FieldSpec:
-    """Return a field in the units of the screen: angles in degrees."""
-    if not _is_angle(field):
-        return field
-    lower, upper, default = (
-        degrees(value) if isinstance(value, (int, float)) else value
-        for value in (field.lower, field.upper, field.default)
-    )
-    return msgspec.structs.replace(
-        field, unit=IN_DEGREES[field.unit], lower=lower, upper=upper, default=_short(default)
-    )
-
-
-def _is_angle(field: FieldSpec) -> bool:
-    return field.type == "float" and field.unit in IN_DEGREES
-
-
-def _short(value: Any) -> Any:
-    """Take the digits away that the conversion of an angle has added."""
-    return round(value, 9) if isinstance(value, float) else value
-
-
 def _present(field: FieldSpec, readings: Mapping[str, float]) -> str:
     value = readings[field.name]
-    if _is_angle(field):
+    if is_angle(field):
         return wording.typed(round(degrees(value), ANGLE) + 0.0).removesuffix(".0")
     return wording.number(value, DIGITS)
 
@@ -101,17 +78,8 @@ def command_line(robot: str, spec: CommandSpec, texts: Mapping[str, str], *, rea
         realm: named in the line, unless it is empty.
     """
     words = ["robotree", *(["--realm", realm] if realm else []), "call", f"{robot}.{spec.name}"]
-    given = [(field.name, _for_a_shell(field, texts.get(field.name, ""))) for field in spec.parameters]
+    given = [(field.name, with_units(field, texts.get(field.name, ""))) for field in spec.parameters]
     return shlex.join([*words, *(f"{name}={one_line(text)}" for name, text in given if text)])
-
-
-def _for_a_shell(field: FieldSpec, text: str) -> str:
-    """Name the unit of an angle without one: the command line takes plain numbers in the declared unit."""
-    try:
-        float(text)
-    except ValueError:
-        return text
-    return text.strip() + IN_DEGREES[field.unit].replace("°", "deg") if _is_angle(field) else text
 
 
 def complaint(field: FieldSpec, text: str) -> str:
@@ -145,7 +113,7 @@ def read(spec: CommandSpec, texts: Mapping[str, str]) -> Entry:
             complaints[field.name] = wrong
         elif text.strip() or (field.type == "str" and field.required):
             value = check_argument(as_shown(field), text, command=spec.name)
-            arguments[field.name] = radians(value) if _is_angle(field) else value
+            arguments[field.name] = in_radians(field, value)
     return Entry(arguments, complaints)
 
 

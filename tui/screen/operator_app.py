@@ -237,7 +237,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             self.report_error(error)
             listener.failed(repr(error))
         else:
-            shown = wording.value(value) if value is not None else "done"
+            described = self.store.described(robot)
+            rows = wording.result(described.command(command) if described else None, value)
+            shown = ", ".join(f"{name} {text}".strip() for name, text in rows) or "done"
             self.tell(f"{robot}.{command}: {shown}{self._took(robot, began)}", "good", robot)
             listener.succeeded(value, self.now() - began)
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees, hypot, isfinite
 
+from robotree.tui.seen.angles import IN_DEGREES
+
 DECIMALS: Mapping[str, int] = {
     "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
 }  # fmt: skip
@@ -15,8 +17,6 @@ DECIMALS: Mapping[str, int] = {
 OTHER = 3
 LARGE = 1e6
 """From which on a number is written with its power of ten: no robot measures that."""
-
-IN_DEGREES = {"rad": "°", "rad/s": "°/s"}
 
 POSE = ("x", "y", "z", "twist")
 SPEED = ("vx", "vy", "vz")

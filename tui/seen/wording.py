@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from math import degrees
 from typing import TYPE_CHECKING, Any, cast
 
 from robotree.tui.seen import status
+from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
@@ -40,7 +42,9 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Write a number with its unit, if it has one."""
+    """Write a number with its unit, if it has one; an angle in degrees."""
+    if unit in IN_DEGREES:
+        value, unit = degrees(value), IN_DEGREES[unit]
     return f"{number(value, digits)} {unit}".rstrip()
 
 
@@ -153,7 +157,7 @@ def measured(spec: FieldSpec | None, thing: Any) -> str:
 
 
 def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
-    """Return a result as rows of name and text with unit; empty when there is none."""
+    """Return a result as rows of name and text with unit, angles in degrees; empty when there is none."""
     if thing is None:
         return []
     known = {part.name: part for part in spec.result} if spec else {}
@@ -161,11 +165,13 @@ def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
     parts = cast("dict[str, Any]", thing) if isinstance(thing, Mapping) else {"": thing}
     for name, part in parts.items():
         told = known.get(name)
-        if told and told.type == "list" and told.items[0].nested and isinstance(part, list):
-            each = enumerate(cast("Sequence[Any]", part))
-            rows += [(f"{name}[{index}]", measured(told.items[0], one)) for index, one in each]
+        shown = as_shown(told) if told else None
+        value = in_degrees(told, part) if told else part
+        if shown and shown.type == "list" and shown.items[0].nested and isinstance(value, list):
+            each = enumerate(cast("Sequence[Any]", value))
+            rows += [(f"{name}[{index}]", measured(shown.items[0], one)) for index, one in each]
         else:
-            rows.append((str(name), measured(told, part)))
+            rows.append((str(name), measured(shown, value)))
     return rows
 
 
@@ -246,10 +252,10 @@ def settings(robot: RobotDescription) -> tuple[FieldSpec, ...]:
 
 
 def setting_rows(robot: RobotDescription) -> list[tuple[str, str, str, str]]:
-    """Return the settings as rows of name, present value with its unit, range and documentation."""
+    """Return the settings as rows: name, present value with its unit (of angles: °), range, documentation."""
     return [
         (one.name, f"{value(one.default)} {one.unit}".rstrip(), span(one), summary(one.doc))
-        for one in settings(robot)
+        for one in map(as_shown, settings(robot))
     ]
 
 
