@@ -198,7 +198,6 @@ async def test_another_class_has_other_settings(realm: Realm, operate: Operate) 
     async with operate(realm.fleet) as operator:
         page = await pick(operator, "team.py")
         await operator.sees("settings", "0.01 … 0.3 m/s")
-        page._read(Path("good.py"))  # as choosing it does
-        await operator.until(lambda: page.path == Path("good.py"), "it is read")
+        page.read(Path("good.py"))
         await operator.until(lambda: not page.query(FieldRow), "no settings")
         assert "settings" not in operator.text

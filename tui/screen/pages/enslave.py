@@ -14,7 +14,7 @@ from textual.widgets import Button, Label, OptionList
 from textual.widgets.option_list import Option
 
 from robotree.tui.line.grammar import Line
-from robotree.tui.screen.pages.dialogs import Modal
+from robotree.tui.screen.pages.dialogs import LOOK, Modal
 from robotree.tui.seen import wording
 
 if TYPE_CHECKING:
@@ -62,6 +62,8 @@ class EnslaveDialog(Modal[Line | None]):
         """Offer these slots; `child` is the robot that was pointed at."""
         super().__init__()
         self._store, self._openings, self._child = store, list(places), child
+        self._offered: tuple[Opening, list[str]] | None = None
+        """The slot for which robots are offered, and their names."""
 
     def box(self) -> ComposeResult:
         """Slots on the left, robots on the right."""
@@ -84,6 +86,7 @@ class EnslaveDialog(Modal[Line | None]):
         slots.border_title, children.border_title = "slot", "robot"
         slots.highlighted = 0
         (children if len(self._openings) == 1 else slots).focus()
+        self.set_interval(LOOK, self.guarded(self._offer))
 
     @property
     def _opening(self) -> Opening:
@@ -92,9 +95,15 @@ class EnslaveDialog(Modal[Line | None]):
 
     @on(OptionList.OptionHighlighted, "#slots")
     def _offer(self) -> None:
+        """Offer the robots that the slot takes now; the one that was pointed at stays."""
         opening = self._opening
         children = self.query_one("#children", OptionList)
         found = self._store.candidates(opening.parent, opening.kind, opening.commands)
+        names = [one.name for one in found]
+        if self._offered == (opening, names):
+            return
+        before, at = self._offered, children.highlighted_option
+        self._offered = opening, names
         children.clear_options()
         for listing in found:
             about = wording.summary(listing.doc)
@@ -106,8 +115,9 @@ class EnslaveDialog(Modal[Line | None]):
                     id=listing.name,
                 )
             )
-        names = [one.name for one in found]
-        if names:
+        if before and before[0] == opening and at:  # the list has changed by itself
+            children.highlighted = names.index(at.id) if at.id in names else None
+        elif names:
             children.highlighted = names.index(self._child) if self._child in names else 0
         note = opening.doc if names else f"no free {opening.kind} is listed: start or release one first"
         self.query_one("#enslave-note", Label).update(note)
@@ -120,10 +130,13 @@ class EnslaveDialog(Modal[Line | None]):
     @on(OptionList.OptionSelected, "#children")
     @on(Button.Pressed, "#yes")
     def _choose(self) -> None:
-        children = self.query_one("#children", OptionList)
-        chosen = children.highlighted_option
-        if chosen and chosen.id:
-            self.dismiss(Line("enslave", {"PARENT.SLOT": self._opening.path, "CHILD": (chosen.id,)}))
+        opening, chosen = self._opening, self.query_one("#children", OptionList).highlighted_option
+        if self._offered is None or self._offered[0] != opening:
+            self._offer()  # what was seen were robots for another slot
+        elif chosen and chosen.id:
+            self.dismiss(Line("enslave", {"PARENT.SLOT": opening.path, "CHILD": (chosen.id,)}))
+        else:
+            self.query_one("#enslave-note", Label).update("choose a robot: ↑ ↓")
 
     @on(Button.Pressed, "#no")
     def _cancel(self) -> None:

@@ -279,12 +279,13 @@ class MainPage(Page):
 
     @on(Prompt.Filtered)
     def _filtered(self) -> None:
-        self.filters[self.pane] = self.query_one(Prompt).letters
+        self.filters[self.pane] = self.query_one(Prompt).letters  # the present ones
         self.draw()
 
     @on(Prompt.Left)
     def _left_prompt(self) -> None:
-        self._focus_pane()
+        if not self.query_one(Prompt).display:  # it may be open again
+            self._focus_pane()
 
     # -- drawing -----------------------------------------------------------------------------------
 

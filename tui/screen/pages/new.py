@@ -101,6 +101,8 @@ class NewPage(Form, Page):
         self._suggested = ""
         """The name that was offered last; any other name was typed by a person."""
         self._places = places()
+        self._described: ClassOutline | None = None
+        """The class of which the page tells."""
         self._outlined: ClassOutline | None = None
         """The class whose settings are shown."""
         self._rows: list[FieldRow] = []
@@ -136,16 +138,23 @@ class NewPage(Form, Page):
         tree.focus()
 
     @on(Choice.Changed, "#place")
-    def _elsewhere(self, event: Choice.Changed) -> None:
-        if isinstance(event.value, str):
-            self.query_one(SourceTree).path = event.value
+    def _elsewhere(self) -> None:
+        if place := self.query_one("#place", Choice).chosen:
+            self.query_one(SourceTree).path = place
 
     @on(DirectoryTree.FileSelected)
     def _choose(self, event: DirectoryTree.FileSelected) -> None:
-        self._read(event.path)
+        if not self.carrying:
+            self.read(event.path)
+
+    def read(self, path: Path) -> None:
+        """Read a file; until then there is nothing that could be created."""
+        self.path, self._found = path, []
+        self._judge()
+        self._look_into(path)
 
     @work(exclusive=True, thread=True, exit_on_error=False)
-    def _read(self, path: Path) -> None:
+    def _look_into(self, path: Path) -> None:
         """Look into a file without running it."""
         found: list[ClassOutline] = []
         try:
@@ -160,7 +169,9 @@ class NewPage(Form, Page):
         self.app.call_from_thread(self._offer, path, found, trouble)
 
     def _offer(self, path: Path, found: list[ClassOutline], trouble: str) -> None:
-        self.path, self._found = path, found
+        if path != self.path or self.carrying or not self.is_attached:
+            return  # another file was chosen meanwhile, or the page was left
+        self._found = found
         chooser = self.query_one("#class", Choice)
         chooser.offer((one.name, one.name) for one in found)
         if found:
@@ -169,7 +180,8 @@ class NewPage(Form, Page):
 
     @on(Choice.Changed, "#class")
     def _class_changed(self) -> None:
-        self._describe("")
+        if self._chosen != self._described:
+            self._describe("")
 
     @property
     def _chosen(self) -> ClassOutline | None:
@@ -177,7 +189,7 @@ class NewPage(Form, Page):
         return next((one for one in self._found if one.name == name), None)
 
     def _describe(self, trouble: str) -> None:
-        chosen = self._chosen
+        chosen = self._described = self._chosen
         muted = tint(self.app, "muted")
         text = Text.assemble((self.path.name if self.path else "", "bold"))
         if trouble:
@@ -217,7 +229,7 @@ class NewPage(Form, Page):
             self.query_one("#create", Button).focus()
 
     def _edited(self) -> tuple[str, ...] | None:
-        """Return the settings that are not the defaults, as `NAME=VALUE`; None: one is wrong, and says so."""
+        """Return the settings that were edited, as `NAME=VALUE`; None: one is wrong, and says so."""
         rows = {row.spec.name: row for row in self._rows}
         spec = CommandSpec(name="create", parameters=tuple(row.spec for row in self._rows))
         read = entry.read(spec, {name: row.text for name, row in rows.items()})
@@ -227,14 +239,13 @@ class NewPage(Form, Page):
             rows[next(iter(read.complaints))].focus_entry()
             return None
         return tuple(
-            f"{name}={wording.typed(value)}"
-            for name, value in read.arguments.items()
-            if value != rows[name].spec.default
+            f"{name}={wording.typed(value)}" for name, value in read.arguments.items() if rows[name].touched
         )
 
     @on(Input.Changed, "#name")
     def _named(self) -> None:
-        self._judge()
+        if not self.carrying:
+            self._judge()
 
     def _judge(self) -> bool:
         """Say what is wrong with the name; return whether the robot can be created."""

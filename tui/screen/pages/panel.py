@@ -22,6 +22,7 @@ from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
+from robotree.tui.seen.angles import command_as_shown
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -111,17 +112,19 @@ class PanelPage(Page):
     # -- forms -------------------------------------------------------------------------------------
 
     @on(OptionList.OptionHighlighted, "#commands")
-    async def _show(self, event: OptionList.OptionHighlighted) -> None:
+    async def _show(self) -> None:
         """Show the form of a command; it is made when it is shown first, and keeps what was typed."""
-        forms = self.query_one("#forms", ContentSwitcher)
-        wanted = _form_id(event.option_index)
+        forms, at = self.query_one("#forms", ContentSwitcher), self._at
+        if at is None:
+            return
+        wanted = _form_id(at)
         if not forms.query(f"#{wanted}"):
-            spec = self.robot.commands[event.option_index]
+            spec = self.robot.commands[at]
             form = CommandForm(self.robot.name, spec, self._readings)
             form.id = wanted
             form.gone = self._gone
             form.display = False  # until all of it is there
-            form.border_title = Text(wording.signature(spec))
+            form.border_title = Text(wording.signature(command_as_shown(spec)))
             await forms.mount(form)
             form.restore(*self._left_off.pop(spec.name, ({}, "")))
         forms.current = wanted
@@ -129,8 +132,8 @@ class PanelPage(Page):
     @on(OptionList.OptionSelected, "#commands")
     def action_fill_in(self) -> None:
         """Go into the form in front."""
-        if self._in_front:
-            self._in_front.focus_first()
+        if form := self._ready:
+            form.focus_first()
 
     @on(CommandForm.Run)
     def _run(self, event: CommandForm.Run) -> None:
@@ -156,25 +159,40 @@ class PanelPage(Page):
         self.query_one("#commands").focus()
 
     @property
+    def _at(self) -> int | None:
+        """Which command is chosen."""
+        at = self.query_one("#commands", OptionList).highlighted
+        return at if at is not None and at < len(self.robot.commands) else None
+
+    @property
     def _in_front(self) -> CommandForm | None:
-        form = self.query_one("#forms", ContentSwitcher).visible_content
-        return form if isinstance(form, CommandForm) else None
+        """The form of the chosen command; None: it is still being made."""
+        form, at = self.query_one("#forms", ContentSwitcher).visible_content, self._at
+        return form if isinstance(form, CommandForm) and at is not None and form.id == _form_id(at) else None
+
+    @property
+    def _ready(self) -> CommandForm | None:
+        """The same for a key; a person is told that it came too early."""
+        form, at = self._in_front, self._at
+        if form is None and at is not None:
+            self.app.tell(f"the form of {self.robot.commands[at].name} is being made: press again", "warning")
+        return form
 
     def action_follow(self) -> None:
         """Let a field follow the robot again."""
-        if self._in_front:
-            self._in_front.follow()
+        if form := self._ready:
+            form.follow()
 
     def action_copy(self) -> None:
         """Copy the command line that does the same as the form in front."""
-        if self._in_front:
-            self.app.copy_to_clipboard(self._in_front.line)
-            self.app.tell(f"copied: {self._in_front.line}", "good")
+        if form := self._ready:
+            self.app.copy_to_clipboard(form.line)
+            self.app.tell(f"copied: {form.line}", "good")
 
     def action_run(self) -> None:
         """Have the command in front carried out, as it is filled in."""
-        if self._in_front:
-            self._in_front.send()
+        if form := self._ready:
+            form.send()
 
     def action_about(self) -> None:
         """Describe the robot in full."""

@@ -75,6 +75,8 @@ class TeleopPage(Page):
         self._refusal = ""
         self._cancelled = False
         """What runs was cancelled from here."""
+        self._cancels = 0
+        """How often a person has cancelled here: a key that was pressed before has no effect any more."""
         self._dropped: dict[str, float] = {}
         """[m] or [rad] by axis that the presses of the last moment could not add to the target."""
         self._rested_at = 0.0
@@ -115,7 +117,7 @@ class TeleopPage(Page):
     def action_jog(self, axis: str, direction: int) -> None:
         """Move one axis by one step."""
         self._light(axis, direction)
-        self._press(axis, direction)
+        self._press(axis, direction, self._cancels)
 
     def _light(self, axis: str, direction: int) -> None:
         """Light the button of a key for a moment."""
@@ -139,6 +141,7 @@ class TeleopPage(Page):
         """Cancel all that the robot does, and what was still wanted."""
         self.jog.drop()
         self._cancelled = True
+        self._cancels += 1
         self.app.do("cancel", NAME=self.robot.name)
 
     def action_camera(self) -> None:
@@ -151,9 +154,9 @@ class TeleopPage(Page):
         self._tell(await self._ask(GRIP, {"action": action}))
 
     @work(exit_on_error=False, group="press")
-    async def _press(self, axis: str, direction: int) -> None:
+    async def _press(self, axis: str, direction: int, cancels: int) -> None:
         actual = await self._actual()
-        if actual is None:
+        if actual is None or cancels != self._cancels:
             return
         state = self.app.store.state(self.robot.name)
         rested = self.app.now() - self._rested_at > OLD_NEWS

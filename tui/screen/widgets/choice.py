@@ -24,14 +24,21 @@ class Choice(Select[str]):
         value = Select.NULL if chosen is None else chosen
         options = [(Text(shown), meant) for shown, meant in words]
         blank = chosen is None
+        self._first = chosen or ""
         super().__init__(
             options, value=value, allow_blank=blank, prompt=prompt, compact=True, id=id, classes=classes
         )
 
     @property
     def chosen(self) -> str:
-        """What is chosen; empty: nothing."""
-        return self.value if isinstance(self.value, str) else ""
+        """What is chosen, also before it is on the screen; empty: nothing."""
+        return self.value if isinstance(self.value, str) else self._first
+
+    def choose(self, word: str) -> None:
+        """Choose a word, or nothing where that is allowed; what is not offered changes nothing."""
+        value = word or Select.NULL
+        if value in self._legal_values:
+            self.value = value
 
     def offer(self, words: Iterable[tuple[str, str]]) -> None:
         """Offer other words; nothing is chosen then."""

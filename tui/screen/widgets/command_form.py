@@ -189,11 +189,7 @@ class CommandForm(Form, Part, VerticalScroll):
             return
         arguments = dict(read.arguments)
         if self.spec.beside:  # what stays as it is, another person may be changing
-            arguments = {
-                one.name: arguments[one.name]
-                for one in self.spec.parameters
-                if one.name in arguments and arguments[one.name] != one.default
-            }
+            arguments = {name: value for name, value in arguments.items() if rows[name].touched}
         self.carrying, self._began = f"{self.spec.name} is running", self.app.now()
         self._came_from = self.screen.focused
         self._enable()

@@ -58,23 +58,17 @@ class FieldRow(Part, Vertical):
         """Draw `spec`, with what the robot reads now."""
         super().__init__(classes="field")
         self.spec = spec
-        self._first = self._shown = entry.first_text(spec, readings)
         self._readings = readings
+        self._entry = _entry(spec, entry.first_text(spec, readings))
+        self._shown = self.text
+        """What was put into the field by itself; anything else there is a person's."""
         self._touched = False
-
-    @property
-    def _options(self) -> tuple[str, ...]:
-        return YES_NO if self.spec.type == "bool" else self.spec.choices
 
     def compose(self) -> ComposeResult:
         """Name, entry, hint; below them room for a complaint."""
         with Horizontal():
             yield Label(self.spec.name, classes="field-name", markup=False)
-            if self._options:
-                chosen = self._first if self._first in self._options else None
-                yield Choice([(option, option) for option in self._options], chosen=chosen, classes="entry")
-            else:
-                yield Input(self._first, compact=True, classes="entry", select_on_focus=True)
+            yield self._entry
             yield Hint(entry.hints(self.spec, self._readings))
         if self.spec.doc:
             yield Label(wording.summary(self.spec.doc), classes="field-doc", markup=False)
@@ -85,61 +79,59 @@ class FieldRow(Part, Vertical):
     @property
     def text(self) -> str:
         """What stands in the field."""
-        if self._options:
-            return self.query_one(Choice).chosen
-        return self.query_one(Input).value
+        return self._entry.chosen if isinstance(self._entry, Choice) else self._entry.value
 
     @property
     def touched(self) -> bool:
-        """Whether a person typed something into it, also when the message about it has not come yet."""
-        return self._touched or (not self._options and self.query_one(Input).value != self._shown)
+        """Whether a person typed or chose something, also when the message about it has not come yet."""
+        return self._touched or self.text != self._shown
 
     def focus_entry(self) -> None:
         """Put the cursor into the field."""
-        self.query_one(".entry").focus()
+        self._entry.focus()
 
     def tell_readings(self, readings: Mapping[str, float]) -> None:
         """Show the value now; a field that nobody touched takes it over."""
         self._readings = readings
-        touched = ["typed"] if self.touched else []
+        word = "chosen" if isinstance(self._entry, Choice) else "typed"
+        touched = [word] if self.touched else []
         self.query_one(Hint).show(*touched, *entry.hints(self.spec, readings))
-        if not self._options and not self.touched and entry.follows(self.spec, readings):
+        if not self.touched and entry.follows(self.spec, readings):
             self._take(entry.first_text(self.spec, readings))
 
     def become(self, spec: FieldSpec) -> None:
-        """Be a field with another default; what a person has typed stays."""
+        """Be a field with another default; what a person has typed or chosen stays."""
         self.spec = spec
-        if not self._options:
-            self.tell_readings(self._readings)
-            if not self.touched:
-                self._take(entry.first_text(spec, self._readings))
-        else:
-            self.query_one(Choice).value = entry.first_text(spec, self._readings)
+        self.tell_readings(self._readings)
+        if not self.touched:
+            self._take(entry.first_text(spec, self._readings))
 
     def _take(self, text: str) -> None:
-        line, self._shown = self.query_one(Input), text
-        if text == line.value:
+        before = self.text
+        self.type_text(text)
+        self._shown = self.text
+        if self._shown == before:
             return
-        line.value = text
-        if line.has_focus:
-            line.select_all()  # what is typed replaces it, as when the cursor came
+        if isinstance(self._entry, Input) and self._entry.has_focus:
+            self._entry.select_all()  # what is typed replaces it, as when the cursor came
         self.complain("")
         self.post_message(self.Changed())
 
     def follow(self) -> None:
         """Follow the robot again, or go back to the default."""
-        if not self._options:
-            self._touch(False)
-            self._take(entry.first_text(self.spec, self._readings))
-            self.tell_readings(self._readings)
+        self._take(entry.first_text(self.spec, self._readings))
+        self._touch(False)
+        self.tell_readings(self._readings)
 
     def type_text(self, text: str) -> None:
-        """Put a text into the field as if a person had typed it."""
-        if not self._options:
-            self.query_one(Input).value = text
+        """Put a text into the field as if a person had typed or chosen it."""
+        if isinstance(self._entry, Choice):
+            self._entry.choose(text)
+        else:
+            self._entry.value = text
 
     def _touch(self, touched: bool) -> None:  # noqa: FBT001 # a setter
-        """Mark a field in which a person typed: it follows the robot no more."""
+        """Mark a field that a person has changed: it follows the robot no more."""
         self._touched = touched
         self.set_class(touched, "-touched")
         self.query_one(".field-name", Label).update(f"{self.spec.name} *" if touched else self.spec.name)
@@ -152,17 +144,13 @@ class FieldRow(Part, Vertical):
         self.set_class(bool(reason), "-wrong")
 
     @on(Input.Changed)
+    @on(Choice.Changed)
     def _changed(self) -> None:
         if not self.touched:
             return  # it was put there for the person
         self._touch(True)
         self.complain("")
         self.tell_readings(self._readings)
-        self.post_message(self.Changed())
-
-    @on(Choice.Changed)
-    def _chosen(self) -> None:
-        self.complain("")
         self.post_message(self.Changed())
 
     @on(Input.Blurred)
@@ -174,3 +162,12 @@ class FieldRow(Part, Vertical):
     def _submitted(self, event: Input.Submitted) -> None:
         event.stop()
         self.post_message(self.Onward(self))
+
+
+def _entry(spec: FieldSpec, text: str) -> Choice | Input:
+    """Return what a person types or chooses a value of `spec` in; it begins with `text`."""
+    options = YES_NO if spec.type == "bool" else spec.choices
+    if not options:
+        return Input(text, compact=True, classes="entry", select_on_focus=True)
+    chosen = text if text in options else None
+    return Choice([(option, option) for option in options], chosen=chosen, classes="entry")

@@ -82,6 +82,8 @@ class Prompt(Part, Vertical):
         """Complete from what `known` knows."""
         super().__init__(id=id)
         self._known, self._suggester = known, VerbSuggester(known)
+        self._read = ""
+        """The line for which the candidates were found."""
         self._stem = ""
         """What was typed before Tab began to go through the candidates."""
         self._offered: tuple[str, ...] = ()
@@ -108,8 +110,7 @@ class Prompt(Part, Vertical):
         self.query_one("#sign", Label).update(SIGNS[kind])
         line = self.query_one(Input)
         line.suggester = self._suggester if kind == "verb" else None
-        with self.prevent(Input.Changed):
-            line.value = self.letters if kind == "filter" and not text else text
+        line.value = self.letters if kind == "filter" and not text else text
         line.cursor_position = len(line.value)
         self._at = len(self._past)
         self._offer(line.value)
@@ -119,7 +120,11 @@ class Prompt(Part, Vertical):
     @on(Input.Submitted)
     def _submitted(self, event: Input.Submitted) -> None:
         event.stop()
+        if not self.display:
+            return  # it was sent already
         text = event.value.strip()
+        if self.kind == "filter":
+            self._filter(event.value)
         self._close()
         if self.kind == "verb" and text:
             self._past = [*[one for one in self._past if one != text], text][-REMEMBERED:]
@@ -128,16 +133,20 @@ class Prompt(Part, Vertical):
     @on(Input.Changed)
     def _changed(self, event: Input.Changed) -> None:
         event.stop()
-        if self.kind == "filter":
-            self.letters = event.value
-            self.post_message(self.Filtered(event.value))
-        self._offer(event.value)
+        text = self.query_one(Input).value
+        if self.display and self.kind == "filter" and text != self.letters:
+            self._filter(text)
+        if text != self._read:
+            self._offer(text)
+
+    def _filter(self, letters: str) -> None:
+        self.letters = letters
+        self.post_message(self.Filtered(letters))
 
     def action_leave(self) -> None:
         """Leave; a filter is taken away."""
         if self.kind == "filter":
-            self.letters = ""
-            self.post_message(self.Filtered(""))
+            self._filter("")
         self._close()
 
     def action_recall(self, by: int) -> None:
@@ -151,6 +160,8 @@ class Prompt(Part, Vertical):
     def action_complete(self, by: int) -> None:
         """Complete as far as there is no choice; then go through the candidates."""
         line = self.query_one(Input)
+        if line.value != self._read:
+            self._offer(line.value)
         whole = completion.complete(line.value, self._known.words()) if self._taken == NONE_YET else None
         if self.kind != "verb" or not (whole or self._offered):
             return
@@ -160,13 +171,13 @@ class Prompt(Part, Vertical):
             first = 0 if by > 0 else -1
             self._taken = first if self._taken == NONE_YET else self._taken + by
             self._taken %= len(self._offered)
-            with self.prevent(Input.Changed):
-                line.value = self._stem + self._offered[self._taken]
+            self._read = line.value = self._stem + self._offered[self._taken]
             self._draw_candidates()
         line.cursor_position = len(line.value)
 
     def _offer(self, text: str) -> None:
         """Show what the last word may become."""
+        self._read = text
         self._stem = text[: text.rfind(" ") + 1]
         self._offered = completion.candidates(text, self._known.words()) if self.kind == "verb" else ()
         self._taken = NONE_YET

@@ -57,10 +57,11 @@ class ViewsPane(Part, Horizontal):
                 options.highlighted = cameras.at
 
     @on(OptionList.OptionHighlighted)
-    def _choose(self, event: OptionList.OptionHighlighted) -> None:
-        cameras = self.query_one(Cameras)
-        if event.option_index != cameras.at and event.option_index < len(cameras.all):
-            cameras.choose(event.option_index)
+    def _choose(self) -> None:
+        cameras, at = self.query_one(Cameras), self.query_one("#cameras", OptionList).highlighted
+        wanted = None if at is None else self._options[at]
+        if wanted in cameras.all and cameras.all.index(wanted) != cameras.at:
+            cameras.choose(cameras.all.index(wanted))
 
     def turn(self) -> None:
         """Look through the next camera."""
