@@ -30,7 +30,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.core.confirmation import Budget, unmeasured
 from robotree.vr.errors import CommandFailed, NotConfirmed
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.supervision.orders import CONFIRM
+from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.network import MemoryNetwork
 

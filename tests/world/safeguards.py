@@ -28,7 +28,7 @@ from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.envelope import Envelope, Received, opened
 from robotree.vr.requests import Call
-from robotree.vr.supervision.orders import Orders
+from robotree.vr.supervision.releases import Releases
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ SAFEGUARDS = {
         Safeguard(Stops, "_stops_seen", lambda self, _: self._live.stops),
     ),
     "a release ends the stops that were known when it was asked for": (
-        Safeguard(Orders, "count", lambda *_: None),
+        Safeguard(Releases, "count", lambda *_: None),
     ),
     "a stopped robot begins nothing": (Safeguard(RobotCore, "_expect_free_to_move", lambda *_: None),),
     "a parent counts a lease from when it asked for it": (

@@ -126,7 +126,9 @@ class RobotAgent:
             robot,
             self._process.core(_new_state(robot, self.address, self._shared.host, lessor)),
             self._process,
-            way=_Way(self, transport, obeyed),
+            transport=transport,
+            describe_child=self._describe_child,
+            obeyed=obeyed,
             on_effect=self._take_effect,
             on_change=self.changed,
         )
@@ -138,8 +140,6 @@ class RobotAgent:
         self._outside = OutsideCalls(
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
         )
-        self._known_to_parent: tuple[CommandSpec, ...] = ()
-        """The commands of which the parent knows."""
         self._begin_life()
 
     def _say(self, level: Level, text: str, *, piece: bool = False) -> None:
@@ -157,6 +157,8 @@ class RobotAgent:
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
+        self._known_to_parent: tuple[CommandSpec, ...] = ()
+        """The commands of which the parent knows."""
         self._echo = Echo(self.live.log, self.address, self.transport)
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
@@ -521,52 +523,48 @@ class RobotAgent:
 
     # -- for calls, in other threads --------------------------------------------------------------
 
-    def describe_child(self, unknown: NotDescribed) -> Awaitable[RobotDescription]:
-        """Ask the child in a slot anew who it is. On the loop."""
-        return self._virtual("have children").describe(unknown.slot, unknown.command)
-
     def _describe_soon(self, unknown: NotDescribed, done: Callable[[VrError | None], None]) -> None:
-        """Do the same from any thread, without waiting."""
+        """Ask the child in a slot anew who it is. From any thread, without waiting.
+
+        Args:
+            unknown: names the slot, and the command that is missing in what is known.
+            done: called with None, or with why it is in vain.
+        """
 
         async def ask() -> None:
             error: VrError | None = None
             try:
-                await self.describe_child(unknown)
+                await self._virtual("have children").describe(unknown.slot, unknown.command)
             except VrError as refusal:
                 error = refusal
+            except BaseException as fault:  # noqa: BLE001 # who waits for it must hear of it
+                error = VrError(detail=f"{self.robot.name}: internal error: {fault!r}")
             done(error)
 
         self._on_loop(lambda: self._keep(ask()))
+
+    def _describe_child(self, unknown: NotDescribed) -> None:
+        """Do the same in a worker's thread, and wait for the answer.
+
+        Raises:
+            VrError: it does not answer, or lacks the command.
+        """
+        waiter, outcome = self._process.runner.waiter(), list[VrError | None]()
+
+        def done(error: VrError | None) -> None:
+            outcome.append(error)
+            waiter.wake()
+
+        self._describe_soon(unknown, done)
+        while not outcome:
+            waiter.wait(None)
+        if (error := outcome[0]) is not None:
+            raise error
 
     def _keep(self, work: Awaitable[Any]) -> None:
         task = asyncio.ensure_future(work)
         self._asides.add(task)
         task.add_done_callback(self._asides.discard)
-
-    def wait_for(self, work: Awaitable[Any]) -> Any:
-        """Wait in a worker's thread for something that the loop does.
-
-        Raises:
-            VrError: which it raises.
-        """
-        waiter = self._process.runner.waiter()
-        outcome: list[tuple[Any, BaseException | None]] = []
-
-        async def do() -> None:
-            try:
-                outcome.append((await work, None))
-            except BaseException as error:  # noqa: BLE001 # raised again where it is waited for
-                outcome.append((None, error))
-            finally:
-                waiter.wake()
-
-        self._on_loop(lambda: self._keep(do()))
-        while not outcome:
-            waiter.wait(None)
-        value, error = outcome[0]
-        if error is not None:
-            raise error
-        return value
 
 
 def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | None) -> None:
@@ -592,15 +590,3 @@ def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> Stat
 
 def _nothing() -> None:
     """Nothing is declared."""
-
-
-class _Way:
-    """See `running.live.Way`."""
-
-    def __init__(self, agent: RobotAgent, transport: Transport, obeyed: Callable[[], int | None]) -> None:
-        self._agent = agent
-        self.ask, self.obeyed = transport.ask, obeyed
-
-    def describe(self, unknown: NotDescribed) -> None:
-        """See `Way.describe`."""
-        self._agent.wait_for(self._agent.describe_child(unknown))

@@ -19,9 +19,9 @@ from functools import partial
 from robotree.vr.errors import VrError
 from robotree.vr.robot import Robot
 from robotree.vr.running.heard import Voice, speaking
+from robotree.vr.running.page_trace import trace
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
-from robotree.vr.running.trace import trace
 from robotree.vr.virtual_robot import VirtualRobot
 
 _log = logging.getLogger(__name__)

@@ -10,13 +10,27 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from robotree.vr.agents.jpeg import jpeg_size
 from robotree.vr.agents.news import Listings
 from robotree.vr.description import Listing
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
 from robotree.vr.transport import Registration, Transport
+
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Second bytes of the markers that begin a frame of a JPEG picture (ITU-T T.81, annex B)."""
+
+
+def jpeg_size(picture: bytes) -> tuple[int, int]:
+    """Return width and height [px] from the header of a JPEG picture; zeros when the bytes are none."""
+    at = 2 if picture[:2] == b"\xff\xd8" else len(picture)
+    while at + 9 <= len(picture) and picture[at] == 0xFF:
+        marker = picture[at + 1]
+        if marker in _FRAMES:
+            height, width = (int.from_bytes(picture[at + i : at + i + 2], "big") for i in (5, 7))
+            return width, height
+        at += 2 + int.from_bytes(picture[at + 2 : at + 4], "big")
+    return 0, 0
 
 
 class View(Protocol):
@@ -54,15 +68,7 @@ class View(Protocol):
 class ViewAgent:
     """Serves the pictures of one view."""
 
-    def __init__(
-        self,
-        view: View,
-        transport: Transport,
-        name: str,
-        *,
-        registrar: Listings | None = None,
-        host: str = "",
-    ) -> None:
+    def __init__(self, view: View, transport: Transport, name: str, *, registrar: Listings) -> None:
         """Prepare the agent.
 
         Args:
@@ -70,13 +76,12 @@ class ViewAgent:
             transport: the way to the others.
             name: of the view.
             registrar: where it is listed.
-            host: name of the process, for people.
 
         Raises:
             BadName: the name cannot be one.
         """
         self.address = new_address("view", name)
-        self._view, self._transport, self._registrar, self._host = view, transport, registrar, host
+        self._view, self._transport, self._registrar = view, transport, registrar
         self._declared: list[Registration] = []
 
     async def start(self) -> None:
@@ -90,10 +95,9 @@ class ViewAgent:
             handler = answering(self._answer, self.address.name)
             self._declared.append(await self._transport.serve(self.address.key, handler))
             self._declared.append(await claim(self._transport, self.address))
-            if self._registrar is not None:
-                cameras = {"cameras": ", ".join(self._view.cameras)}
-                listing = Listing(address=self.address, kinds=("View",), host=self._host, attributes=cameras)
-                await self._registrar.enter(listing)
+            cameras = {"cameras": ", ".join(self._view.cameras)}
+            listing = Listing(address=self.address, kinds=("View",), attributes=cameras)
+            await self._registrar.enter(listing)
         except BaseException:
             await self.close()
             raise
@@ -101,7 +105,7 @@ class ViewAgent:
     async def close(self) -> None:
         """Leave. Twice is once."""
         declared, self._declared = self._declared, []
-        if declared and self._registrar is not None:
+        if declared:
             await self._registrar.leave(self.address)
         for registration in reversed(declared):
             await registration.close()

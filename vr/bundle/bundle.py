@@ -17,7 +17,7 @@ from robotree.vr.bundle.choice import choose
 from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make, text_of
 from robotree.vr.errors import BrokenSource, NoSuchFile, OtherKind
 from robotree.vr.fields import Kept, settings_spec
-from robotree.vr.running.naming import file_in_tracebacks
+from robotree.vr.running.page_trace import file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
 
 LARGEST = 1_000_000

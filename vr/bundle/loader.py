@@ -27,7 +27,7 @@ from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
-from robotree.vr.running.naming import authors_file, file_in_tracebacks
+from robotree.vr.running.page_trace import authors_file, file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0

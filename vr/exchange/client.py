@@ -40,7 +40,6 @@ from robotree.vr.requests import (
     Release,
     Reload,
     Reloaded,
-    Renew,
     Reply,
     Request,
     Resume,
@@ -184,20 +183,11 @@ class RobotClient:
         arguments: Arguments,
         *,
         deadline: float = DEFAULT_DEADLINE,
-        epoch: int | None = None,
         caller: str = "",
-        key: str | None = None,
     ) -> None:
         """Have a command carried out and return as soon as the robot has accepted it; else as `call`."""
-        call = Call(
-            key=key or fresh_key(),
-            command=command,
-            arguments=dict(arguments),
-            epoch=epoch,
-            caller=caller,
-            deadline=deadline,
-            oneway=True,
-        )
+        key, given = fresh_key(), dict(arguments)
+        call = Call(key=key, command=command, arguments=given, caller=caller, deadline=deadline, oneway=True)
         await self._carry_out(call, "", None)
 
     async def _carry_out(self, call: Call, sender: str, on_progress: OnProgress | None) -> Any:
@@ -378,13 +368,6 @@ class RobotClient:
         await self._ask(
             Retract(parent=parent, key=key), Done, urgent=True, timeout=timeout, sender=parent.key
         )
-
-    async def renew(
-        self, parent: Address, epoch: int, *, lineage: tuple[str, ...], timeout: float = PATIENCE
-    ) -> Granted:
-        """Prolong the lease; `timeout` [s] is how long an answer is of use."""
-        renewal = Renew(parent=parent, epoch=epoch, lineage=lineage)
-        return await self._ask(renewal, Granted, urgent=True, timeout=timeout, sender=parent.key)
 
     async def release(self, parent: Address, epoch: int, *, timeout: float = PATIENCE) -> None:
         """Give the lease back; `timeout` [s] to wait for the receipt."""

@@ -54,18 +54,14 @@ class _Wanted(msgspec.Struct, frozen=True):
 class Registrar:
     """Enters agents, and keeps them entered."""
 
-    def __init__(
-        self, transport: Transport, *, term: float = TERM, chance: Callable[[], float] = fraction
-    ) -> None:
+    def __init__(self, transport: Transport, *, chance: Callable[[], float] = fraction) -> None:
         """Prepare.
 
         Args:
             transport: the way to the services.
-            term: [s] of the leases to ask for.
             chance: 0 to 1; spreads renewals, so that they do not all come at once.
         """
-        self.term, self.chance = term, chance
-        self.transport = transport
+        self.transport, self.chance = transport, chance
         self.wanted: dict[Address, _Wanted] = {}
         self._withdrawn: dict[Address, float] = {}
         """Since when [s] which of these are withdrawn, the oldest first."""
@@ -194,7 +190,7 @@ class _Keeper:
             return None
         request = Register(
             holder=self._holder,
-            term=self._registrar.term,
+            term=TERM,
             listings=tuple(each.listing for each in sent.values() if each.listing is not None),
             withdrawn=tuple((a, each.revision) for a, each in sent.items() if each.listing is None),
         )

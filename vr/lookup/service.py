@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
 
 from robotree.vr.address import Address, Role, everyone
-from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
@@ -26,24 +24,19 @@ FILL_LIMIT = 1.0
 LISTED_ROLES: tuple[Role, ...] = ("robot", "view")
 
 
-def news_key(service: Address) -> str:
-    """Return the key under which a lookup service tells its news."""
-    return f"{service.key}/news"
-
-
 NEWS_PATTERN = f"{everyone('lookup')}/news"
+"""Under which lookup services publish what changes."""
 
 
 class LookupService:
     """Serves one table on a transport."""
 
-    def __init__(self, transport: Transport, name: str, *, clock: Callable[[], float] | None = None) -> None:
+    def __init__(self, transport: Transport, name: str) -> None:
         """Prepare a service.
 
         Args:
             transport: where it serves.
             name: under which people know it.
-            clock: monotonic [s]; None: the event loop's.
 
         Raises:
             BadName: the name cannot be one.
@@ -51,7 +44,7 @@ class LookupService:
         self.address = new_address("lookup", name)
         self.table = LookupTable()
         self._transport = transport
-        self._clock = clock or asyncio.get_running_loop().time
+        self._clock = asyncio.get_running_loop().time
         self._alive: set[Address] = set()
         self._declared: list[Registration] = []
         self._sweeper: asyncio.Task[None] | None = None
@@ -108,7 +101,7 @@ class LookupService:
     def _tell(self, news: list[News]) -> None:
         for item in news:
             with contextlib.suppress(VrError):  # the transport is closing
-                self._transport.publish(news_key(self.address), encode(item))
+                self._transport.publish(f"{self.address.key}/news", encode(item))
 
     # -- beginning and end of leases --------------------------------------------------------------
 
@@ -122,11 +115,8 @@ class LookupService:
         with contextlib.suppress(VrError):  # one of the others that is just dying, or hangs
             found = await ask(self._transport, key, Query(), Found, timeout=FILL_LIMIT)
             for listing, remaining in found.listings:
-                self._take_over(listing, remaining)
-
-    def _take_over(self, listing: Listing, remaining: float) -> None:
-        alive = listing.address in self._alive
-        self._tell(self.table.fill(listing, remaining, self._clock(), alive=alive))
+                alive = listing.address in self._alive
+                self._tell(self.table.fill(listing, remaining, self._clock(), alive=alive))
 
     async def _sweep(self) -> None:
         while True:

@@ -24,7 +24,7 @@ from typing import Any, Literal, Protocol, TextIO
 
 from robotree.vr.context import activity_here
 from robotree.vr.requests import Level, Said
-from robotree.vr.running.naming import authors_file
+from robotree.vr.running.page_trace import authors_file
 
 KEPT = 500
 """Lines of each robot."""

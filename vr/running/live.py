@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import FrameType
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -37,8 +37,8 @@ from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import Process
-from robotree.vr.running.worker import DEEPEST, Frame, Worker
-from robotree.vr.transport import OnReply
+from robotree.vr.running.worker import DEEPEST, Frame, Manner, Worker
+from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
 LONGEST_NOTE = 80
@@ -57,30 +57,18 @@ class NotDescribed(Exception):
         self.slot, self.command = slot, command
 
 
-class Way(Protocol):
-    """What a robot at work needs of its agent: the way to other processes, and to what is behind it."""
-
-    def ask(
-        self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
-    ) -> None:
-        """Ask the server of a key without waiting: see `Transport.ask`."""
-        ...
-
-    def describe(self, unknown: NotDescribed) -> None:
-        """Ask the child in a slot anew who it is. In a worker's thread only.
-
-        Raises:
-            VrError: it does not answer, or lacks the command.
-        """
-        ...
-
-    def obeyed(self) -> int | None:
-        """Return the epoch that what stands behind the robot obeys; None: nothing was heard of it."""
-        ...
-
-
 class LiveRobot:
     """See the module."""
+
+    page: str = ""
+    """Where its author keeps its page, for a reload; empty: nobody knows."""
+    _turned: bool = False
+    """Whether accepted calls may have been checked for another page."""
+    _coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
+    """The page that waits for a boundary between commands."""
+    _reminder: float = math.inf
+    """[s] when the watchdog looks next."""
+    _last_obeyed: int = -1
 
     def __init__(
         self,
@@ -88,9 +76,11 @@ class LiveRobot:
         core: RobotCore,
         process: Process,
         *,
-        way: Way,
-        on_effect: Callable[[Effect], None] = lambda _: None,
-        on_change: Callable[[], None] = lambda: None,
+        transport: Transport,
+        describe_child: Callable[[NotDescribed], None],
+        obeyed: Callable[[], int | None],
+        on_effect: Callable[[Effect], None],
+        on_change: Callable[[], None],
     ) -> None:
         """Prepare; nothing runs before the first call.
 
@@ -98,7 +88,10 @@ class LiveRobot:
             robot: with the author's code.
             core: its state.
             process: whose threads carry it out.
-            way: to children in other processes, and to what only the agent knows.
+            transport: the way to children in other processes.
+            describe_child: asks the child in a slot anew who it is; called in a worker's thread. Raises a
+                `VrError` if it does not answer, or lacks the command.
+            obeyed: returns the epoch that what stands behind the robot obeys; None: nothing was heard of it.
             on_effect: carries out what is not about calls. In any thread.
             on_change: told after each change that others may see. In any thread, very often: must be quick.
 
@@ -116,38 +109,26 @@ class LiveRobot:
         self.said: dict[str, tuple[float, str]] = {}
         """How far its running commands are, by key, as others see it."""
         self._own: dict[str, tuple[float, str]] = {}  # the same without what their children say
-        self.way = way
+        self.describe_child = describe_child
+        self._transport, self._obeyed = transport, obeyed
         self._on_effect, self._on_change = on_effect, on_change
-        self._last_obeyed = -1
         self._journal = process.journal
         self._runner = process.runner
         self._lock = process.runner.lock()
         self._commands = commands_of(type(robot))
         self._exposures = exposures_of(type(robot))
-        self._begin_page()
+        self.log = Log(self._runner.now, self._runner.unix)
+        """What its code says."""
         self._listeners: dict[str, list[Listener]] = {}
         self._turns: dict[str, PendingCall] = {}
         """Calls whose caller waits on its worker and would carry the command out itself."""
         self._calling: dict[str, dict[PendingCall, None]] = {}
         """Calls under way of the child in each slot, the oldest first: they end in that order."""
-        self._reminder = math.inf
-        """[s] when the watchdog looks next."""
         self._unremind: Callable[[], None] = _nothing
         self._neighbours: dict[Address, LiveRobot] = process.robots
         """The robots that live in this process."""
         self._ledgers: dict[str, _Ledger] = {}
         """The numbered calls of each child in another process, by `parent/slot/epoch`."""
-
-    def _begin_page(self) -> None:
-        """Its first page is in force, and has said nothing."""
-        self.log = Log(self._runner.now, self._runner.unix)
-        """What its code says."""
-        self.page = ""
-        """Where its author keeps its page, for a reload; empty: nobody knows."""
-        self._coming: tuple[VirtualRobot, Callable[[VrError | list[str] | None], None]] | None = None
-        """The page that waits for a boundary between commands."""
-        self._turned = False
-        """Whether accepted calls may have been checked for another page."""
 
     # -- the one door -----------------------------------------------------------------------------
 
@@ -321,7 +302,7 @@ class LiveRobot:
 
     def look_at_robot(self) -> None:
         """Take what the robot and the controller behind it say, if it has changed."""
-        halted, obeyed = self.robot.halted, self.way.obeyed()
+        halted, obeyed = self.robot.halted, self._obeyed()
         if halted != self.core.state.stop.halted:
             self.post(on.Halted(reason=halted))
         if obeyed is not None and obeyed != self._last_obeyed:
@@ -612,10 +593,8 @@ class LiveRobot:
         slot: str,
         command: str,
         arguments: Mapping[str, Any],
+        manner: Manner,
         *,
-        nested: bool = False,
-        oneway: bool = False,
-        passes_on: bool = False,
         instead: str = "",
     ) -> PendingCall:
         """Call the child in a slot, as one step of a running command, within that command's deadline.
@@ -625,9 +604,7 @@ class LiveRobot:
             slot: of the child.
             command: of the child.
             arguments: by name.
-            nested: the caller waits, so its worker may carry the command out.
-            oneway: nobody waits for the end.
-            passes_on: the child's progress is the running command's own.
+            manner: whether the caller waits for it, and for what.
             instead: why it is not to begin any more: it ends at once; empty: it is.
 
         Raises:
@@ -636,40 +613,33 @@ class LiveRobot:
         if not isinstance(self.robot, VirtualRobot):
             raise TypeError(f"{self.robot.name} has no children")
         bond = self.core.state.slots.require(slot)
-        pending = PendingCall(frame, slot, frame.step(), bond.child.name, command, passes_on=passes_on)
+        pending = PendingCall(
+            frame, slot, frame.step(), bond.child.name, command, passes_on=manner == "passed on"
+        )
+        call = Call(
+            key=pending.key,
+            command=command,
+            arguments=dict(arguments),
+            epoch=bond.lease.epoch,
+            caller=self.robot.name,
+            deadline=frame.deadline_at - self._runner.now(),
+            oneway=manner == "told",
+        )
         child = self._neighbours.get(bond.child)
         if instead:
             pending.fail(CommandCancelled(robot=bond.child.name, command=command, reason=instead))
         elif child is None:
-            self._call_afar(pending, bond.child.key, bond.lease.epoch, dict(arguments), oneway=oneway)
+            self._call_afar(pending, bond.child.key, call)
         else:
-            self._call_here(pending, child, bond.lease.epoch, dict(arguments), nested=nested, oneway=oneway)
+            self._call_here(pending, child, call, nested=manner in {"awaited", "passed on"})
         return pending
 
-    def _call_here(
-        self,
-        pending: PendingCall,
-        child: LiveRobot,
-        epoch: int,
-        arguments: dict[str, Any],
-        *,
-        nested: bool,
-        oneway: bool,
-    ) -> None:
+    def _call_here(self, pending: PendingCall, child: LiveRobot, call: Call, *, nested: bool) -> None:
         """Call a child that lives in this process."""
         frame = pending.frame
         may_run_here = nested and not child.isolated and len(frame.worker.stack) < DEEPEST
-        listener = None if oneway else pending
-        call = Call(
-            key=pending.key,
-            command=pending.command,
-            arguments=arguments,
-            epoch=epoch,
-            caller=self.robot.name,
-            deadline=math.inf,
-            oneway=oneway,
-        )
-        if not oneway:
+        listener = None if call.oneway else pending
+        if not call.oneway:
             pending.withdraw = partial(child.cancel, pending.key)
             pending.let_go = partial(child.detach, pending.key)
         while True:
@@ -681,38 +651,24 @@ class LiveRobot:
                     turn=pending if may_run_here and listener is not None else None,
                 )
             except NotDescribed as unknown:
-                child.way.describe(unknown)
+                child.describe_child(unknown)
                 continue
             break
         pending.accepted = True
 
-    def _call_afar(
-        self, pending: PendingCall, key: str, epoch: int, arguments: dict[str, Any], *, oneway: bool
-    ) -> None:
-        """Call a child that lives in another process."""
-        frame, runner = pending.frame, self._runner
-        now = runner.now()
+    def _call_afar(self, pending: PendingCall, key: str, call: Call) -> None:
+        """Call a child that lives in another process, where it answers under a key."""
+        now, epoch = self._runner.now(), call.epoch
         source = f"{self.key}/{pending.slot}/{epoch}"
         with self._lock:
             ledger = self._ledgers.setdefault(source, _Ledger())
             number, lowest = ledger.open()
-        call = Call(
-            key=pending.key,
-            command=pending.command,
-            arguments=arguments,
-            epoch=epoch,
-            caller=self.robot.name,
-            deadline=frame.deadline_at - now,
-            oneway=oneway,
-            source=source,
-            number=number,
-            lowest=lowest,
-        )
+        call = msgspec.structs.replace(call, source=source, number=number, lowest=lowest)
         pending.key_of_child, pending.accept_by = key, now + PATIENCE
         pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
         pending.let_go = partial(self._detach, key, pending.key, epoch)
-        pending.oneway = oneway
-        if not oneway:
+        pending.oneway = call.oneway
+        if not call.oneway:
             self._calling.setdefault(pending.slot, {})[pending] = None
 
         def ended() -> None:
@@ -721,18 +677,18 @@ class LiveRobot:
 
         pending.ended = ended
         sealed = seal(call, now=now, within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, void_at=sealed.void_at, on_reply=pending.take_reply)
+        self._transport.ask(key, sealed.body, void_at=sealed.void_at, on_reply=pending.take_reply)
 
-    def _withdraw(self, key: str, call: str, epoch: int, reason: str) -> None:
+    def _withdraw(self, key: str, call: str, epoch: int | None, reason: str) -> None:
         """Tell a child in another process that nobody wants a call any more."""
         cancel = Cancel(key=call, epoch=epoch, reason=reason)
         sealed = seal(cancel, now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, on_reply=lambda _: None, urgent=True)
+        self._transport.ask(key, sealed.body, on_reply=lambda _: None, urgent=True)
 
-    def _detach(self, key: str, call: str, epoch: int) -> None:
+    def _detach(self, key: str, call: str, epoch: int | None) -> None:
         """Tell a child in another process that a call goes on without the command that has made it."""
         sealed = seal(Detach(key=call, epoch=epoch), now=self._runner.now(), within=PATIENCE, sender=self.key)
-        self.way.ask(key, sealed.body, on_reply=lambda _: None)
+        self._transport.ask(key, sealed.body, on_reply=lambda _: None)
 
     def _end_calls_of(self, slot: str) -> None:
         """A child is gone: nobody waits for its answers any longer."""

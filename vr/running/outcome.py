@@ -9,8 +9,7 @@ from robotree.vr.context import CommandContext
 from robotree.vr.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
 from robotree.vr.plain import to_plain
 from robotree.vr.requests import Raised
-from robotree.vr.running.page_trace import PageLine, page_lines, trace_of
-from robotree.vr.running.trace import words_of
+from robotree.vr.running.page_trace import PageLine, page_lines, trace_of, words_of
 from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)

@@ -1,4 +1,7 @@
-"""The way of an error through the pages of authors: their lines alone, without those of this project.
+"""Where an error arose in an author's code, as text: for callers the lines of pages alone, for the log all.
+
+In tracebacks the text of a bundle is called `PATH@VERSION`, so that no two versions are mixed up. A trace of
+pages has none of this project's lines:
 
 team.fetch
   team.py, line 12, in fetch: self.arm.go_to(x=self.place(3))
@@ -10,19 +13,62 @@ because of KeyError: 3
 from __future__ import annotations
 
 import linecache
+import re
+import traceback
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
 
 from robotree.vr.errors import VrError
-from robotree.vr.running.naming import authors_file
-from robotree.vr.running.trace import words_of
 
 MOST_LINES = 60
 """Lines of a trace: a recursion without end must not fill a message."""
 MOST_CAUSES = 8
 LONGEST_LINE = 160
 """Characters of a line of a page."""
+_VERSION = re.compile(r"@[0-9a-f]{8}\Z")
+
+
+def file_in_tracebacks(path: str, digest: str) -> str:
+    """Return what a source is called: the same only for the same text at the same place.
+
+    Args:
+        path: where its author keeps it.
+        digest: hash of the source, in hex.
+    """
+    return f"{path}@{digest[:8]}"
+
+
+def authors_file(file: str) -> str:
+    """Return the path that an author knows, of a file as tracebacks call it."""
+    return _VERSION.sub("", file)
+
+
+def trace(error: BaseException) -> str:
+    """Write an error with its stack, without the marks below columns.
+
+    To place these marks Python parses the source. CPython before 3.11.8 and 3.12.1 counts the depth of all
+    parsers in one place (github.com/python/cpython/issues/106905): of two threads that parse at once one is
+    told "AST constructor recursion depth mismatch", and that may be one that has nothing to do with robots.
+    """
+    told = traceback.TracebackException.from_exception(error)
+    todo = [told]
+    while todo:
+        one = todo.pop()
+        for frame in one.stack:
+            frame.colno = None
+        todo += [other for other in (one.__cause__, one.__context__, *(one.exceptions or ())) if other]
+    return "".join(told.format())
+
+
+def words_of(error: BaseException) -> str:
+    """Return kind and text of an error; one whose text cannot be written is told by its kind alone."""
+    kind = type(error).__name__
+    try:
+        text = str(error)
+    except Exception:  # noqa: BLE001 # the author's own __str__
+        return kind
+    return f"{kind}: {text}" if text else kind
 
 
 class PageLine(NamedTuple):

@@ -19,7 +19,7 @@ from typing import Any, Protocol, Self
 from robotree.vr.child import ChildCommand
 from robotree.vr.context import CallFuture
 from robotree.vr.errors import Failed, VrError
-from robotree.vr.running.trace import words_of
+from robotree.vr.running.page_trace import words_of
 
 
 class Started(CallFuture, Protocol):

@@ -18,7 +18,7 @@ import contextvars
 import math
 from collections.abc import Callable, Generator, Mapping
 from types import FrameType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import msgspec
 
@@ -36,6 +36,11 @@ PAUSE = 0.01
 
 _T = TypeVar("_T")
 
+Manner = Literal["awaited", "started", "told", "passed on"]
+"""How a command calls a child. awaited: it waits for the end, so its worker may carry the child's command
+out. started: it goes on meanwhile. told: it waits until the child has accepted it. passed on: it waits, and
+the progress of the child is its own."""
+
 
 class Caller(Protocol):
     """The robot of a running command, as the command needs it."""
@@ -51,10 +56,8 @@ class Caller(Protocol):
         slot: str,
         command: str,
         arguments: Mapping[str, Any],
+        manner: Manner,
         *,
-        nested: bool = False,
-        oneway: bool = False,
-        passes_on: bool = False,
         instead: str = "",
     ) -> Started:
         """Call the child in a slot, as one step of the command."""
@@ -291,7 +294,8 @@ class Frame:
         """See `Activity.call`."""
         worker = self._leave_author()
         try:
-            return self.live.call_child(self, slot, command, arguments, nested=not self.guest).get()
+            manner: Manner = "started" if self.guest else "awaited"
+            return self.live.call_child(self, slot, command, arguments, manner).get()
         finally:
             worker.arm(self)
 
@@ -299,8 +303,7 @@ class Frame:
         """Carry out an exposed command: call the child's, and tell its progress as our own."""
         worker = self._leave_author()
         try:
-            pending = self.live.call_child(self, slot, command, arguments, nested=True, passes_on=True)
-            return pending.get()
+            return self.live.call_child(self, slot, command, arguments, "passed on").get()
         finally:
             worker.arm(self)
 
@@ -310,7 +313,7 @@ class Frame:
         try:
             group = self.group
             decided = "" if group is None else group.decided
-            pending = self.live.call_child(self, slot, command, arguments, instead=decided)
+            pending = self.live.call_child(self, slot, command, arguments, "started", instead=decided)
             self._keep(pending)
             return pending
         finally:
@@ -327,7 +330,7 @@ class Frame:
         """See `Activity.tell`."""
         worker = self._leave_author()
         try:
-            self.live.call_child(self, slot, command, arguments, oneway=True).wait_until_accepted()
+            self.live.call_child(self, slot, command, arguments, "told").wait_until_accepted()
         finally:
             worker.arm(self)
 

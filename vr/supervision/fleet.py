@@ -32,8 +32,8 @@ from robotree.vr.requests import (
     decode_event,
 )
 from robotree.vr.running.chance import token
-from robotree.vr.supervision.orders import Orders
-from robotree.vr.supervision.stop import OnLate
+from robotree.vr.supervision.releases import Releases
+from robotree.vr.supervision.stop import OnLate, Stop
 from robotree.vr.transport import Held, Registration, Transport
 
 CALLER = "operator"
@@ -50,6 +50,7 @@ PAUSE = 0.004
 OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
+_E = TypeVar("_E", State, Heard)
 
 
 class Fleet:
@@ -59,7 +60,7 @@ class Fleet:
         """Prepare; `start` looks around."""
         self.directory = Directory(transport)
         self._transport = transport
-        self._orders = Orders(self.directory, transport)
+        self._releases = Releases(self.directory, transport)
         self._presence = _Presence(transport)
 
     async def start(self) -> None:
@@ -125,19 +126,12 @@ class Fleet:
             BadName: that cannot be a name.
         """
 
-        def hear(key: str, body: bytes) -> None:
-            address = Address.parse(key.rpartition("/")[0])
-            try:
-                state = decode_event(body, key=key)
-            except VrError:
-                return  # a robot of another version; it is no less there
-            if address is not None and isinstance(state, State):
-                self._orders.count(address.key, state.stops)
-                callback(address.name, state)
+        def take(address: Address, state: State) -> None:
+            self._releases.count(address.key, state.stops)
+            callback(address.name, state)
 
-        pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
-        registration = await self._transport.subscribe(f"{pattern}/state", hear)
-        return registration if name is not None else _Watch(registration, self._orders)
+        registration = await self._subscribe(name, "state", State, take)
+        return registration if name is not None else _Watch(registration, self._releases)
 
     async def watch_log(
         self, name: str | None, callback: Callable[[str, Sequence[Said]], None]
@@ -151,6 +145,14 @@ class Fleet:
         Raises:
             BadName: that cannot be a name.
         """
+        return await self._subscribe(
+            name, "log", Heard, lambda address, heard: callback(address.name, heard.lines)
+        )
+
+    async def _subscribe(
+        self, name: str | None, what: str, kind: type[_E], take: Callable[[Address, _E], None]
+    ) -> Registration:
+        """Take what one robot, or all, publish under their key + `/what`."""
 
         def hear(key: str, body: bytes) -> None:
             address = Address.parse(key.rpartition("/")[0])
@@ -158,15 +160,15 @@ class Fleet:
                 event = decode_event(body, key=key)
             except VrError:
                 return  # a robot of another version
-            if address is not None and isinstance(event, Heard):
-                callback(address.name, event.lines)
+            if address is not None and isinstance(event, kind):
+                take(address, event)
 
-        pattern = everyone("robot") if name is None else everyone("robot", check_name(name))
-        return await self._transport.subscribe(f"{pattern}/log", hear)
+        pattern = everyone("robot", "*" if name is None else check_name(name))
+        return await self._transport.subscribe(f"{pattern}/{what}", hear)
 
-    async def read_log(self, name: str, after: int = 0) -> Sequence[Said]:
-        """Ask a robot what its code has said, the oldest line first; `after`: the last line known."""
-        return await self._ask(name, lambda robot: robot.read_log(after))
+    async def read_log(self, name: str) -> Sequence[Said]:
+        """Ask a robot what its code has said, the oldest line first."""
+        return await self._ask(name, lambda robot: robot.read_log())
 
     # -- what they are ----------------------------------------------------------------------------
 
@@ -264,7 +266,15 @@ class Fleet:
             NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
                 before this is raised; it names both, and the processes.
         """
-        return await self._orders.stop(name, "the operator's protective stop", on_late)
+        stop = Stop(
+            self.directory,
+            self._transport,
+            name,
+            reason="the operator's protective stop",
+            on_late=on_late,
+            counted=self._releases.count,
+        )
+        return await stop.give()
 
     async def resume(self, name: str | None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
@@ -279,9 +289,9 @@ class Fleet:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it, or has been stopped again; see `stop`.
         """
-        return await self._orders.resume(name)
+        return await self._releases.resume(name)
 
-    # -- who commands whom ------------------------------------------------------------------------
+    # -- parents and children ----------------------------------------------------------------------
 
     async def create(
         self,
@@ -370,7 +380,7 @@ class Fleet:
         return await self._awake(question(robot))
 
     def _count(self, robot: RobotDescription) -> RobotDescription:
-        self._orders.count(robot.address.key, robot.stops)
+        self._releases.count(robot.address.key, robot.stops)
         return robot
 
     async def _ask_view(self, name: str, question: Callable[[ViewClient], Awaitable[_R]]) -> _R:
@@ -419,14 +429,14 @@ class _Presence:
 class _Watch:
     """A watch of all states."""
 
-    def __init__(self, registration: Registration, orders: Orders) -> None:
-        self._registration, self._orders = registration, orders
+    def __init__(self, registration: Registration, releases: Releases) -> None:
+        self._registration, self._releases = registration, releases
         self._open = True
-        orders.watches += 1
+        releases.watches += 1
 
     async def close(self) -> None:
         """Hear no more. Twice is once."""
-        self._orders.watches -= self._open
+        self._releases.watches -= self._open
         self._open = False
         await self._registration.close()
 

@@ -14,7 +14,7 @@ import pytest
 from robotree.vr.bundle import Bundle
 from robotree.vr.command import commands_of
 from robotree.vr.errors import BadName, BrokenSource, BundleError, VrError
-from robotree.vr.running.naming import authors_file
+from robotree.vr.running.page_trace import authors_file
 
 SQUARE = '''
 """Move in a square."""

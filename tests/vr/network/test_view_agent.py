@@ -9,8 +9,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 import pytest
 from PIL import Image
 
-from robotree.vr.agents.jpeg import jpeg_size
-from robotree.vr.agents.view import ViewAgent
+from robotree.vr.agents.view import ViewAgent, jpeg_size
 from robotree.vr.description import Template
 from robotree.vr.errors import BadArgument, DuplicateName, VrError
 from robotree.vr.exchange.client import ViewClient, ask

@@ -1,10 +1,10 @@
-"""Orders that nobody may miss: given to one robot or to all at once, and confirmed by each.
+"""The release of stops, for one robot or all, confirmed by each.
 
-A stop is also for robots that appear while it is given. A release is only for those that are there when it is
-asked for, and ends no stop that the person could not know of: the robots count their stops, and the release
-names the counts that were known here when the key was pressed. Robots say their count in each state that they
-publish, in their description, and when they confirm a stop. A program that does not watch the states, such as
-a command line that has just started, asks for the counts first.
+A stop (`stop.py`) is also for robots that appear while it is given. A release is only for those that are
+there when it is asked for, and ends no stop that the person could not know of: the robots count their stops,
+and the release names the counts that were known here when the key was pressed. Robots say their count in each
+state that they publish, in their description, and when they confirm a stop. A program that does not watch the
+states, such as a command line that has just started, asks for the counts first.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from robotree.vr.description import RobotDescription
 from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.supervision.stop import CONFIRM, OnLate, Stop
+from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.transport import Held, Transport
 
 MOST_COUNTS = 4096
@@ -31,8 +31,8 @@ Looks = Mapping[Address, asyncio.Future[RobotDescription]]
 """How each robot in sight describes itself, as soon as it has answered."""
 
 
-class Orders:
-    """Gives orders to the robots of a realm."""
+class Releases:
+    """Releases stops of the robots of a realm, and keeps the counts of stops that this needs."""
 
     def __init__(self, directory: Directory, transport: Transport) -> None:
         """Prepare.
@@ -55,29 +55,19 @@ class Orders:
         while len(self._counts) > MOST_COUNTS:
             del self._counts[next(iter(self._counts))]
 
-    async def stop(self, name: str | None, reason: str, on_late: OnLate) -> Sequence[str]:
-        """Stop at once all robots that it concerns, also those that appear meanwhile; see `Stop`.
+    async def resume(self, name: str | None) -> Sequence[str]:
+        """End the stops that are in force and known here now; see `Fleet.resume`.
 
         Args:
             name: of the robot; None: all.
-            reason: for those whose commands it ends.
-            on_late: told who has not been heard for a while and is waited for, each robot once.
 
         Returns:
             The names of those that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
-                before this is raised; it names both.
+            NotConfirmed: one has not confirmed it, or has been stopped again; it names both sides.
         """
-        stop = Stop(
-            self._directory, self._transport, name, reason=reason, on_late=on_late, counted=self.count
-        )
-        return await stop.give()
-
-    async def resume(self, name: str | None) -> Sequence[str]:
-        """End the stops that are in force and known here now, of all robots concerned; see `stop`."""
         known = dict(self._counts) if self.watches else {}
         # of all, whichever is meant: what is below one is known only when it has answered
         looks = {address: self._look(address) for address in self._directory.present("robot")}
@@ -133,7 +123,7 @@ class Orders:
     async def _judge(
         self, name: str | None, confirmations: Confirmations, asked: Asked, silent: list[Held]
     ) -> Sequence[str]:
-        """Wait for all answers and say who has confirmed; see `stop`."""
+        """Wait for all answers and return which robots have confirmed."""
         results = await asyncio.gather(*asked.values(), return_exceptions=True)
         answers = dict(zip(asked, results, strict=True))
         silent = silent + await self._fell_silent(name, answers)
