@@ -73,7 +73,7 @@ class Slotted:
         """Take the kind and what the children are for.
 
         Raises:
-            TypeError: it is no kind.
+            TypeError: it is no kind, or `doc` no text.
         """
         interface: type[Any] | None = kind if isinstance(kind, type) else None
         if interface is not None and not issubclass(interface, Kind):
@@ -83,6 +83,9 @@ class Slotted:
             )
         if interface is None and not (isinstance(kind, str) and kind.isidentifier()):
             raise TypeError(f"{kind!r} is no kind; write the name of a class, such as 'Arm'")
+        said: Any = doc
+        if not isinstance(said, str):
+            raise TypeError(f"{doc!r} says nothing about the children; write least=… and most=… by name")
         self.kind: str = interface.__name__ if interface else str(kind)
         self.doc, self.name, self.interface = doc, "", interface
 

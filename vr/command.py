@@ -27,6 +27,8 @@ from robotree.vr.units import shorten
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
 _CACHE = "__robotree_commands__"
+_HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
+"""What makes something else of a method."""
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -107,9 +109,14 @@ def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | C
 
     Returns:
         The method, which stays an ordinary method for its own class.
+
+    Raises:
+        TypeError: it is no plain method.
     """
 
     def mark(function: _F) -> _F:
+        if isinstance(function, _HIDING):
+            raise TypeError(f"a command is a plain method; take @{type(function).__name__} away")
         setattr(function, _MARK, effect)
         return function
 
@@ -138,6 +145,8 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
     found: dict[str, Command] = {}
     for base in reversed(cls.__mro__):
         for name, value in vars(base).items():
+            if wrapper := _wrapper(value):
+                raise TypeError(f"{cls.__name__}.{name}: a command is a plain method; take @{wrapper} away")
             effect: Effect | None = getattr(value, _MARK, None)
             if effect is None:
                 found.pop(name, None)
@@ -155,6 +164,14 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
             )
         found[SET] = Command(spec, _set, None)
     return found
+
+
+def _wrapper(value: object) -> str:
+    """Return the decorator that hides a command from its callers; empty: there is none."""
+    if not isinstance(value, _HIDING):
+        return ""
+    inner = getattr(value, "fget", None) or getattr(value, "__func__", None)
+    return type(value).__name__ if hasattr(inner, _MARK) else ""
 
 
 def _set(robot: Any, **values: Any) -> None:

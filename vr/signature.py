@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import inspect
 import types
-from collections.abc import Callable, Iterator
-from typing import Any, get_type_hints
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
@@ -19,6 +19,8 @@ from robotree.vr.plain import to_plain
 from robotree.vr.typed import USABLE, field_of, needs_building, parts_of
 
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+_FIRST = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+_EFFECTS = ", ".join(map(repr, get_args(Effect)))
 
 
 def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
@@ -29,12 +31,13 @@ def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
         effect: what a repetition does.
 
     Raises:
-        TypeError: an annotation is missing, or of a type that cannot travel.
+        TypeError: it is no plain method, an annotation is missing or of a type that cannot travel, or there
+            is no such effect.
     """
-    if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
-        raise TypeError(f"{function.__qualname__}: a command is a plain function; it may block as it likes")
     hints = _hints(function)
-    parameters = list(inspect.signature(function).parameters.values())[1:]
+    parameters = _expect_method(function, hints)
+    if effect not in get_args(Effect):
+        raise TypeError(f"{function.__qualname__}: no effect {effect!r}; write one of {_EFFECTS}")
     return CommandSpec(
         name=function.__name__,
         doc=inspect.cleandoc(function.__doc__ or ""),
@@ -42,6 +45,28 @@ def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
         parameters=tuple(_parameter(function, parameter, hints) for parameter in parameters),
         result=tuple(_result(hints.get("return", types.NoneType), function.__qualname__)),
     )
+
+
+def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> list[inspect.Parameter]:
+    """Return the parameters of a command without `self`.
+
+    Raises:
+        TypeError: it is no plain method; says what to write instead.
+    """
+    name = function.__qualname__
+    if inspect.iscoroutinefunction(function):
+        raise TypeError(f"{name}: write it without async; a command has a thread of its own and may block")
+    if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
+        raise TypeError(
+            f"{name}: a command cannot yield; return a list, and tell steps with self.progress(part, text)"
+        )
+    parameters = list(inspect.signature(function).parameters.values())
+    first = parameters[0] if parameters else None
+    if first is None or first.kind not in _FIRST or (first.name in hints and first.name != "self"):
+        raise TypeError(
+            f"{name}: the first parameter of a command is self; write def {function.__name__}(self, …)"
+        )
+    return parameters[1:]
 
 
 def returned_by(function: Callable[..., Any]) -> Any:

@@ -38,6 +38,7 @@ USABLE = (
     "or one of these | None"
 )
 _SIMPLE: dict[object, ParameterType] = {float: "float", int: "int", bool: "bool", str: "str", bytes: "bytes"}
+_SETS = (set, frozenset, collections.abc.Set)
 _LISTS = frozenset({list, collections.abc.Sequence})
 
 
@@ -164,7 +165,7 @@ def _content(
         return "record", _record(cast("type[Any]", annotation), where, above), ()
     if annotation in {*_LISTS, tuple}:
         raise TypeError(f"{where} does not say what is in it: write for example list[float]")
-    raise TypeError(f"{where} cannot be {_spelled(annotation)}: use {USABLE}")
+    raise TypeError(f"{where} cannot be {_spelled(annotation)}: {_instead(annotation)}")
 
 
 def _record(cls: type[Any], where: str, above: tuple[type[Any], ...]) -> tuple[FieldSpec, ...]:
@@ -231,4 +232,18 @@ def _last(kind: type[Any], extras: tuple[Any, ...], otherwise: Any) -> Any:
 
 
 def _spelled(annotation: Any) -> str:
-    return inspect.formatannotation(annotation)
+    return inspect.formatannotation(annotation, getattr(annotation, "__module__", None))
+
+
+def _instead(annotation: Any) -> str:
+    """Say what to write for a type that cannot travel."""
+    if isinstance(annotation, Range | Unit):
+        return f"write Annotated[float, {annotation!r}]"
+    if getattr(annotation, "__module__", "") == "numpy":
+        lists = annotation.__name__ == "ndarray"
+        return "write list[float]" if lists else "write float, int or bool; numpy's are taken"
+    if hasattr(annotation, "_fields") and isinstance(annotation, type):
+        return "write a dataclass instead of a NamedTuple"
+    if get_origin(annotation) in _SETS or annotation in _SETS:
+        return "write list[…]"
+    return f"use {USABLE}"

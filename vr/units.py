@@ -23,8 +23,14 @@ class Unit(msgspec.Struct, frozen=True):
 
     def __post_init__(self) -> None:
         """Refuse a unit that nobody knows, and name the nearest one."""
+        symbol: Any = self.symbol
+        if not isinstance(symbol, str):
+            raise TypeError(f"Unit({self.symbol!r}): a unit is a text, such as Unit('m')")
         if self.symbol not in _USUAL:
             _expect_known(self.symbol)
+
+    def __repr__(self) -> str:
+        return f"Unit({self.symbol!r})"
 
 
 class Range(msgspec.Struct, frozen=True):
@@ -34,7 +40,10 @@ class Range(msgspec.Struct, frozen=True):
     upper: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a range that nothing lies in."""
+        """Refuse a range that nothing lies in, and bounds that are no numbers."""
+        for bound in cast("list[object]", [self.lower, self.upper]):
+            if isinstance(bound, bool) or not isinstance(bound, int | float | None):
+                raise TypeError(f"Range({self.lower!r}, {self.upper!r}): its bounds are numbers, or None")
         if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
             msg = f"a range from {self.lower} to {self.upper} is empty"
             raise ValueError(msg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Self, cast
 
@@ -17,6 +18,14 @@ from robotree.vr.units import Unit
 from robotree.vr.usage import used_commands
 
 _CACHE = "__robotree_slots__"
+_OWN = frozenset(
+    {
+        *("name", "attributes", "slots_now", "field_values", "child_slots", "kinds", "begins", "online"),
+        *("isolated", "halted", "reading_units", "readings", "safe_stop", "resume"),
+    }
+)
+"""What the agent of each robot uses of it, so that no slot can have this name."""
+_ANNOTATED_SLOT = re.compile(r"(\w+\.)?Child(ren)?\(")
 
 
 class VirtualRobot(Robot):
@@ -40,13 +49,22 @@ class VirtualRobot(Robot):
         super().__init_subclass__()
         for symbol in cls.reading_units.values():
             Unit(symbol)
+        for name, annotation in inspect.get_annotations(cls).items():
+            if isinstance(annotation, Slotted) or _ANNOTATED_SLOT.match(str(annotation)):
+                raise TypeError(
+                    f"{cls.__name__}.{name} is only annotated; write: {name} = Child(…), with an ="
+                )
         for name, value in vars(cls).items():
             if isinstance(value, Exposed):
                 _expect_promised(cls, name, value)
+            if isinstance(value, Exposed | Slotted) and name in _OWN:
+                raise TypeError(
+                    f"{cls.__name__}.{name}: it cannot have this name; every robot uses it itself"
+                )
             if kinds := _listed(value):
                 count = len(kinds)
                 raise TypeError(
-                    f"{cls.__name__}.{name} is a list of Child, which makes no slots; "
+                    f"{cls.__name__}.{name} is a {type(value).__name__} of Child, which makes no slots; "
                     f"write: {name} = Children({kinds[0]!r}, least={count}, most={count})"
                 )
         for hook in ("readings", "safe_stop", "resume"):

@@ -7,7 +7,9 @@ of its own, so what two robots of one page keep in their classes is not shared; 
 from __future__ import annotations
 
 import contextvars
+import dataclasses
 import hashlib
+import inspect
 import itertools
 import linecache
 import logging
@@ -24,6 +26,7 @@ from typing import Any, TypeVar, cast
 
 from robotree.vr.bundle.lines import line_of, slots_at
 from robotree.vr.bundle.package import PREFIX, Package, package_of
+from robotree.vr.child import Slotted
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
@@ -124,13 +127,41 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
 
     Raises:
         BadName: that cannot be a name.
+        TypeError: the constructor does not take a name, or makes a child.
     """
+    _expect_constructor(cls)
     robot = cls.__new__(cls)
     robot.field_values.give(given)
     robot.__init__(name)  # type: ignore[misc] # with its settings in place
+    for attribute, value in vars(robot).items():
+        if isinstance(value, Slotted):
+            told = f"{cls.__name__}.__init__ sets self.{attribute} to a Child, which makes no slot"
+            raise TypeError(
+                f"{told}; write {attribute} = {type(value).__name__}({value.kind!r}) in the class"
+            )
     if hasattr(robot, "name"):
         robot.field_values.give(given)  # what is asked for comes before what a constructor sets
     return robot
+
+
+def _expect_constructor(cls: type[VirtualRobot]) -> None:
+    """Refuse a constructor that does not take the name alone.
+
+    Raises:
+        TypeError: says what to write instead.
+    """
+    if dataclasses.is_dataclass(cls):
+        raise TypeError(
+            f"{cls.__name__}.__init__ is that of a dataclass: take @dataclass away; "
+            "settings are attributes with a type and a default"
+        )
+    try:
+        inspect.signature(cls).bind("name")
+    except TypeError:
+        raise TypeError(
+            f"{cls.__name__}.__init__ must take the robot's name and nothing else: "
+            "write def __init__(self, name: str) and super().__init__(name); what people choose is a setting"
+        ) from None
 
 
 def make(

@@ -180,6 +180,26 @@ class _Handler(logging.Handler):
             logging.lastResort.handle(record)
 
 
+class _NoInput(io.TextIOBase):
+    """Standard input of pages: there is none, for that of the process is its starter's or a person's."""
+
+    def readable(self) -> bool:
+        """See `io.TextIOBase`."""
+        return True
+
+    def read(self, _size: int | None = -1, /) -> str:
+        """Refuse.
+
+        Raises:
+            OSError: always.
+        """
+        raise OSError("nobody types into a page: make what it asks for a parameter of the command")
+
+    def readline(self, size: int = -1, /) -> str:  # type: ignore[override] # the stubs have two other forms
+        """Refuse, as `read`."""
+        return self.read(size)
+
+
 def _level(number: int) -> Literal["debug", "info", "warning", "error"]:
     if number >= logging.ERROR:
         return "error"
@@ -190,13 +210,14 @@ def _level(number: int) -> Literal["debug", "info", "warning", "error"]:
 
 @contextlib.contextmanager
 def listening() -> Generator[None]:
-    """Hear what robots say in this process, in the block: for the process of a host."""
-    before = sys.stdout, sys.stderr, warnings.showwarning
+    """Hear what robots say in this process, and let them read no input: for the process of a host."""
+    before, typed = (sys.stdout, sys.stderr, warnings.showwarning), sys.stdin
     root, handler = logging.getLogger(), _Handler(logging.NOTSET)
     level = root.level
     for other in root.handlers:
         other.setLevel(max(other.level, level))  # it gets no more than before
     sys.stdout, sys.stderr = _Stream(sys.stdout, "info"), _Stream(sys.stderr, "warning")
+    sys.stdin = _NoInput()
     root.addHandler(handler)
     root.setLevel(logging.INFO)
 
@@ -220,5 +241,6 @@ def listening() -> Generator[None]:
         yield
     finally:
         sys.stdout, sys.stderr, warnings.showwarning = before
+        sys.stdin = typed
         root.removeHandler(handler)
         root.setLevel(level)

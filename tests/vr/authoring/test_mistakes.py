@@ -76,7 +76,103 @@ MISTAKES = {
     ),
     "a command that is async": (
         "    @command\n    async def go(self) -> None: ...\n",
-        "line 9: Team.go: a command is a plain function; it may block as it likes",
+        "line 9: Team.go: write it without async; a command has a thread of its own and may block",
+    ),
+    "a command that yields": (
+        "    @command\n    def go(self):\n        yield 1\n",
+        "line 9: Team.go: a command cannot yield; return a list, and tell steps with self.progress(part",
+    ),
+    "a command that is async and yields": (
+        "    @command\n    async def go(self):\n        yield 1\n",
+        "line 9: Team.go: a command cannot yield; return a list",
+    ),
+    "a command without self": (
+        "    @command\n    def go() -> None: ...\n",
+        "line 9: Team.go: the first parameter of a command is self; write def go(self, …)",
+    ),
+    "a command whose first parameter is not self": (
+        "    @command\n    def go(x: float) -> None: ...\n",
+        "line 9: Team.go: the first parameter of a command is self; write def go(self, …)",
+    ),
+    "a command that is a property": (
+        "    @property\n    @command\n    def go(self) -> int: ...\n",
+        "line 10: Team.go: a command is a plain method; take @property away",
+    ),
+    "a property that is a command": (
+        "    @command\n    @property\n    def go(self) -> int: ...\n",
+        "line 8: a command is a plain method; take @property away",
+    ),
+    "a command that is static": (
+        "    @staticmethod\n    @command\n    def go(x: int) -> int: ...\n",
+        "line 10: Team.go: a command is a plain method; take @staticmethod away",
+    ),
+    "a command of the class": (
+        "    @command\n    @classmethod\n    def go(cls, x: int) -> int: ...\n",
+        "line 8: a command is a plain method; take @classmethod away",
+    ),
+    "an effect that nobody knows": (
+        "    @command(effect='raed')\n    def go(self) -> int: ...\n",
+        "line 9: Team.go: no effect 'raed'; write one of 'read', 'repeat', 'once'",
+    ),
+    "a range of texts": (
+        "    @command\n    def go(self, x: Annotated[float, Range('0', '1')]) -> None: ...\n",
+        "line 9: Range('0', '1'): its bounds are numbers, or None",
+    ),
+    "a unit that is no text": (
+        "    @command\n    def go(self, x: Annotated[float, Unit(1)]) -> None: ...\n",
+        "line 9: Unit(1): a unit is a text, such as Unit('m')",
+    ),
+    "a unit instead of a type": (
+        "    @command\n    def go(self, x: Unit('m')) -> None: ...\n",
+        "line 9: Team.go: parameter 'x' cannot be Unit('m'): write Annotated[float, Unit('m')]",
+    ),
+    "an array of numpy as a type": (
+        "    import numpy as np\n    @command\n    def go(self, x: np.ndarray) -> None: ...\n",
+        "line 10: Team.go: parameter 'x' cannot be ndarray: write list[float]",
+    ),
+    "a number of numpy as a type": (
+        "    import numpy as np\n    @command\n    def go(self, x: np.float64) -> None: ...\n",
+        "line 10: Team.go: parameter 'x' cannot be float64: write float, int or bool; numpy's are taken",
+    ),
+    "a NamedTuple": (
+        "    from collections import namedtuple as nt\n    @command\n    def f(self, p: nt('P', 'x')): 0\n",
+        "line 10: Team.f: parameter 'p' cannot be P: write a dataclass instead of a NamedTuple",
+    ),
+    "a set": (
+        "    @command\n    def go(self, x: set[int]) -> None: ...\n",
+        "line 9: Team.go: parameter 'x' cannot be set[int]: write list[…]",
+    ),
+    "a slot that is only annotated": (
+        '    other: Child("Arm")\n',
+        "line 8: Team.other is only annotated; write: other = Child(…), with an =",
+    ),
+    "a slot named like what each robot has": (
+        '    name = Child("Arm")\n',
+        "line 8: Team.name: it cannot have this name; every robot uses it itself",
+    ),
+    "numbers of children that are not named": (
+        '    rovers = Children("Rover", 4)\n',
+        "line 8: 4 says nothing about the children; write least=… and most=… by name",
+    ),
+    "a constructor without a name": (
+        "    def __init__(self):\n        super().__init__()\n",
+        "line 8: Team.__init__ must take the robot's name and nothing else: write def __init__(self",
+    ),
+    "a constructor that takes more": (
+        "    def __init__(self, name, port):\n        super().__init__(name)\n",
+        "line 8: Team.__init__ must take the robot's name and nothing else: write def __init__(self",
+    ),
+    "a constructor that makes a slot": (
+        "    def __init__(self, name):\n        super().__init__(name)\n        self.other = Child('Arm')\n",
+        "line 8: Team.__init__ sets self.other to a Child, which makes no slot; write other = Child('Arm')",
+    ),
+    "a constructor that fails": (
+        "    def __init__(self, name):\n        super().__init__(name)\n        self.x = 1 / 0\n",
+        "line 10: ZeroDivisionError: division by zero",
+    ),
+    "a robot that is a dataclass": (
+        "\n@dataclass\nclass Team(Team):\n    speed: float = 1.0\n",
+        "line 6: Team.__init__ is that of a dataclass: take @dataclass away; settings are attributes with a",
     ),
     "a syntax error": ("    def go(self:\n", "line 8: "),
     "an import that fails": (

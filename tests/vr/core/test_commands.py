@@ -175,7 +175,7 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901
         defaulted: "default of Odd.defaulted: x: 2 is out of range; give a number from 0 to 1",
         complicated: "Odd.complicated: its result cannot be dict[str, float]: use " + USABLE,
         unknown: "Odd.unknown: name 'Metre' is not defined; define it in the file, outside of functions",
-        later: "Odd.later: a command is a plain function; it may block as it likes",
+        later: "Odd.later: write it without async; a command has a thread of its own and may block",
         readings: "Odd.readings: a command cannot have this name; every robot uses it itself",
         _hidden: "Odd._hidden: a command cannot have this name; every robot uses it itself",
     }

@@ -12,7 +12,7 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import CommandCancelled, CommandFailed
+from robotree.vr.errors import BundleError, CommandCancelled, CommandFailed
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.requests import Heard, Said, decode_event
 from robotree.vr.running.heard import BURST, KEPT, Log, listening
@@ -120,6 +120,14 @@ async def test_what_a_page_says_while_it_is_loaded_is_heard_too() -> None:
     async with on_stage() as stage:
         said = await stage.robots["two"].read_log()
         assert [one.text for one in said] == ["loading", "made two"]
+
+
+async def test_a_page_that_asks_for_input_fails_at_once_and_reads_nothing_of_the_hosts() -> None:
+    asking = "from robotree.vr import VirtualRobot\n\nNAME = input('?')\n\n\nclass Asking(VirtualRobot): ..."
+    async with on_stage() as stage:
+        client = HostClient(stage.operator, stage.host.address)
+        with pytest.raises(BundleError, match="line 3: OSError: nobody types into a page: make what it asks"):
+            await client.create(Bundle(asking, "asking.py"), "asking")
 
 
 async def test_a_thread_that_the_command_was_handed_on_to_speaks_for_it() -> None:
