@@ -150,4 +150,4 @@ def _nothing(field: FieldSpec) -> Any:
             return _EMPTY[field.type]
 
 
-_EMPTY: dict[str, Any] = {"bool": False, "str": "", "list": [], "bytes": b""}
+_EMPTY: dict[str, Any] = {"bool": False, "str": "", "list": [], "dict": {}, "bytes": b""}

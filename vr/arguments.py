@@ -87,6 +87,10 @@ def _expected_tuple(field: FieldSpec) -> str:
     return f"{len(field.items)} values: ({', '.join(map(expected, field.items))})"
 
 
+def _expected_dict(field: FieldSpec) -> str:
+    return f"values by name {{name: value, …}}, each value {expected(field.items[0])}"
+
+
 def _expected_record(field: FieldSpec) -> str:
     return f"{{{', '.join(f'{part.name}: {expected(part)}' for part in field.items)}}}"
 
@@ -99,6 +103,7 @@ _EXPECTED: dict[ParameterType, Callable[[FieldSpec], str]] = {
     "float": _expected_number,
     "list": _expected_list,
     "tuple": _expected_tuple,
+    "dict": _expected_dict,
     "record": _expected_record,
     "bytes": lambda _: "bytes",
 }
@@ -118,7 +123,7 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
         return None
     try:
         if isinstance(value, str) and field.nested:
-            value = read_record(value) if field.type == "record" else read_list(value)
+            value = read_record(value) if field.type in {"dict", "record"} else read_list(value)
         found = _READERS[field.type](field, value)
     except (TypeError, ValueError) as error:
         raise _Refused(path, str(error)) from None
@@ -129,6 +134,9 @@ def _read(field: FieldSpec, value: object, path: str) -> Any:
         case "tuple":
             parts = zip(field.items, found, strict=True)
             return [_read(item, part, f"{path}[{index}]") for index, (item, part) in enumerate(parts)]
+        case "dict":
+            (item,) = field.items
+            return {name: _read(item, part, f"{path}.{name}") for name, part in found.items()}
         case "record":
             named = {part.name: part for part in field.items}
             return _read_parts(named, found, f"{path}.", "part; it has")
@@ -231,6 +239,13 @@ def _record(field: FieldSpec, value: object) -> Mapping[str, object]:
     return cast("Mapping[str, object]", value)
 
 
+def _dict(field: FieldSpec, value: object) -> Mapping[str, object]:
+    named = _record(field, value)
+    if odd := [name for name in cast("Mapping[object, object]", named) if not isinstance(name, str)]:
+        raise TypeError(f"the key {shorten(odd[0])} is no text; give {expected(field)}")
+    return named
+
+
 def _bytes(field: FieldSpec, value: object) -> bytes:
     if not isinstance(value, bytes):
         raise TypeError(f"{shorten(value)} is not {expected(field)}")
@@ -245,6 +260,7 @@ _READERS: dict[ParameterType, Callable[[FieldSpec, object], Any]] = {
     "choice": _choice,
     "list": _list,
     "tuple": _tuple,
+    "dict": _dict,
     "record": _record,
     "bytes": _bytes,
 }

@@ -11,13 +11,15 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, Self, TypeVar
 
 import msgspec
 
 from robotree.vr.requests import Level
 
 T = TypeVar("T")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,7 +97,7 @@ class Together(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def start(self, work: Callable[..., Any], /, *values: Any, **arguments: Any) -> CallFuture:
+    def start(self, work: Callable[P, R], /, *values: P.args, **arguments: P.kwargs) -> CallFuture[R]:
         """Start a child's command, or a function of the page that calls children one after the other.
 
         Args:
@@ -122,7 +124,7 @@ class Race(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def start(self, work: Callable[..., Any], /, *values: Any, **arguments: Any) -> CallFuture:
+    def start(self, work: Callable[P, R], /, *values: P.args, **arguments: P.kwargs) -> CallFuture[R]:
         """See `Together.start`."""
         ...
 

@@ -14,8 +14,9 @@ import msgspec
 
 from robotree.vr.address import Address
 
-ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "record", "bytes"]
-"""Of one value. list: values of one kind; tuple: so and so many; record: values by name; bytes: a picture."""
+ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "dict", "record", "bytes"]
+"""Of one value. list: values of one kind; tuple: so and so many; dict: values of one kind by any texts;
+record: values by fixed names; bytes: a picture."""
 LARGEST_GROUP = 1000
 """Children of one group, at most."""
 
@@ -42,7 +43,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     nullable: bool = False
     """None is a value of it, too."""
     items: tuple[FieldSpec, ...] = ()
-    """What is in it. list: one, for all values; tuple: one for each; record: its parts."""
+    """What is in it. list, dict: one, for all values; tuple: one for each; record: its parts."""
     required: bool = True
     default: Any = None
     """A plain value."""
@@ -51,7 +52,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def nested(self) -> bool:
         """Whether there are values in it."""
-        return self.type in {"list", "tuple", "record"}
+        return self.type in {"list", "tuple", "dict", "record"}
 
 
 class CommandSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, dict=True):

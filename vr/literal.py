@@ -20,9 +20,11 @@ LONGEST = 100_000
 """Characters."""
 DEEPEST = 16
 """Lists and records in each other."""
-_NAME = re.compile(r"\s*(?:(\w+)|\"(\w+)\"|'(\w+)')\s*[:=]")
+_KEY = re.compile(r"\w[\w-]*")
+_QUOTED_NAME = r"\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'"
+_NAME = re.compile(rf"\s*(?:(\w[\w-]*)|{_QUOTED_NAME})\s*[:=]")
 _BARE = re.compile(r"[^,\[\](){}\"']*")
-_QUOTED = re.compile(r"\"((?:[^\"\\]|\\.)*)\"|'((?:[^'\\]|\\.)*)'")
+_QUOTED = re.compile(_QUOTED_NAME)
 _PAIRS = {"[": "]", "(": ")", "{": "}"}
 
 
@@ -50,15 +52,25 @@ def write(value: Any) -> str:
     """Write a plain value so that it is read back as it was."""
     if isinstance(value, Mapping):
         parts = cast("Mapping[str, Any]", value).items()
-        return f"{{{', '.join(f'{name}: {write(part)}' for name, part in parts)}}}"
+        named = ((name if _KEY.fullmatch(name) else _in_quotes(name), part) for name, part in parts)
+        return f"{{{', '.join(f'{name}: {write(part)}' for name, part in named)}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(write, cast('Iterable[Any]', value)))}]"
     if isinstance(value, str):
         bare = _BARE.fullmatch(value) and value == value.strip() and value
-        return value if bare else '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        return value if bare else _in_quotes(value)
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def _in_quotes(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _unescaped(double: str | None, single: str | None) -> str:
+    """Return what stands between double or single quotes."""
+    return re.sub(r"\\(.)", r"\1", (single or "") if double is None else double, flags=re.DOTALL)
 
 
 class _Reader:
@@ -89,7 +101,7 @@ class _Reader:
         quoted = _QUOTED.match(self.text, self.at)
         if quoted:
             self.at = quoted.end()
-            return re.sub(r"\\(.)", r"\1", quoted[1] if quoted[1] is not None else quoted[2])
+            return _unescaped(quoted[1], quoted[2])
         bare = _BARE.match(self.text, self.at)
         found = bare[0].strip() if bare else ""
         if not found:
@@ -112,7 +124,8 @@ class _Reader:
             name = _NAME.match(self.text, self.at)
             if name is None:
                 raise self._unreadable("`name: value`")
-            self.at, key = name.end(), name[1] or name[2] or name[3]
+            self.at = name.end()
+            key = name[1] if name[1] is not None else _unescaped(name[2], name[3])
             if key in found:
                 raise ValueError(f"{shorten(self.text)} gives {key} twice")
             found[key] = self.value(depth)

@@ -92,6 +92,8 @@ class _Page:
             case "tuple":
                 parts = (self._type(f"{name}{at}", one) for at, one in enumerate(field.items))
                 typed = f"tuple[{', '.join(parts)}]"
+            case "dict":
+                typed = f"dict[str, {self._type(name, field.items[0])}]"
             case "record":
                 typed = self._record(name, field.items)
             case simple:

@@ -1,8 +1,8 @@
 """From an annotation to the description of a value: `Annotated[float, Unit("m"), Range(0, 1), "far"]`.
 
-Numbers, truth values and texts; choices (Literal or Enum of texts); lists and tuples; records (a dataclass, a
-TypedDict or a Struct); any of them or None; bytes as a result. A unit or a range of a list is that of its
-numbers. Mistakes of an author are `TypeError`s.
+Numbers, truth values and texts; choices (Literal or Enum of texts); lists, tuples and dictionaries with texts
+as keys; records (a dataclass, a TypedDict or a Struct); any of them or None; bytes as a result. A unit or a
+range of a list or a dictionary is that of its numbers. Mistakes of an author are `TypeError`s.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ from robotree.vr.plain import to_plain
 from robotree.vr.units import Range, Unit
 
 USABLE = (
-    "float, int, bool, str, a Literal or Enum of texts, list[…], tuple[…], a dataclass or TypedDict, "
-    "or one of these | None"
+    "float, int, bool, str, a Literal or Enum of texts, list[…], tuple[…], dict[str, …], a dataclass or "
+    "TypedDict, or one of these | None"
 )
 _SIMPLE: dict[object, ParameterType] = {float: "float", int: "int", bool: "bool", str: "str", bytes: "bytes"}
 _SETS = (set, frozenset, collections.abc.Set)
 _LISTS = frozenset({list, collections.abc.Sequence})
+_DICTS = frozenset({dict, collections.abc.Mapping})
 
 
 class Part(NamedTuple):
@@ -73,7 +74,7 @@ def field_of(
     annotation, extras, nullable = _bare(annotation)
     own = tuple(extra for extra in extras if isinstance(extra, Range | Unit))
     kind, items, choices = _content(annotation, where, above, (*measures, *own))
-    if kind not in {"float", "int", "list", "tuple"} and (own or measures):
+    if kind not in {"float", "int", "list", "tuple", "dict"} and (own or measures):
         raise TypeError(f"{where}: only numbers have a unit or a range")
     unit, limits = "", Range()
     if kind in {"float", "int"}:
@@ -153,8 +154,9 @@ def _content(
         return "choice", (), args
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         return "choice", (), _members(annotation, where)
-    if origin in _LISTS or (origin is tuple and args[1:] == (...,)):
-        return "list", (field_of("", args[0], f"{where}: a value of it", above=above, measures=measures),), ()
+    if repeated := _repeated(origin, args):
+        item = args[1] if repeated == "dict" else args[0]
+        return repeated, (field_of("", item, f"{where}: a value of it", above=above, measures=measures),), ()
     if origin is tuple and args:
         items = (
             field_of("", one, f"{where}: value {index}", above=above, measures=measures)
@@ -165,7 +167,16 @@ def _content(
         return "record", _record(cast("type[Any]", annotation), where, above), ()
     if annotation in {*_LISTS, tuple}:
         raise TypeError(f"{where} does not say what is in it: write for example list[float]")
+    if annotation in _DICTS:
+        raise TypeError(f"{where} does not say what is in it: write for example dict[str, float]")
     raise TypeError(f"{where} cannot be {_spelled(annotation)}: {_instead(annotation)}")
+
+
+def _repeated(origin: Any, args: tuple[Any, ...]) -> Literal["list", "dict"] | None:
+    """Return what holds any number of values of one type; None: the type is no such."""
+    if origin in _LISTS or (origin is tuple and args[1:] == (...,)):
+        return "list"
+    return "dict" if origin in _DICTS and args[0] is str else None
 
 
 def _record(cls: type[Any], where: str, above: tuple[type[Any], ...]) -> tuple[FieldSpec, ...]:
@@ -244,6 +255,8 @@ def _instead(annotation: Any) -> str:
         return "write list[float]" if lists else "write float, int or bool; numpy's are taken"
     if hasattr(annotation, "_fields") and isinstance(annotation, type):
         return "write a dataclass instead of a NamedTuple"
+    if get_origin(annotation) in _DICTS:
+        return "the keys are texts: write dict[str, …]"
     if get_origin(annotation) in _SETS or annotation in _SETS:
         return "write list[…]"
     return f"use {USABLE}"

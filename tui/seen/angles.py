@@ -101,6 +101,9 @@ def _each(field: FieldSpec, value: Any, turned: Callable[[FieldSpec, Any], Any])
         parts = {part.name: part for part in field.items}
         named = cast("Mapping[str, Any]", value).items()
         return {name: _each(parts[name], part, turned) if name in parts else part for name, part in named}
+    if field.type == "dict" and isinstance(value, Mapping):
+        named = cast("Mapping[str, Any]", value).items()
+        return {name: _each(field.items[0], part, turned) for name, part in named}
     if field.type in {"list", "tuple"} and isinstance(value, list | tuple):
         values = cast("Sequence[Any]", value)
         items = field.items * len(values) if field.type == "list" else field.items

@@ -93,6 +93,8 @@ def form(spec: FieldSpec) -> str:
             text = f"[{form(spec.items[0])}, …]"
         case "tuple":
             text = f"({', '.join(map(form, spec.items))})"
+        case "dict":
+            text = f"{{name: {form(spec.items[0])}, …}}"
         case "record":
             text = f"{{{', '.join(f'{part.name}: {form(part)}' for part in spec.items)}}}"
         case _:
@@ -145,15 +147,21 @@ def measured(spec: FieldSpec | None, thing: Any) -> str:
     """Write a value with the units that its description knows."""
     if spec is None or thing is None:
         return value(thing)
-    if spec.type == "record" and isinstance(thing, Mapping):
-        parts = {part.name: part for part in spec.items}
+    if isinstance(thing, Mapping):
         named = cast("dict[str, Any]", thing).items()
-        return ", ".join(f"{name} {measured(parts.get(name), part)}" for name, part in named)
+        return ", ".join(f"{name} {measured(_part(spec, name), part)}" for name, part in named)
     if spec.type == "tuple" and isinstance(thing, list):
         pairs = zip(spec.items, cast("Sequence[Any]", thing), strict=False)
         return ", ".join(measured(part, one) for part, one in pairs)
     unit = spec.items[0].unit if spec.type == "list" else spec.unit
     return f"{value(thing)} {unit}".rstrip()
+
+
+def _part(spec: FieldSpec, name: str) -> FieldSpec | None:
+    """Return the description of a value by name in a record or a dictionary."""
+    if spec.type == "dict":
+        return spec.items[0]
+    return next((part for part in spec.items if part.name == name), None)
 
 
 def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
@@ -163,8 +171,9 @@ def result(spec: CommandSpec | None, thing: Any) -> list[tuple[str, str]]:
     known = {part.name: part for part in spec.result} if spec else {}
     rows: list[tuple[str, str]] = []
     parts = cast("dict[str, Any]", thing) if isinstance(thing, Mapping) else {"": thing}
+    each_part = known[""].items[0] if "" in known and known[""].type == "dict" else None
     for name, part in parts.items():
-        told = known.get(name)
+        told = each_part or known.get(name)
         shown = as_shown(told) if told else None
         value = in_degrees(told, part) if told else part
         if shown and shown.type == "list" and shown.items[0].nested and isinstance(value, list):

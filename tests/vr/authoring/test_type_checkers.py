@@ -41,7 +41,21 @@ class Right(VirtualRobot):
         first: float = self.rovers[0].get_info().vx
         if self.other:
             self.other.run(speed=1)
+        with self.together() as both:
+            low: float = both.start(self.arm.get_info).result().z
+            both.start(self.arm.go_to, x=0.1, y=0, z=low, twist=0)
+            both.start(self.arm.go_to, 0.1, 0, 0.1, 0, speed=0.1)
+            both.start(self.fetch, "cup", count=2).result().upper()
+            both.start(self.other.run, speed=1)
+            for rover in self.rovers:
+                both.start(rover.move, x=0.1, y=0).detach()
+        with self.first() as race:
+            race.start(self.arm.get_info)
         return height + first
+
+    def fetch(self, what: str, count: int = 1) -> str:
+        """Fetch something."""
+        return what * count
 
     get_info = arm.exposed()
 '''
@@ -70,7 +84,20 @@ class Wrong(VirtualRobot):
         for rover in self.rovers:
             rover.fly()  # wrong
         self.rovers[0].move(x=None, y=0)  # wrong
+        with self.together() as both:
+            both.start(self.arm.go_to, x="far", y=0, z=0, twist=0)  # wrong
+            both.start(self.arm.go_to, x=0.1)  # wrong
+            both.start(self.arm.no_such)  # wrong
+            both.start(self.fetch, 3)  # wrong
+            word = both.start(self.arm.get_info).result().z  # wrong
+            both.start(self.arm.go_to(x=0.1, y=0, z=0.1, twist=0))  # wrong
+        with self.first() as race:
+            race.start(self.rovers[0].move, x=None, y=0)  # wrong
         print(word)
+
+    def fetch(self, what: str) -> str:
+        """Fetch something."""
+        return what
 
 
 class NoKind(VirtualRobot):

@@ -157,7 +157,9 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901
     def starry(self: Any, *x: float) -> None: ...
     def ranged(self: Any, x: Annotated[str, Range(0, 1)]) -> None: ...
     def defaulted(self: Any, x: Annotated[float, Range(0, 1)] = 2.0) -> None: ...
-    def complicated(self: Any) -> dict[str, float]: ...  # type: ignore[empty-body]
+    def complicated(self: Any) -> set[str]: ...  # type: ignore[empty-body]
+    def numbers_as_keys(self: Any, x: dict[int, float]) -> None: ...
+    def unsaid(self: Any, x: dict) -> None: ...  # type: ignore[type-arg]
     def unknown(self: Any, x: Metre) -> None: ...  # type: ignore[name-defined]  # noqa: F821
     async def later(self: Any) -> None: ...
     def readings(self: Any) -> None: ...
@@ -173,7 +175,10 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:  # noqa: C901
         starry: "Odd.starry: parameter 'x': a command takes named parameters only",
         ranged: "Odd.ranged: parameter 'x': only numbers have a unit or a range",
         defaulted: "default of Odd.defaulted: x: 2 is out of range; give a number from 0 to 1",
-        complicated: "Odd.complicated: its result cannot be dict[str, float]: use " + USABLE,
+        complicated: "Odd.complicated: its result cannot be set[str]: write list[…]",
+        numbers_as_keys: "Odd.numbers_as_keys: parameter 'x' cannot be dict[int, float]: the keys are texts: "
+        "write dict[str, …]",
+        unsaid: "Odd.unsaid: parameter 'x' does not say what is in it: write for example dict[str, float]",
         unknown: "Odd.unknown: name 'Metre' is not defined; define it in the file, outside of functions",
         later: "Odd.later: write it without async; a command has a thread of its own and may block",
         readings: "Odd.readings: a command cannot have this name; every robot uses it itself",
