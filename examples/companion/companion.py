@@ -273,7 +273,7 @@ class Companion(RolePlayer):
             hand.grip(action="open")
             hand.reach(x=ahead - 0.12, y=aside, z=z + 0.05, hand="forward", speed=GENTLE)
             self.step_back(0.35)
-            raise self.failed("take", f"the {what} is not between the fingers; look where it is")
+            raise self.failed(f"the {what} is not between the fingers; look where it is")
         self.carried[side] = what
         self.carry(hand.reach, x=ahead, y=aside, z=z + 0.12, hand="forward", speed=GENTLE)
         self.step_back(0.35)
@@ -283,7 +283,7 @@ class Companion(RolePlayer):
     @command
     def give(self, who: Who) -> None:
         """Offer what a hand holds, set it on the person's open palm, and let go once the palm carries it."""
-        side = self.full_hand("give")
+        side = self.full_hand()
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
         self.approach(who, 1.15)
         self.carry(hand.reach, x=AHEAD - 0.05, y=sign * ASIDE, z=1.08, hand="forward", speed=BRISK)
@@ -295,17 +295,17 @@ class Companion(RolePlayer):
         self.progress(0.9, "it stands on the palm")
         if self.holds(side):
             self.carried[side] = cup
-            raise self.failed("give", f"{who} has not taken it; it is still in the {side} hand")
+            raise self.failed(f"{who} has not taken it; it is still in the {side} hand")
         hand.reach(x=ahead - 0.12, y=aside, z=z + 0.10, hand="forward", speed=GENTLE)
         self.step_back(0.25)
         hand.posture(**REST, speed=BRISK)
         if self.fell(cup):
-            raise self.failed("give", f"{who} has let it fall")
+            raise self.failed(f"{who} has let it fall")
 
     @command
     def put(self, place: Where = "table") -> None:
         """Put what a hand holds down on the table."""
-        side = self.full_hand("put")
+        side = self.full_hand()
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
         x, y, z = self.place(place).at
         self.stand_at(x - 0.12, y, sign, heading=self.place(place).heading)
@@ -341,11 +341,11 @@ class Companion(RolePlayer):
             missed = missed + 1 if lost else 0
             if missed == 2:
                 under_way.cancel()
-                raise self.slipped("carry", lost[0])
+                raise self.slipped(lost[0])
 
-    def slipped(self, act: str, side: str) -> CommandFailed:
+    def slipped(self, side: str) -> CommandFailed:
         """What to raise when a hand has lost what it carried."""
-        return self.failed(act, f"the {self.carried.pop(side)} has slipped out of the {side} hand")
+        return self.failed(f"the {self.carried.pop(side)} has slipped out of the {side} hand")
 
     def holds(self, side: str) -> bool:
         """Whether something is between the fingers of a hand."""
@@ -356,15 +356,15 @@ class Companion(RolePlayer):
         """The hand that is free, the left one first."""
         return "right" if self.holds("left") else "left"
 
-    def full_hand(self, act: str) -> Hand:
+    def full_hand(self) -> Hand:
         """The hand that holds something."""
         if self.holds("left"):
             return "left"
         if self.holds("right"):
             return "right"
         for side in self.carried:
-            raise self.slipped(act, side)
-        raise self.failed(act, "both hands are empty; take something first")
+            raise self.slipped(side)
+        raise self.failed("both hands are empty; take something first")
 
     def fell(self, thing: str) -> bool:
         """Look whether a thing lies on the floor."""
@@ -389,7 +389,7 @@ class Companion(RolePlayer):
             if hand.get_info().fz - weight > 1.2:
                 hand.grip(action="open")
                 return self.carried.pop(side, "")
-        raise self.failed("set down", "nothing carries it; it is still in the hand")
+        raise self.failed("nothing carries it; it is still in the hand")
 
     def palm_of(self, who: str) -> tuple[float, float, float]:
         """Wait until a person holds out the hand, and tell where it is [m, flat]."""
@@ -401,7 +401,7 @@ class Companion(RolePlayer):
             palm = self.head.see(tag=TAGS[who.lower()] + PALM)
             if palm.seen and palm.age < 0.5:
                 return palm.x, palm.y, palm.z
-        raise self.failed("give", f"{who} holds out no hand")
+        raise self.failed(f"{who} holds out no hand")
 
     def stand_before(self, what: str, sign: float) -> None:
         """Stand so that a thing on the table is where a hand works best."""
@@ -448,7 +448,7 @@ class Companion(RolePlayer):
     def place(self, name: str) -> Place:
         """A place by its name."""
         if name not in PLACES:
-            raise self.failed("go", f"there is no place {name!r}; there is: {', '.join(PLACES)}")
+            raise self.failed(f"there is no place {name!r}; there is: {', '.join(PLACES)}")
         return PLACES[name]
 
     def point_of(self, what: str) -> tuple[float, float, float]:
@@ -457,12 +457,12 @@ class Companion(RolePlayer):
             return PLACES[what].at
         what = what.lower()
         if what not in TAGS:
-            raise self.failed("look", f"nothing is called {what!r}; known: {', '.join([*PLACES, *TAGS])}")
+            raise self.failed(f"nothing is called {what!r}; known: {', '.join([*PLACES, *TAGS])}")
         tag = self.head.see(tag=TAGS[what])
         if not tag.seen:
-            raise self.failed("look", f"{what} was not seen yet; look around, or go where it is")
+            raise self.failed(f"{what} was not seen yet; look around, or go where it is")
         return tag.x, tag.y, tag.z
 
-    def failed(self, act: str, why: str) -> CommandFailed:
-        """What to raise when an action cannot go on."""
-        return CommandFailed(robot=self.name, command=act, detail=why)
+    def failed(self, why: str) -> CommandFailed:
+        """What to raise when the running command cannot go on."""
+        return CommandFailed(robot=self.name, command=self.context.command, detail=why)

@@ -16,6 +16,8 @@ STILL: Final = 0.002
 """[m/s] of the gap below which the fingers stand."""
 STILL_FOR: Final = 0.2
 """[s] of standing short of the width after which something is held."""
+YIELDS: Final = 0.002
+"""[m] by which the gap may change while the same thing is held: a hand that is carried about shakes."""
 
 
 class Grip(Enum):
@@ -41,6 +43,7 @@ class Gripper:
         self.state = Grip.AT_WIDTH
         self._led = width
         self._still = 0.0
+        self._held = width
 
     def move(self, width: float) -> None:
         """Ask for a gap of `width` [m]."""
@@ -70,8 +73,8 @@ class Gripper:
         self._still = self._still + dt if led_there and abs(speed) < STILL else 0.0
         if abs(width - self.commanded) < AT_WIDTH:
             self.state = Grip.AT_WIDTH if led_there else self.state
-        elif self._still >= STILL_FOR:
-            self.state = Grip.HOLDING
-        elif self.state is Grip.AT_WIDTH or abs(speed) >= STILL:
+        elif self._still >= STILL_FOR and self.state is not Grip.HOLDING:
+            self.state, self._held = Grip.HOLDING, width
+        elif self.state is Grip.AT_WIDTH or abs(width - self._held) >= YIELDS:
             self.state = Grip.MOVING
         return self._led

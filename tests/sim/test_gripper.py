@@ -43,6 +43,25 @@ def test_stopped_by_an_object_they_hold_it() -> None:
     assert gripper.state is Grip.HOLDING
 
 
+def test_a_hand_that_is_shaken_still_holds_what_stands_between_its_fingers() -> None:
+    gripper = Gripper(0.08)
+    gripper.move(0.0)
+    lead(gripper, 1.0, 0.08, obstacle=0.062)
+    for speed in (0.003, -0.003):
+        gripper.advance(DT, 0.062 + speed * DT, speed)
+        assert gripper.state is Grip.HOLDING, "the base has begun to drive: a tenth of a millimetre"
+
+
+def test_what_slips_out_is_held_no_longer() -> None:
+    gripper = Gripper(0.08)
+    gripper.move(0.0)
+    lead(gripper, 1.0, 0.08, obstacle=0.062)
+    lead(gripper, 0.05, 0.062, obstacle=0.058)
+    assert gripper.state is Grip.MOVING
+    lead(gripper, 0.5, 0.058)
+    assert gripper.state is Grip.AT_WIDTH
+
+
 def test_a_halt_keeps_what_is_held_and_stops_what_moves() -> None:
     holding = Gripper(0.06)
     holding.move(0.0)

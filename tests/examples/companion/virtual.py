@@ -125,6 +125,7 @@ def companion(bench: CompanionBench) -> Any:
     class InVirtualTime(page):  # type: ignore[misc]
         left, right = _Limb(bench.left), _Limb(bench.right)
         base, head = _Base(bench.base), _Head(bench.head)
+        context = SimpleNamespace(command="act")
 
         def sleep(self, seconds: float) -> None:
             bench.base.wait(seconds)
