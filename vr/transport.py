@@ -48,7 +48,7 @@ class Held(msgspec.Struct, frozen=True):
     """Something that a living process holds present, by the record that its machine keeps of it."""
 
     key: str
-    """As announced."""
+    """As announced; empty: nobody here knows what that process holds, so it may be anything."""
     where: str
     """Who holds it, for people: `process 4711`."""
     remedy: str
@@ -71,17 +71,6 @@ class Occupied(Exception):
         """Name what they are present under."""
         super().__init__(", ".join(keys))
         self.keys = tuple(keys)
-
-
-class Unlisted(msgspec.Struct, frozen=True):
-    """A process of the realm that lives, and that nobody who comes now can reach."""
-
-    where: str
-    """Which, for people: `process 4711`."""
-    reason: str
-    """Why, as a clause."""
-    remedy: str
-    """What a person can do about it."""
 
 
 class Registration(Protocol):
@@ -190,13 +179,10 @@ class Transport(Protocol):
         ...
 
     async def held(self, pattern: str) -> list[Held]:
-        """Return what is present under a pattern for its holder, seen from here or not. Asks no network."""
-        ...
+        """Return what is present under a pattern for its holder, seen from here or not. Asks no network.
 
-    async def unlisted(self) -> list[Unlisted]:
-        """Return the processes of the realm that live and are in no record. Asks no network.
-
-        Who is just entering is among them for a moment.
+        A process of which nobody here knows what it holds is among them, without a key. So is one that is
+        just entering or leaving, for a moment.
         """
         ...
 

@@ -109,7 +109,9 @@ def entries(realm: str) -> list[Entry]:
         if beat := place.beat_of(tag):
             silent = max(time.monotonic() - beat.read(), 0.0)
             beat.close()
-        holds = tuple(address for address in map(Address.parse, place.keys_of(tag)) if address is not None)
+        holds = tuple(
+            address for address in map(Address.parse, place.keys_of(tag) or ()) if address is not None
+        )
         condition = "dead" if not _answers_the_door(place, tag) else _condition(pid, silent)
         found.append(Entry(pid, condition, silent, holds, command_of(pid)))
     return found

@@ -25,7 +25,6 @@ from robotree.vr.transport import (
     RequestHandler,
     Respond,
     SampleHandler,
-    Unlisted,
 )
 
 WAITING_SAMPLES = 4096
@@ -205,11 +204,6 @@ class LocalTransport:
         """See `Transport.held`."""
         self._check(pattern)
         return self.mesh.held(pattern)
-
-    async def unlisted(self) -> list[Unlisted]:
-        """See `Transport.unlisted`."""
-        self._check("")
-        return self.mesh.unlisted()
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
         """See `Transport.watch_itself`."""

@@ -48,7 +48,7 @@ from robotree.vr.network.link import (
 from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
-from robotree.vr.transport import Held, Occupied, Unlisted
+from robotree.vr.transport import Held, Occupied
 
 TICK: Final = 0.5
 """[s] between two beats, and between two looks into the folder."""
@@ -71,8 +71,8 @@ REMEMBERED: Final = 4096
 REPLACE: Final = "process {} runs another version of robotree; start it again with this one"
 """What a person can do about a process that is not understood."""
 
-NAMELESS: Final = "it has no name in the folder of the realm, so that nobody who comes now can reach it"
-"""Why a process that lives cannot be reached."""
+LOST_FILES: Final = "its files in the realm's folder are gone, so that nobody who comes now can reach it"
+"""Why it is not known what a process holds that lives."""
 
 Respond = Callable[[bytes], None]
 Answer = Callable[[bytes, bool, Respond, Callable[[bytes | None], None]], None]
@@ -403,45 +403,41 @@ class Mesh:
     def silent(self, pattern: str) -> list[Held]:
         """Return what is held present by processes that live and are not heard."""
         with self._lock:
-            return self._held_by([peer for peer in self._peers.values() if not peer.awake], pattern)
+            unheard = {tag for tag, peer in self._peers.items() if not peer.awake} | self._strangers
+            found = [one for tag in sorted(unheard) for one in self._held_by(tag, pattern)]
+        return [one for one in found if one.key]
 
     def held(self, pattern: str) -> list[Held]:
-        """Return what is held present by all processes that live, this one included.
+        """Return what is held present by all processes that live, this one included; see `Transport.held`.
 
-        One whose name has just come into the folder is met at once, without a wait for the next tick.
+        Each process is looked at once, and what it holds is known, or it is returned without a key: whatever
+        becomes of its files meanwhile, none is left out. One whose name has just come into the folder is met
+        at once, without a wait for the next tick.
         """
         with self._lock:
             own = [key for key in self._known[Topic.HOLDS] if matches(pattern, key)]
-            found = _held(os.getpid(), own) + self._held_by(list(self._peers.values()), pattern)
-            unknown = [tag for tag in self.place.living() if tag not in self._peers.keys() | self._strangers]
-        for tag in unknown:
-            found += _held(process_of(tag), [key for key in self.place.keys_of(tag) if matches(pattern, key)])
+            living = self.place.living()
+            unknown = living - self._peers.keys() - self._strangers
+            others = sorted(living | self._peers.keys())
+            found = _held(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
         if unknown:
             self._due = 0.0
             self._wake()
         return found
 
-    def unlisted(self) -> list[Unlisted]:
-        """Return the processes that live and that nobody finds who comes now; this one has not met them."""
-        with self._lock:
-            unknown = [tag for tag in self.place.unlisted() if tag not in self._peers]
-        return [
-            Unlisted(f"process {process}", NAMELESS, remedy(process, f"`kill {process}` ends it"))
-            for process in map(process_of, unknown)
-        ]
-
-    def _held_by(self, peers: list[_Peer], pattern: str) -> list[Held]:
-        """Return what some processes hold, and those too that are not understood. Under the lock."""
-        found: list[Held] = []
-        for peer in peers:
-            keys = (peer.met and peer.known[Topic.HOLDS]) or self.place.keys_of(peer.tag)
-            found += _held(process_of(peer.tag), [key for key in keys if matches(pattern, key)])
-        for tag in self._strangers:
-            process = process_of(tag)
-            where, how, advice = f"process {process}", "which is not understood", REPLACE.format(process)
-            keys = self.place.keys_of(tag)
-            found += [Held(key, where, advice, how) for key in sorted(keys) if matches(pattern, key)]
-        return found
+    def _held_by(self, tag: str, pattern: str) -> list[Held]:
+        """Return what another process holds; without a key: nobody here knows what. Under the lock."""
+        process, peer = process_of(tag), self._peers.get(tag)
+        said = peer.known[Topic.HOLDS] if peer is not None and peer.met else None
+        written = self.place.keys_of(tag)  # also what it was about to say
+        if said is None and written is None:
+            advice = remedy(process, f"`kill {process}` ends it")
+            return [Held("", f"process {process}", advice, LOST_FILES, asleep(process))]
+        keys = [key for key in (said or set()).union(written or ()) if matches(pattern, key)]
+        if tag not in self._strangers:
+            return _held(process, keys)
+        advice = REPLACE.format(process)
+        return [Held(key, f"process {process}", advice, "which is not understood") for key in sorted(keys)]
 
     def ask(self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool, on_reply: OnReply) -> None:
         """Ask the process that serves a key.

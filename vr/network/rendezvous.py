@@ -46,14 +46,18 @@ ABANDONED = 60.0
 """[s] after which a file that was never given its final name is removed."""
 
 _SOCKET, _BEAT, _HELD = ".sock", ".beat", ".held"
-_TAG = re.compile(r"(\d{1,10})-[0-9a-f]{8}")
+_TAG = re.compile(r"\d{1,10}-[0-9a-f]{8}")
+_HIDDEN = re.compile(rf"\.({_TAG.pattern})")
 _MOMENT = struct.Struct("d")
 
 
 def runtime_directory() -> Path:
-    """Return where this user's realms lie: private, and gone after a restart of the machine."""
+    """Return where this user's realms lie: private, and gone after a restart of the machine.
+
+    Links are resolved: the system remembers sockets by the path as it was given, see `living`.
+    """
     if private := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(private) / "robotree"
+        return Path(private).resolve() / "robotree"
     import tempfile  # seldom needed, and 2 ms of every start
 
     return Path(tempfile.gettempdir()) / f"robotree-{os.geteuid()}"
@@ -160,8 +164,8 @@ class Rendezvous:
         return door
 
     def registered(self) -> bool:
-        """Whether others can still find this process: somebody may have removed or renamed the folder."""
-        return self._path(_SOCKET).exists()
+        """Whether others can still find all its files: somebody may have removed or renamed the folder."""
+        return all(self._path(end).exists() for end in (_SOCKET, _BEAT, _HELD))
 
     def beat(self, now: float) -> None:
         """Give a sign of life [s, CLOCK_MONOTONIC]."""
@@ -232,12 +236,15 @@ class Rendezvous:
         except OSError:
             return None
 
-    def keys_of(self, tag: str) -> list[str]:
-        """Return the keys under which another process is present, as it has written them down."""
+    def keys_of(self, tag: str) -> list[str] | None:
+        """Return the keys under which another process is present, as it has written them down.
+
+        None: that cannot be read here, or not any more.
+        """
         try:
             written = files.read(self.directory / f"{tag}{_HELD}", LONGEST_LIST)
         except OSError:
-            return []
+            return None
         lines = written.decode(errors="replace").split("\n")
         return lines[:-1]  # after the last line, or a part of one that is just being written
 
@@ -247,17 +254,14 @@ class Rendezvous:
             with contextlib.suppress(OSError):
                 (self.directory / f"{tag}{end}").unlink()
 
-    def living(self) -> list[str]:
-        """Return the tags of all other processes that can be seen and have not ended."""
-        return [tag for tag in self.others() if alive(process_of(tag))]
+    def living(self) -> set[str]:
+        """Return the tags of all other processes of the realm that have not ended, entering ones included.
 
-    def unlisted(self) -> list[str]:
-        """Return the tags of those that listen here and have no name: somebody has removed it.
-
-        Who is just entering is among them for a moment.
+        Somebody may have removed the files of a process; the kernel still knows that it listens. The kernel
+        is asked first: what comes into the folder meanwhile is found there.
         """
-        names = {name.removeprefix(".") for name in listening(self.directory)}
-        return sorted(tag for tag in names.difference([self.tag], self.others()) if _TAG.fullmatch(tag))
+        listen = {found[1] for name in listening(self.directory) if (found := _HIDDEN.fullmatch(name))}
+        return {tag for tag in listen.union(self.others()) - {self.tag} if alive(process_of(tag))}
 
     # -- inside
 
@@ -296,7 +300,7 @@ class Rendezvous:
     def _short(self, path: Path) -> Generator[str]:
         """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
 
-        It is left as it is where that is short enough: the system remembers it, see `unlisted`.
+        It is left as it is where that is short enough: the system remembers it, see `living`.
         """
         if len(os.fsencode(path)) < LONGEST_PATH:
             yield str(path)

@@ -94,7 +94,7 @@ class Fleet:
 
     async def inhabited(self) -> bool:
         """Whether any agent lives on this machine, as far as its own record tells. Needs no `start`."""
-        return bool(await self._transport.held("*/*/*") or await self._transport.unlisted())
+        return bool(await self._transport.held("*/*/*"))
 
     async def hosts(self) -> Sequence[HostDescribed]:
         """Ask all hosts what they run, by name. One that does not answer is left out."""

@@ -16,7 +16,7 @@ from robotree.vr.core.confirmation import LEAST, Confirmations
 from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.transport import Held, Transport, Unlisted
+from robotree.vr.transport import Held, Transport
 
 CONFIRM = 3.0
 """[s] for a robot to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
@@ -95,8 +95,8 @@ class Stop:
         self._order = fresh_key()
         self._told: dict[Address, _Told] = {}
         self._held: dict[Address, Held] = {}
-        self._unlisted: dict[Unlisted, float] = {}
-        """Robots of which nothing else is known, and since when [s]."""
+        self._unlisted: dict[str, tuple[Held, float]] = {}
+        """Processes of which nobody knows what they hold, by name, and since when [s]."""
         self._named: set[str] = set()
         """Those who were named, because nothing was heard of them."""
 
@@ -125,10 +125,11 @@ class Stop:
 
     async def _look(self) -> None:
         """See who is there, and tell who has not been told."""
-        held, unlisted = await self._transport.held(self._pattern), await self._transport.unlisted()
+        held = await self._transport.held(self._pattern)
         addresses = ((Address.parse(one.key), one) for one in held)
         self._held = {address: one for address, one in addresses if address is not None}
-        self._unlisted = {one: self._unlisted.get(one, _now()) for one in unlisted}
+        new, before = (None, _now()), self._unlisted
+        self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
         seen = {one for one in self._directory.present("robot") if self._name in {None, one.name}}
         for address in sorted(seen | self._held.keys()):
             if address not in self._told:
@@ -150,7 +151,7 @@ class Stop:
                     counted=partial(self._counted, told.address.key),
                 )
             except Unreachable as error:  # its process has ended, or is on its way
-                if told.address in self._held:
+                if told.address in self._held or self._unlisted:
                     await asyncio.sleep(LOOK)
                     continue
                 told.answer = error
@@ -164,7 +165,7 @@ class Stop:
 
     def _settled(self, now: float) -> bool:
         """Whether nothing more can come of it, or all time is over."""
-        fresh = any(now < since + UNLISTED for since in self._unlisted.values())
+        fresh = any(now < since + UNLISTED for _, since in self._unlisted.values())
         return not fresh and not any(self._awaited(told, now) for told in self._told.values())
 
     def _awaited(self, told: _Told, now: float) -> bool:
@@ -182,9 +183,7 @@ class Stop:
                 and now > told.since + (ASLEEP if held and held.asleep else LATE)
             ):
                 late[address.key] = address.name if held is None else f"{address.name} (in {held.in_words})"
-        for one, since in self._unlisted.items():
-            if now > since + LATE:
-                late[one.where] = one.where
+        late |= {where: where for where, (_, since) in self._unlisted.items() if now > since + LATE}
         if names := [words for key, words in late.items() if key not in self._named]:
             self._named.update(late)
             self._on_late(f"the protective stop goes on, with no word yet from {', '.join(names)}")
@@ -203,8 +202,8 @@ class Stop:
                 confirmations.miss(address.name, f"in {held.in_words}", held.remedy)
             else:
                 confirmations.take(address.name, NoAnswer(key=address.key, seconds=CONFIRM))
-        for one in self._unlisted:
-            confirmations.miss(one.where, one.reason, one.remedy)
+        for one, _ in self._unlisted.values():
+            confirmations.miss(one.where, one.how, one.remedy)
         return confirmations.settle()
 
     # -- inside -----------------------------------------------------------------------------------

@@ -43,7 +43,6 @@ from robotree.vr.transport import (
     RequestHandler,
     Respond,
     SampleHandler,
-    Unlisted,
 )
 from robotree.vr.world.virtual_loop import VirtualLoop
 
@@ -678,27 +677,18 @@ class MemoryTransport:
 
     async def silent(self, pattern: str) -> list[Held]:
         """See `Transport.silent`."""
-        return [one for one in await self.held(pattern) if one.key not in self._holders]
+        return [one for one in await self.held(pattern) if one.key and one.key not in self._holders]
 
     async def held(self, pattern: str) -> list[Held]:
         """See `Transport.held`."""
         self._check(pattern)
-        return [
-            self.network.held(member, key)
-            for member in self.network.members
-            if member not in self.network.unlisted
-            for key in member.tokens
-            if matches(pattern, key)
-        ]
-
-    async def unlisted(self) -> list[Unlisted]:
-        """See `Transport.unlisted`."""
-        self._check("")
-        return [
-            Unlisted(member.name, "its entry is gone", f"list {member.name}")
-            for member in self.network.members
-            if member in self.network.unlisted and member is not self
-        ]
+        found: list[Held] = []
+        for member in self.network.members:
+            if member not in self.network.unlisted:
+                found += [self.network.held(member, key) for key in member.tokens if matches(pattern, key)]
+            elif member is not self:
+                found.append(Held("", member.name, f"list {member.name}", "its entry is gone"))
+        return found
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
         """See `Transport.watch_itself`."""

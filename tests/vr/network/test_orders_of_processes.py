@@ -264,7 +264,8 @@ async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newc
         await asyncio.sleep(0.01)
     try:
         with pytest.raises(
-            NotConfirmed, match=rf"by awake but NOT by process {nameless.pid} \(it has no name"
+            NotConfirmed,
+            match=rf"by awake but NOT by process {nameless.pid} \(its files in the realm's folder are gone",
         ):
             await newcomer.stop()
         assert newcomer.took < AT_ONCE
@@ -283,7 +284,9 @@ async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start
     frozen.signal(signal.SIGSTOP)
     remove(folder)
     pid = frozen.process.pid  # under load it may have gone on for a moment, and have taken a name again
-    who = rf"(process {pid} \(it has no name|frozen \(in process {pid}, which hangs)"
+    who = (
+        rf"(process {pid} \(its files in the realm's folder are gone|frozen \(in process {pid}, which hangs)"
+    )
     with pytest.raises(NotConfirmed, match=rf"by awake but NOT by {who}"):
         await newcomer.stop()
     assert newcomer.took < AT_ONCE

@@ -34,7 +34,6 @@ from robotree.vr.transport import (
     RequestHandler,
     Respond,
     SampleHandler,
-    Unlisted,
 )
 
 LARGE = 8192
@@ -272,11 +271,6 @@ class ZenohTransport:
     async def held(self, pattern: str) -> list[Held]:
         """See `Transport.held`: other machines' records are not to be had."""
         self._open(pattern)
-        return []
-
-    async def unlisted(self) -> list[Unlisted]:
-        """See `Transport.unlisted` and `held`."""
-        self._open("")
         return []
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
