@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
@@ -85,6 +86,7 @@ def _answered(given: list[str]) -> int:
 
 
 def _obey(given: list[str]) -> int:
+    began = time.monotonic()
     before, rest = grammar.leading(given, manual.EVERYWHERE)
     surface = manual.shell(readonly=only_looking(given="--readonly" in given))
     plain = [word for word in rest if not word.startswith("-")]
@@ -95,7 +97,7 @@ def _obey(given: list[str]) -> int:
     if {"--help", "-h"} & {*before, *rest}:
         return _help(plain, surface)
     words = [*before, *rest] if rest else ["supervise", *before]
-    return _start(surface.parse(words), readonly=surface.readonly)
+    return _start(surface.parse(words)._replace(given=began), readonly=surface.readonly)
 
 
 def _help(words: Sequence[str], surface: Surface) -> int:

@@ -8,6 +8,7 @@ Decoding never trusts the sender: what cannot be read is `Garbled`. Each request
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal, TypeVar
 
 import msgspec
@@ -130,6 +131,11 @@ class Resume(_Message, frozen=True, kw_only=True):
     seen: dict[str, int] | None = None
     """How many stops each robot had got when this was asked for, by key; a later stop stays in force, and so
     does that of a robot that is not in it. None: all stops that there are."""
+    given: float = math.inf
+    """[s] on `clock`: when a person gave it, the same down the tree. A stop that came later stays in force,
+    even if the asker has counted it. Infinite: not known."""
+    clock: str = ""
+    """See `envelope.this_clock`."""
     within: float = PATIENCE
     """See `SafeStop.within`."""
 

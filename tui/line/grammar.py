@@ -74,6 +74,8 @@ class Line(NamedTuple):
 
     verb: str
     values: Mapping[str, Value] = MappingProxyType({})
+    given: float | None = None
+    """[s, CLOCK_MONOTONIC] When a person gave it; None: now."""
 
     def text(self, name: str, default: str = "") -> str:
         """Return a single value, or the default when it was left out."""

@@ -521,7 +521,7 @@ async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
 
 async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
-    told = await fleet.resume(line.text("NAME") or None)
+    told = await fleet.resume(line.text("NAME") or None, given=line.given)
     return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'nobody is there'}")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from robotree.vr.address import Address
 from robotree.vr.agents.shared import Presence, Undo
@@ -30,7 +30,7 @@ from robotree.vr.errors import (
     VrError,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.requests import Granted, Raised, Renew, Reply, decode_reply
+from robotree.vr.requests import Granted, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import slots_of
@@ -317,7 +317,7 @@ class Children:
 
     async def resume(
         self,
-        seen: Mapping[str, int] | None,
+        order: Resume,
         confirmations: Confirmations,
         budget: Budget,
         *,
@@ -326,12 +326,13 @@ class Children:
         """Release the stop of all children, at the same time.
 
         Args:
-            seen: which stops; see `Resume.seen`.
+            order: which stops; its `seen`, `given` and `clock` go down unchanged.
             confirmations: takes what they answer.
             budget: of time.
             waited: [s] of it that are gone already.
         """
         chosen: list[Bond] = []
+        seen, given, clock = order.seen, order.given, order.clock
         for bond in self._slots.bonds().values():
             if seen is None or bond.child.key in seen:
                 chosen.append(bond)
@@ -344,7 +345,7 @@ class Children:
             answer: Sequence[str] | VrError
             try:
                 answer = await self._client(bond).resume(
-                    epoch=epoch, seen=seen, timeout=timeout, within=within
+                    epoch=epoch, seen=seen, given=given, clock=clock, timeout=timeout, within=within
                 )
             except VrError as error:
                 answer = error

@@ -15,6 +15,7 @@ from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
 from robotree.vr.core.stop import HARDWARE, Stop
+from robotree.vr.envelope import same_clock
 from robotree.vr.errors import NoAnswer, VrError
 from robotree.vr.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.running.live import LiveRobot
@@ -89,7 +90,7 @@ class Stops:
         if seen == live.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
         if self._children is not None and seen == live.stops and confirmations.complete:
-            await self._children.resume(request.seen, confirmations, budget, waited=_now() - began)
+            await self._children.resume(request, confirmations, budget, waited=_now() - began)
             live.core.state.lease.check(request.epoch, live.process.runner.now())  # that may have taken time
         allowed = seen == live.stops and confirmations.complete
         doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
@@ -161,9 +162,13 @@ class Stops:
 
     def _stops_seen(self, request: Resume) -> int:
         """How many stops the asker knows of; all, where it does not say so or none is in force."""
-        if request.seen is None or not self._stop.in_force:
-            return self._live.stops
-        return request.seen.get(self._key, 0)
+        stops = self._live.stops
+        if not self._stop.in_force:
+            return stops
+        now = self._live.process.runner.now()
+        if same_clock(request.clock) and not self._stop.known_to(request.given, now):
+            stops -= 1
+        return stops if request.seen is None else min(request.seen.get(self._key, 0), stops)
 
     def _take_own(self, confirmations: Confirmations, doubt: str) -> None:
         if doubt:

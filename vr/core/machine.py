@@ -377,16 +377,16 @@ class RobotCore:
 
     # -- stops ------------------------------------------------------------------------------------
 
-    def _safe_stop(self, event: on.SafeStop, _: float) -> Effects:
+    def _safe_stop(self, event: on.SafeStop, now: float) -> Effects:
         stop = self.state.stop
         if stop.known(event.order):
             return []
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
-        stop.begin(event.reason, event.order, {HARDWARE: self.name, **children})
+        stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
         return self._end_all(event.reason)
 
-    def _halted(self, event: on.Halted, _: float) -> Effects:
-        self.state.stop.hear(event.reason)
+    def _halted(self, event: on.Halted, now: float) -> Effects:
+        self.state.stop.hear(event.reason, now)
         return self._end_all(event.reason, but_readers=True) if event.reason else []
 
     def _stop_answered(self, event: on.StopAnswered, _: float) -> Effects:

@@ -42,6 +42,8 @@ class Stop(msgspec.Struct, kw_only=True):
     """Why the robot says itself that it is stopped; empty: it does not."""
     generation: int = 0
     """How many stops have begun."""
+    moment: float = 0.0
+    """[s] When the newest of them began."""
     confirmed: int = 0
     """The newest generation that everything below has confirmed."""
     latest: str = ""
@@ -60,17 +62,26 @@ class Stop(msgspec.Struct, kw_only=True):
         """Return the generation of an order that is obeyed already; 0: it is new."""
         return self.orders.get(order, 0) if self.reason else 0
 
-    def begin(self, reason: str, order: str, parts: Mapping[str, str]) -> int:
+    def known_to(self, asker: float, now: float) -> bool:
+        """Whether somebody who gave an order at the moment `asker` [s] can know of the newest stop.
+
+        A moment in the future was kept by an earlier life, on another clock: it counts as long ago.
+        """
+        return not asker < self.moment <= now
+
+    def begin(self, reason: str, order: str, parts: Mapping[str, str], now: float) -> int:
         """Stop once more; returns the generation.
 
         Args:
             reason: for people.
             order: that it is part of; empty: of none.
             parts: who has to confirm it: names of robots, by part.
+            now: [s] on the machine's monotonic clock, as in `hear`.
         """
         if not self.reason:
             self.orders.clear()  # those before the last release
         self.generation += 1
+        self.moment = now
         self.reason = self.latest = reason
         if order:
             self.orders[order] = self.generation
@@ -80,11 +91,12 @@ class Stop(msgspec.Struct, kw_only=True):
         self.parts[self.generation] = {part: Part(name) for part, name in parts.items()}
         return self.generation
 
-    def hear(self, halted: str) -> bool:
+    def hear(self, halted: str, now: float) -> bool:
         """Take what the robot says of itself; returns whether that is the beginning of a stop."""
         begins = bool(halted) and not self.halted
         if begins:
             self.generation += 1
+            self.moment = now
             self.latest = halted
         self.halted = halted
         return begins

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -281,6 +282,8 @@ class RobotClient:
         *,
         epoch: int | None = None,
         seen: Mapping[str, int] | None = None,
+        given: float = math.inf,
+        clock: str = "",
         timeout: float | None = None,
         within: float | None = None,
     ) -> Sequence[str]:
@@ -290,12 +293,15 @@ class RobotClient:
             epoch: of the caller's lease; None: an operator's.
             seen: `RobotDescription.stops` of each, by key: a later stop stays in force, and so does that of a
                 robot that is not in it. None: whichever stops there are.
+            given: [s] when a person gave it: a later stop stays in force. Infinite: not known.
+            clock: of `given`; see `envelope.this_clock`.
             timeout: as in `safe_stop`.
             within: as in `safe_stop`.
         """
         patience = self._patience if timeout is None else timeout
         known = None if seen is None else dict(seen)
-        resume = Resume(epoch=epoch, seen=known, within=unmeasured(patience) if within is None else within)
+        within = unmeasured(patience) if within is None else within
+        resume = Resume(epoch=epoch, seen=known, given=given, clock=clock, within=within)
         return (await self._ask(resume, Done, urgent=True, timeout=patience)).confirmed
 
     # -- what operators ask -----------------------------------------------------------------------

@@ -103,7 +103,7 @@ class Fleet:
 
     async def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
-        return await self._transport.held("*/*/*")
+        return [one for one in await self._transport.held("*/*/*") if one.key]
 
     async def silent(self) -> Sequence[Held]:
         """Return who lives in a process that hangs; who is on its way looks so for a moment, too."""
@@ -276,11 +276,16 @@ class Fleet:
         )
         return await stop.give()
 
-    async def resume(self, name: str | None) -> Sequence[str]:
+    async def resume(self, name: str | None, *, given: float | None = None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.
 
         It ends the stops that are in force and known here now (see `watch_state`): one that comes later
         stays, however late this is heard.
+
+        Args:
+            name: of the robot; None: all.
+            given: [s] on the event loop's clock, when the person gave it: a stop that came later stays, too.
+                None: now.
 
         Returns:
             The names of the robots that have confirmed it.
@@ -289,7 +294,7 @@ class Fleet:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it, or has been stopped again; see `stop`.
         """
-        return await self._releases.resume(name)
+        return await self._releases.resume(name, given)
 
     # -- parents and children ----------------------------------------------------------------------
 

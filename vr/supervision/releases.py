@@ -4,7 +4,8 @@ A stop (`stop.py`) is also for robots that appear while it is given. A release i
 there when it is asked for, and ends no stop that the person could not know of: the robots count their stops,
 and the release names the counts that were known here when the key was pressed. Robots say their count in each
 state that they publish, in their description, and when they confirm a stop. A program that does not watch the
-states, such as a command line that has just started, asks for the counts first.
+states, such as a command line that has just started, asks for the counts first. The release also says when it
+was given, so that a stop that came while the counts were asked for stays in force.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from robotree.vr.address import Address, everyone
 from robotree.vr.core.confirmation import Confirmations
 from robotree.vr.description import RobotDescription
+from robotree.vr.envelope import this_clock
 from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
@@ -55,11 +57,12 @@ class Releases:
         while len(self._counts) > MOST_COUNTS:
             del self._counts[next(iter(self._counts))]
 
-    async def resume(self, name: str | None) -> Sequence[str]:
+    async def resume(self, name: str | None, given: float | None = None) -> Sequence[str]:
         """End the stops that are in force and known here now; see `Fleet.resume`.
 
         Args:
             name: of the robot; None: all.
+            given: [s] on the event loop's clock, when a person gave it; None: now.
 
         Returns:
             The names of those that have confirmed it.
@@ -68,13 +71,14 @@ class Releases:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it, or has been stopped again; it names both sides.
         """
+        given = asyncio.get_running_loop().time() if given is None else given
         known = dict(self._counts) if self.watches else {}
         # of all, whichever is meant: what is below one is known only when it has answered
         looks = {address: self._look(address) for address in self._directory.present("robot")}
         confirmations = Confirmations("the resume")
         try:
             if name is None:
-                asked = {address: self._begin_to_resume(address, looks, known) for address in looks}
+                asked = {address: self._begin_to_resume(address, looks, known, given) for address in looks}
                 silent = await self._transport.silent(everyone("robot"))
                 for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
                     confirmations.deny(address.name, UNSEEN)
@@ -82,7 +86,7 @@ class Releases:
                 asked = {}
                 found, silent = await self._find(name)
                 if found in looks:
-                    asked[found] = self._begin_to_resume(found, looks, known)
+                    asked[found] = self._begin_to_resume(found, looks, known, given)
                 elif found is not None:
                     confirmations.deny(found.name, UNSEEN)
             return await self._judge(name, confirmations, asked, silent)
@@ -109,14 +113,14 @@ class Releases:
         return asyncio.ensure_future(self._client(address).describe(urgent=True))
 
     def _begin_to_resume(
-        self, address: Address, looks: Looks, known: Mapping[str, int]
+        self, address: Address, looks: Looks, known: Mapping[str, int], given: float
     ) -> asyncio.Future[Sequence[str]]:
         async def resume() -> Sequence[str]:
             seen = await _seen(address, looks)
             for key, stops in seen.items():
                 self.count(key, stops)
             seen |= {key: stops for key, stops in known.items() if key in seen}
-            return await self._client(address).resume(seen=seen)
+            return await self._client(address).resume(seen=seen, given=given, clock=this_clock())
 
         return asyncio.ensure_future(resume())
 

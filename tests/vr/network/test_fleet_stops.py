@@ -123,3 +123,24 @@ async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: Worl
     assert not stopping.done()
     at_last.set()
     assert list(await stopping) == ["r1", "r2", "r3"]
+
+
+async def test_a_stop_that_came_after_a_resume_was_given_stays_however_late_the_resume_is_sent(
+    world: World,
+) -> None:
+    """A command line has to come into the realm, and to ask for the counts, before it can send anything."""
+    await world.create("carrier")
+    await world.fleet.enslave("carrier", "rover", "r1")
+    await world.fleet.stop(None)
+    given = asyncio.get_running_loop().time()
+    await asyncio.sleep(0)
+    assert await world.fleet.stop("r2") == ["r2"]
+    again = r"NOT by r2 \(it was stopped again after that had been asked for\)"
+    with pytest.raises(NotConfirmed, match=f"confirmed by carrier, r1 but {again}"):
+        await world.fleet.resume(None, given=given)
+    with pytest.raises(Stopped):
+        await world.fleet.call("r2", "move", {"x": 1.0})
+    assert await world.fleet.stop("r1") == ["r1"]
+    with pytest.raises(NotConfirmed, match=r"NOT by .*r1 \(it was stopped again"):
+        await world.fleet.resume("carrier", given=given)
+    assert sorted(await world.fleet.resume(None)) == ["carrier", "r1", "r2"]
