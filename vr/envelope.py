@@ -45,7 +45,11 @@ BEGINS = (Call, Resume, Enslave, Free, Delete, Create, Reload)
 """Requests that begin something: they must not begin after their asker gave up."""
 
 ENDS = (SafeStop, Cancel, Release, Retract)
-"""Requests that end something: they are carried out however late they come."""
+"""Requests that end something: they are carried out however late they come.
+
+All others only ask or prolong. `Detach` is one of these: it lets a motion go on without the one who has begun
+it, so a late one must not count, and after the term of the bond its epoch is refused in any case.
+"""
 
 _simulated = ""
 """The simulated clock that this process has; empty: the machine's."""

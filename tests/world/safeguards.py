@@ -26,6 +26,7 @@ from robotree.vr.agents.stops import Stops
 from robotree.vr.core.calls import Calls
 from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.stop import Stop
 from robotree.vr.envelope import Envelope, Received, opened
 from robotree.vr.requests import Call
 from robotree.vr.supervision.releases import Releases
@@ -94,6 +95,7 @@ SAFEGUARDS = {
     ),
     "a release ends the stops that were known when it was asked for": (
         Safeguard(Releases, "count", lambda *_: None),
+        Safeguard(Stop, "known_to", lambda *_: True),
     ),
     "a stopped robot begins nothing": (Safeguard(RobotCore, "_expect_free_to_move", lambda *_: None),),
     "a parent counts a lease from when it asked for it": (

@@ -136,7 +136,7 @@ class RobotAgent:
         self._news = News(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
-        self._callers = Callers(self.live, transport)
+        self._callers = Callers(self.live, self._shared.presence)
         self._outside = OutsideCalls(
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
         )

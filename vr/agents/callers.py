@@ -11,10 +11,9 @@ import asyncio
 import contextlib
 import logging
 
-from robotree.vr.errors import VrError
+from robotree.vr.agents.shared import Presence, Undo
 from robotree.vr.requests import Raised, Returned
 from robotree.vr.running.live import LiveRobot
-from robotree.vr.transport import Registration, Transport
 
 ARRIVAL = 0.5
 """[s] that the news of a caller's presence may come later than its call."""
@@ -27,44 +26,45 @@ _log = logging.getLogger(__name__)
 class Callers:
     """The callers of one robot's commands. Lives on the event loop."""
 
-    def __init__(self, live: LiveRobot, transport: Transport) -> None:
+    def __init__(self, live: LiveRobot, presence: Presence) -> None:
         """Begin without any.
 
         Args:
             live: the robot.
-            transport: where callers are seen.
+            presence: shows which callers live.
         """
-        self._live, self._transport = live, transport
+        self._live, self._presence = live, presence
         self._loop = asyncio.get_running_loop()
         self._present: dict[str, dict[str, None]] = {}
         """The callers of each command under way, by its key."""
-        self._watching: dict[str, asyncio.Task[None]] = {}
+        self._watching: dict[str, Undo] = {}
 
-    def attend(self, presence: str, key: str) -> None:
+    def attend(self, caller: str, key: str) -> None:
         """End a command when the last of those who have called it has gone. From any thread.
 
         Args:
-            presence: key of the caller's presence.
+            caller: key under which it is present.
             key: of the call.
         """
         with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
-            self._loop.call_soon_threadsafe(self._attend, presence, key)
+            self._loop.call_soon_threadsafe(self._attend, caller, key)
 
     def close(self) -> None:
         """Watch no caller any more."""
-        for task in self._watching.values():
-            task.cancel()
+        for unwatch in self._watching.values():
+            unwatch()
+        self._watching.clear()
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _attend(self, presence: str, key: str) -> None:
+    def _attend(self, caller: str, key: str) -> None:
         if key not in self._present:
             if not self._live.listen(key, _End(self, key)):
                 return  # it has ended already
             self._present[key] = {}
-        self._present[key][presence] = None
-        if presence not in self._watching:
-            self._watching[presence] = self._loop.create_task(self._watch(presence))
+        self._present[key][caller] = None
+        if caller not in self._watching:
+            self._watch(caller)
 
     def ended(self, key: str) -> None:
         """A command has ended. From any thread."""
@@ -72,36 +72,36 @@ class Callers:
             self._loop.call_soon_threadsafe(self._forget, key)
 
     def _forget(self, key: str) -> None:
-        for presence in self._present.pop(key, ()):
-            watching = self._watching.get(presence)
-            if watching and not any(presence in callers for callers in self._present.values()):
-                del self._watching[presence]
-                watching.cancel()
+        for caller in self._present.pop(key, ()):
+            if not any(caller in callers for callers in self._present.values()):
+                self._unwatch(caller)
 
-    async def _watch(self, presence: str) -> None:
-        came, gone = asyncio.Event(), asyncio.Event()
-        watching: Registration | None = None
-        try:
-            watching = await self._transport.watch(
-                presence, lambda _, there: came.set() if there else gone.set()
-            )
-            try:
-                async with asyncio.timeout(ARRIVAL):
-                    await came.wait()
-            except TimeoutError:
-                gone.set()
-            await gone.wait()
-        except VrError:  # the transport closes: the robot ends itself
-            return
-        finally:
-            if watching is not None:
-                await watching.close()
-        self._lost(presence)
+    def _watch(self, caller: str) -> None:
+        def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
+            if not there:
+                self._lost(caller)
 
-    def _lost(self, presence: str) -> None:
-        self._watching.pop(presence, None)
+        def arrived() -> None:
+            look(caller, self._presence.there(caller))
+
+        end, late = self._presence.watch(caller, look), self._loop.call_later(ARRIVAL, arrived)
+
+        def unwatch() -> None:
+            end()
+            late.cancel()
+
+        self._watching[caller] = unwatch
+
+    def _unwatch(self, caller: str) -> None:
+        if (unwatch := self._watching.pop(caller, None)) is not None:
+            unwatch()
+
+    def _lost(self, caller: str) -> None:
+        self._unwatch(caller)
         for key, callers in list(self._present.items()):
-            callers.pop(presence, None)
+            if caller not in callers:
+                continue
+            del callers[caller]
             if not callers:
                 _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
                 self._live.cancel(key, GONE)

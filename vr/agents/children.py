@@ -204,14 +204,14 @@ class Children:
     async def _reunion(self, key: str) -> None:
         """Wait until the process that serves a key can be heard, or for long enough."""
         heard = asyncio.Event()
-        watching = await self._transport.watch(key, lambda _, there: heard.set() if there else None)
+        unwatch = self._presence.watch(key, lambda _, there: heard.set() if there else None)
         try:
             async with asyncio.timeout(REUNION):
                 await heard.wait()
         except TimeoutError:
             return
         finally:
-            await watching.close()
+            unwatch()
 
     def _retract(self, client: RobotClient, key: str) -> None:
         async def tell() -> None:

@@ -148,6 +148,7 @@ class PendingCall(Part):
     def cancel(self) -> None:
         """See `CallFuture.cancel`."""
         if self.reply is None:
+            self.called_off = True
             self.withdraw("its caller has cancelled it")
             self.fail(
                 CommandCancelled(robot=self.child, command=self.command, reason="its caller has cancelled it")

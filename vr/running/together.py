@@ -25,6 +25,9 @@ from robotree.vr.running.page_trace import words_of
 class Started(CallFuture, Protocol):
     """What a command has started and what may go on beside it, as the command needs it."""
 
+    called_off: bool
+    """Whether the page itself has cancelled it before it ended: that is no failure."""
+
     @property
     def at_rest(self) -> bool:
         """Whether nothing of it uses the page's data any more."""
@@ -84,6 +87,8 @@ class Opener(Protocol):
 class Part:
     """Tells once that it is done: what calls of children and functions on other workers have in common."""
 
+    called_off: bool = False
+    """See `Started.called_off`."""
     _tell: list[Callable[[], None]]
 
     @property
@@ -158,7 +163,10 @@ class Group:
 
     @property
     def results(self) -> list[Any]:
-        """The results of all, in the order in which they were started; after the block."""
+        """The results of all, in the order in which they were started; after the block.
+
+        None for a part that the page itself has cancelled.
+        """
         if self._results is None:
             raise RuntimeError("the results are there after the `with` block")
         return self._results
@@ -180,7 +188,11 @@ class Group:
 
     @property
     def _decisive(self) -> Started | None:
-        return next((part for part in self._ended if (part.error() is None) == self._first), None)
+        return next(filter(self._decides, self._ended), None)
+
+    def _decides(self, part: Started) -> bool:
+        succeeded = part.error() is None
+        return succeeded if self._first else not (succeeded or part.called_off)
 
     @property
     def decided(self) -> str:
@@ -225,7 +237,7 @@ class Group:
         decisive = self._decisive
         if not self._first:
             self.check()
-            self._results = [part.get() for part in self.parts]
+            self._results = [None if part.called_off else part.get() for part in self.parts]
         elif decisive is not None:
             self._results = [decisive.get()]
         else:

@@ -571,7 +571,9 @@ class Branch(Part):
 
     def cancel(self) -> None:
         """See `CallFuture.cancel`."""
-        self.drop("its caller has cancelled it")
+        if not self.done:
+            self.called_off = True
+            self.drop("its caller has cancelled it")
 
     def detach(self) -> Branch:
         """See `CallFuture.detach`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -12,11 +12,34 @@ from hypothesis import strategies as st
 
 from robotree.vr import Child, Robot, VirtualRobot, command, envelope
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.envelope import FRESH, on_clock, opened, seal
+from robotree.vr.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
 from robotree.vr.errors import Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.requests import Call, Cancel, Describe, Raised, Reply, SafeStop, decode_reply
+from robotree.vr.requests import (
+    Call,
+    Cancel,
+    Describe,
+    DescribeHost,
+    DescribeView,
+    Detach,
+    Look,
+    Petition,
+    Query,
+    Raised,
+    ReadLog,
+    Register,
+    Renew,
+    Reply,
+    Request,
+    SafeStop,
+    decode_reply,
+)
 from tests.vr.recorder import Recorder
+
+ASKS_OR_PROLONGS = {
+    Describe, Detach, Petition, Renew, ReadLog, DescribeHost, Register, Query, Look, DescribeView,
+}  # fmt: skip
+"""Requests that are void when nobody waits for their answer any more."""
 
 LEASE = 2.0
 """[s] of silence after which the network lets a member go."""
@@ -51,6 +74,16 @@ class Waiting(VirtualRobot):
     @command
     def wait(self) -> None:
         self.below.wait()
+
+
+def test_of_each_request_it_is_decided_how_late_it_may_come() -> None:
+    kinds = (set(BEGINS), set(ENDS), ASKS_OR_PROLONGS)
+    assert set[Any]().union(*kinds) == set(get_args(Request))
+    assert sum(map(len, kinds)) == len(get_args(Request)), "each is of one kind"
+    sealed = seal(Detach(key="k"), now=100.0, within=5.0)
+    assert opened(sealed.body, "a robot", 104.9).request == Detach(key="k")
+    with pytest.raises(NoAnswer):
+        opened(sealed.body, "a robot", 105.1)
 
 
 async def read(agent: RobotAgent, body: bytes) -> list[Reply]:

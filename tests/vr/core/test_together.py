@@ -63,6 +63,17 @@ class Pair(VirtualRobot):
         return both.results
 
     @command
+    def calls_one_off(self, *, function: bool) -> Any:
+        """One part is not needed after all."""
+        with self.together() as both:
+            needless = both.start(self.twice, self.left, 9) if function else both.start(self.left.go, 9)
+            both.start(self.right.go, 2)
+            self.sleep(1)
+            needless.cancel()
+            needless.cancel()
+        return both.results
+
+    @command
     def in_order(self) -> Any:
         """Two sequences of steps at the same time."""
         with self.together() as both:
@@ -206,6 +217,15 @@ async def test_the_first_failure_cancels_the_others_and_is_what_is_raised(realm:
     assert took < 1.5
     await idle(realm, pair.right)
     assert pair.right.robot.done == ["cancelled"]
+
+
+@pytest.mark.parametrize("function", [False, True])
+async def test_a_part_that_the_page_itself_cancels_is_no_failure(
+    realm: Any, pair: Any, *, function: bool
+) -> None:
+    _, results = await timed(realm.client(pair).call("calls_one_off", {"function": function}))
+    assert results == [None, "right after 2 s"]
+    assert (pair.left.robot.done, pair.right.robot.done) == (["cancelled"], ["went"])
 
 
 async def test_sequences_of_steps_run_side_by_side_with_keys_that_repeat(realm: Any, pair: Any) -> None:
