@@ -20,6 +20,9 @@ from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.requests import Done, Reply, Request
 from robotree.vr.transport import Respond
 
+TETHER = sys.stdin
+"""Kept here, because in the process of a host pages get no input."""
+
 
 async def echo(body: bytes, respond: Respond) -> None:
     respond(b"ack")
@@ -34,7 +37,7 @@ def say(word: str) -> None:
 
 
 async def until_the_end() -> None:
-    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    await asyncio.get_running_loop().run_in_executor(None, TETHER.read)
 
 
 async def serve(transport: LocalTransport, name: str) -> None:
@@ -112,7 +115,7 @@ async def deaf(transport: LocalTransport, name: str) -> None:
     """Be a robot whose event loop does nothing any more."""
     await RobotAgent(Rover(name), transport).start()
     say("ready")
-    sys.stdin.read()
+    TETHER.read()
 
 
 async def while_tethered(work: Coroutine[None, None, None]) -> None:

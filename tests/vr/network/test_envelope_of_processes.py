@@ -16,10 +16,6 @@ from robotree.vr.network.local import LocalTransport
 from robotree.vr.requests import Raised, decode_reply
 from tests.vr.recorder import Recorder
 
-AMID_A_HANDSHAKE = 0.9
-"""[s] after the call was given up; a handshake that is answered just when its time is over comes to nothing
-for ever (see `zenoh_session`), and that is not what is asked here."""
-
 
 async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
     start: Callable[[str, str], Awaitable[Any]], join_realm: Callable[[], Awaitable[LocalTransport]]
@@ -32,10 +28,9 @@ async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
     assert address is not None
     recorder: Any = Recorder(transport)
     client = RobotClient(recorder, address)
-    rover.signal(signal.SIGSTOP)
+    await rover.freeze()  # all of it: a thread that runs on would carry the call out
     with pytest.raises((Unreachable, NoAnswer)):
         await client.call("move", {"x": 1.0})
-    await asyncio.sleep(AMID_A_HANDSHAKE)
     rover.signal(signal.SIGCONT)
     async with asyncio.timeout(60):
         while not await transport.present(key):  # noqa: ASYNC110 # the presence itself is asked for

@@ -101,7 +101,7 @@ async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach
     start: Start, look: Look
 ) -> None:
     _, frozen = await robots(start, "awake", "frozen")
-    frozen.signal(signal.SIGSTOP)
+    await frozen.freeze()
     fleet = await look()
     began = time.monotonic()
     with pytest.raises(
@@ -135,7 +135,7 @@ async def test_who_was_there_before_a_process_froze_knows_it_too(start: Start, l
     _, frozen = await robots(start, "awake", "frozen")
     fleet = await look()
     await until(lambda: len(fleet.directory.present("robot")) == 2, "both are seen")
-    frozen.signal(signal.SIGSTOP)
+    await frozen.freeze()
     with pytest.raises(NotConfirmed, match="confirmed by awake " + hangs("frozen", frozen)):
         await fleet.stop(None)
     await until(lambda: len(fleet.directory.present("robot")) == 1, "its presence is over")
@@ -167,7 +167,7 @@ async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: S
         rf"^the robot 'frozen' is in process {pid}, which hangs and does not answer; "
         rf"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it$"
     )
-    frozen.signal(signal.SIGSTOP)
+    await frozen.freeze()
     with pytest.raises(Hanging, match=who):  # its presence stands, until it is asked
         await watcher.describe("frozen")
     newcomer = await look()
@@ -228,7 +228,7 @@ async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start,
     lookup = await start("lookup", "l1")
     await lookup.ready()
     for process in (frozen, lookup):  # nobody is waited for who could say who is there
-        process.signal(signal.SIGSTOP)
+        await process.freeze()
     with pytest.raises(NotConfirmed, match=r"confirmed by awake " + hangs("frozen", frozen)):
         await newcomer.stop()
     assert newcomer.took < AT_ONCE
@@ -281,7 +281,7 @@ async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start
     folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
     remove(folder)
     assert await newcomer.stop() == ["awake", "frozen"]
-    frozen.signal(signal.SIGSTOP)
+    await frozen.freeze()
     remove(folder)
     pid = frozen.process.pid  # under load it may have gone on for a moment, and have taken a name again
     who = (
