@@ -5,7 +5,8 @@ random number):
 
     TAG.sock   the socket on which it listens
     TAG.beat   the time of its last sign of life, written by its network thread, read by all
-    TAG.held   the keys under which it is present, for processes that it has not greeted yet
+    TAG.held   the keys under which it is present, for processes that it has not greeted yet, one a line; a
+               line that begins with - takes one back
 
 A newcomer listens on a hidden name, gives it its visible name, and only then looks who is there: of two that
 come at the same moment at least one sees the other. A visible name that refuses a connection is therefore
@@ -22,6 +23,7 @@ import socket
 import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
 
@@ -38,6 +40,9 @@ BACKLOG = 4096
 
 LONGEST_LIST = 1 << 22
 """[bytes] of a list of keys that are read; a longer file is not one of ours."""
+
+SHORT_LIST = 64
+"""Lines that a list of keys may have beside two for each key."""
 
 LONGEST_PATH = 108
 """[bytes] of a socket's path, with a final zero (sun_path, unix(7))."""
@@ -129,7 +134,9 @@ class Rendezvous:
         self.directory = self._root / realm
         self._make_folders()
         self.tag = f"{os.getpid()}-{os.urandom(4).hex()}"
-        self._keys: list[str] = []
+        self._keys = Counter[str]()
+        self._lines = 0
+        """Lines in the own list of keys."""
         self._lock = threading.Lock()
         self._there = False
         self._beat: Beat | None = None
@@ -176,15 +183,19 @@ class Rendezvous:
     def hold(self, key: str) -> None:
         """Write down that this process is present under a key."""
         with self._lock:
-            self._keys.append(key)
-            if self._there:
-                self._append(key)
+            self._keys[key] += 1
+            self._append(key)
 
     def drop(self, key: str) -> None:
         """Write down that it is so no longer."""
-        with self._lock, contextlib.suppress(ValueError):
-            self._keys.remove(key)
-            self._write_keys()
+        with self._lock:
+            if not self._keys[key]:
+                return
+            self._keys[key] -= 1
+            if self._lines > 2 * len(self._keys) + SHORT_LIST:
+                self._write_keys()
+            else:
+                self._append(f"-{key}")
 
     def leave(self) -> None:
         """Remove what belongs to this process. Twice is once."""
@@ -245,8 +256,11 @@ class Rendezvous:
             written = files.read(self.directory / f"{tag}{_HELD}", LONGEST_LIST)
         except OSError:
             return None
-        lines = written.decode(errors="replace").split("\n")
-        return lines[:-1]  # after the last line, or a part of one that is just being written
+        keys = Counter[str]()
+        for line in written.decode(errors="replace").split("\n")[:-1]:  # the last one may just be written
+            key = line.removeprefix("-")
+            keys[key] += 1 if key == line else -1
+        return list(keys.elements())
 
     def forget(self, tag: str) -> None:
         """Remove the files of a process that is dead."""
@@ -272,13 +286,19 @@ class Rendezvous:
         """At once: who reads meanwhile reads the old list or the new one."""
         if not self._there:
             return
+        self._keys = +self._keys
+        keys = list(self._keys.elements())
+        self._lines = len(keys)
         new = self.directory / f".{self.tag}.new"
         with contextlib.suppress(OSError):  # the folder is gone; `register` writes them anew
-            new.write_text("".join(f"{key}\n" for key in self._keys))
+            new.write_text("".join(f"{key}\n" for key in keys))
             new.rename(self._path(_HELD))
 
-    def _append(self, key: str) -> None:
-        """Write one key more: with many, all of them would take longer than to make what the key names."""
+    def _append(self, line: str) -> None:
+        """Write one line more: with many keys, all of them would take longer than to make what one names."""
+        if not self._there:
+            return
+        self._lines += 1
         try:
             handle = files.opened(self._path(_HELD), os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
         except OSError:
@@ -286,7 +306,7 @@ class Rendezvous:
             return
         try:
             with contextlib.suppress(OSError):
-                os.write(handle, f"{key}\n".encode())
+                os.write(handle, f"{line}\n".encode())
         finally:
             os.close(handle)
 

@@ -66,6 +66,30 @@ def test_what_a_process_holds_can_be_read_without_asking_it(tmp_path: Path) -> N
     door.close()
 
 
+def test_what_a_process_holds_no_longer_is_taken_back_line_by_line_and_the_list_stays_short(
+    tmp_path: Path,
+) -> None:
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    keys = [f"robot/r{number}/1" for number in range(300)]
+    for key in [*keys, keys[0]]:
+        one.hold(key)
+    written = (one.directory / f"{one.tag}.held").stat().st_ino
+    for key in keys[:100]:
+        one.drop(key)
+    assert other.keys_of(one.tag) == [keys[0], *keys[100:]]
+    assert (one.directory / f"{one.tag}.held").stat().st_ino == written, "not one of them wrote all others"
+    for _ in range(500):
+        one.hold("robot/again/1")
+        one.drop("robot/again/1")
+    assert other.keys_of(one.tag) == [keys[0], *keys[100:]]
+    assert len((one.directory / f"{one.tag}.held").read_text().splitlines()) < 3 * 300
+    for key in (keys[0], *keys[100:]):
+        one.drop(key)
+    assert other.keys_of(one.tag) == []
+    door.close()
+
+
 def test_a_sign_of_life_can_be_read_without_asking_for_it(tmp_path: Path) -> None:
     one, other = place_at(tmp_path), place_at(tmp_path)
     assert other.beat_of(one.tag) is None
