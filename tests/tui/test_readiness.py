@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robotree.tui.screen.pages.enslave import openings
 from robotree.tui.seen.readiness import reasons
 from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
@@ -41,6 +42,24 @@ def store_of(*states: State, bond: BondSpec | None = None) -> Store:
 
 def test_a_free_robot_at_rest_is_ready() -> None:
     assert reasons(store_of(State()), "pick", 1.0) == ()
+
+
+def test_a_robot_is_not_ready_when_one_below_it_is_not() -> None:
+    store = store_of(State())
+    lever = RobotDescription(
+        address=PARENT, kinds=("Lever",), slots=(SlotSpec(name="mover", kind="Pick", child=PICK),)
+    )
+    bond = BondSpec(parent=PARENT, slot="mover", epoch=1, remaining=5)
+    arm = SlotSpec(name="arm", kind="Arm")
+    pick = RobotDescription(address=PICK, kinds=("Pick",), slots=(arm,), bond=bond)
+    store.take_descriptions([lever, pick], 0.0)
+    assert reasons(store, "lever", 1.0) == ("pick: slot arm is empty, it takes Arm",)
+    store.take_state("pick", State(online=False, bond=PARENT, stopped=True), 1.0)
+    assert reasons(store, "lever", 1.0) == (
+        "pick: offline: its controller does not answer",
+        "pick: slot arm is empty, it takes Arm",
+    )
+    assert [one.path for one in openings(store, "lever")] == ["pick.arm"], "e at the parent fills it"
 
 
 def test_all_reasons_are_told_and_not_only_the_worst() -> None:

@@ -205,6 +205,15 @@ def test_candidates_are_of_the_right_kind_and_never_above_the_parent(store: Stor
     assert store.lineage("arm-1") == ("arm-1", "mover", "lever")
 
 
+def test_a_robot_that_still_waits_for_its_own_child_is_a_candidate(store: Store) -> None:
+    """Its exposed commands are not listed as long as nobody can carry them out, but it has them."""
+    grip = CommandSpec(name="grip", through="arm.grip", available=False)
+    waiting = RobotDescription(address=address("arm-2"), kinds=("Arm", "Robot"), commands=(grip,))
+    store.take_descriptions([waiting], 1.0)
+    store.take_lists([listing("arm-2"), listing("arm-3")], [], 1.0)
+    assert [one.name for one in store.candidates("lever", "Arm", ("grip",))] == ["arm-2"]
+
+
 def test_who_commands_is_the_parent_or_who_asked(store: Store) -> None:
     assert store.by("arm-1") == ""
     store.take_state("arm-1", State(busy="go_to", caller="operator"), 1.0)

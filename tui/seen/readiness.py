@@ -8,7 +8,7 @@ from robotree.vr.description import lacking
 
 
 def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
-    """Return all that keeps a robot from carrying out a command of ours; empty: it is ready.
+    """Return all that keeps a robot, or one that it commands, from working; empty: it is ready.
 
     Args:
         store: what is known.
@@ -17,6 +17,31 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
     """
     robot, state = store.described(name), store.state(name)
     told = state or robot
+    found = [*_faults(store, name, now), *_below(store, name, now)]
+    parent = store.by(name) if told and told.bond is not None else ""
+    if parent:
+        found.append(f"commanded by {parent}: command that one, or release this one")
+    elif told and told.busy:
+        caller = state.caller if state else ""
+        found.append(f"{told.busy} runs{f', asked for by {caller}' if caller else ''}")
+    return tuple(found)
+
+
+def _below(store: Store, name: str, now: float, above: tuple[str, ...] = ()) -> list[str]:
+    """Return what the robots that a robot commands need themselves; their stop is its stop."""
+    robot, found = store.described(name), list[str]()
+    for slot in robot.slots if robot and name not in above else ():
+        if slot.child:
+            child = slot.child.name
+            found += [f"{child}: {one}" for one in _faults(store, child, now, stop=False)]
+            found += _below(store, child, now, (*above, name))
+    return found
+
+
+def _faults(store: Store, name: str, now: float, *, stop: bool = True) -> list[str]:
+    """Return what is wrong with a robot itself."""
+    robot = store.described(name)
+    told = store.state(name) or robot
     found: list[str] = []
     if absent := store.absent.get(name):
         found.append(absent.remedy or "its process has gone: start it again, or D takes it off the list")
@@ -27,7 +52,7 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
         held = robot.attributes.get("held_by", "") if robot else ""
         why = f"is held by {held}" if held else "does not answer"
         found.append(f"offline: its controller {f'at {where} ' if where else ''}{why}")
-    if told and told.stopped:
+    if stop and told and told.stopped:
         found.append(stopped(store, name, now))
     if told and told.abandoned:
         home = f"host {robot.host}" if robot and robot.host else "its process"
@@ -38,13 +63,7 @@ def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:
         else f"{lack.slot} needs {lack.number} more of kind {lack.kind}"
         for lack in lacking(robot.slots if robot else ())
     ]
-    parent = store.by(name) if told and told.bond is not None else ""
-    if parent:
-        found.append(f"commanded by {parent}: command that one, or release this one")
-    elif told and told.busy:
-        caller = state.caller if state else ""
-        found.append(f"{told.busy} runs{f', asked for by {caller}' if caller else ''}")
-    return tuple(found)
+    return found
 
 
 def stopped(store: Store, name: str, now: float) -> str:

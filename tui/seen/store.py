@@ -630,8 +630,13 @@ class Store:
         return [
             one
             for name, one in sorted(self.robots.items())
-            if kind in one.kinds and name not in above and set(commands) <= set(one.commands)
+            if kind in one.kinds and name not in above and set(commands) <= self._commands(one)
         ]
+
+    def _commands(self, listed: Listing) -> set[str]:
+        """Return the commands of a robot, also those that nobody can carry out before its slots are filled."""
+        robot = self.descriptions.get(listed.name)
+        return {one.name for one in robot.commands} if robot else set(listed.commands)
 
     def lineage(self, name: str) -> tuple[str, ...]:
         """Return a robot and all that command it, upwards."""

@@ -43,6 +43,7 @@ def openings(store: Store, name: str) -> list[Opening]:
     Args:
         store: what is known.
         name: a robot. With empty slots of its own: those. Without: the empty slots of others that take it.
+            Without such: those of the robots below it.
     """
     every = [
         Opening(robot.name, slot.name, slot.kind, slot.doc, slot.commands)
@@ -52,7 +53,8 @@ def openings(store: Store, name: str) -> list[Opening]:
     ]
     own = [one for one in every if one.parent == name]
     kinds = store.robots[name].kinds if name in store.robots else ()
-    return own or [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
+    others = [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
+    return own or others or [one for one in every if name in store.lineage(one.parent)]
 
 
 class EnslaveDialog(Modal[Line | None]):
@@ -119,9 +121,16 @@ class EnslaveDialog(Modal[Line | None]):
             children.highlighted = names.index(at.id) if at.id in names else None
         elif names:
             children.highlighted = names.index(self._child) if self._child in names else 0
-        note = opening.doc if names else f"no free {opening.kind} is listed: start or release one first"
-        self.query_one("#enslave-note", Label).update(note)
+        self.query_one("#enslave-note", Label).update(opening.doc if names else self._why_none(opening))
         self.query_one("#yes", Button).disabled = not names
+
+    def _why_none(self, opening: Opening) -> str:
+        others = [one.name for one in self._store.candidates(opening.parent, opening.kind)]
+        if others:
+            return (
+                f"{', '.join(others)}: not all of {', '.join(opening.commands)}, which {opening.path} needs"
+            )
+        return f"no free {opening.kind} is listed: start or release one first"
 
     @on(OptionList.OptionSelected, "#slots")
     def _on_to_children(self) -> None:
