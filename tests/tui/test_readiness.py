@@ -74,6 +74,17 @@ def test_all_reasons_are_told_and_not_only_the_worst() -> None:
     )
 
 
+def test_a_resume_settles_a_robot_that_hung_during_the_stop() -> None:
+    store = store_of(State())
+    store.begin_stop("", 1.0)
+    store.end_stop([], {"pick": "in process 7, which hangs"}, 2.0)
+    assert store.settle_stop() == [], "it may still move"
+    assert store.stop is not None
+    store.stop.wake("pick")
+    assert store.settle_stop() == ["pick"]
+    assert not store.stop.open
+
+
 def test_a_command_of_somebody_else_is_told_with_its_caller() -> None:
     assert reasons(store_of(State(busy="go_to", caller="night-shift")), "pick", 1.0) == (
         "go_to runs, asked for by night-shift",

@@ -191,10 +191,12 @@ def _help(app: OperatorApp, _place: Place) -> None:
 
 
 def _resume(app: OperatorApp, _place: Place) -> None:
-    if not app.store.stopped:
-        app.tell("no robot is in protective stop", "plain")
-    else:
+    if settled := app.store.settle_stop():
+        app.tell(f"settled: {', '.join(settled)} had not confirmed the stop, and is not stopped", "warning")
+    if app.store.stopped:
         confirm_line(app, Line("resume"))
+    elif not settled:
+        app.tell("no robot is in protective stop", "plain")
 
 
 def _about_robot(verb: str) -> Ask:

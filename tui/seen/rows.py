@@ -90,8 +90,9 @@ def family(store: Store) -> tuple[Placement, ...]:
     below: dict[str, dict[str, str]] = {}
     above: dict[str, str] = {}
     for name in sorted(names, key=natural):
-        robot = store.described(name)
-        for slot in robot.slots if robot else ():
+        robot, absent = store.described(name), store.absent.get(name)
+        gone = absent and not absent.hangs  # nobody commands who has gone
+        for slot in robot.slots if robot and not gone else ():
             if slot.child and slot.child.name in names - above.keys():
                 above[slot.child.name] = name
                 below.setdefault(name, {})[slot.child.name] = slot.name

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 ASKED = "asked, no answer yet"
-AWAKE = "answers again and is not stopped: stop once more"
+AWAKE = "answers again and is not stopped: stop once more, or resume"
 
 
 @dataclass(slots=True)
@@ -48,6 +48,13 @@ class StopRound:
     def dismiss(self, name: str) -> None:
         """Leave out a robot of which a person says that it is settled."""
         self.open.pop(name, None)
+
+    def settle(self) -> list[str]:
+        """Leave out the robots that answer again and are not stopped, and return them: a person resumes."""
+        awake = [name for name, why in self.open.items() if why == AWAKE]
+        for name in awake:
+            del self.open[name]
+        return awake
 
     @property
     def longest(self) -> float:

@@ -368,6 +368,11 @@ class Store:
             self.stop.end(told, untold, now)
             self.revision += 1
 
+    def settle_stop(self) -> list[str]:
+        """A person resumes: return the robots of the stop's banner that were not stopped and answer again."""
+        self.revision += 1
+        return self.stop.settle() if self.stop else []
+
     def end_resume(self) -> None:
         """Note that all were resumed: no stop is to be confirmed any more."""
         self.stop = None
@@ -634,7 +639,7 @@ class Store:
         ]
 
     def _commands(self, listed: Listing) -> set[str]:
-        """Return the commands of a robot, also those that nobody can carry out before its slots are filled."""
+        """Return the commands of a robot, also those that need a robot in an empty slot."""
         robot = self.descriptions.get(listed.name)
         return {one.name for one in robot.commands} if robot else set(listed.commands)
 
