@@ -20,6 +20,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -50,7 +51,8 @@ _MAIN = "main"
 """The page of the registry's verbs; the others are those of `PAGE_KEYS`."""
 
 
-def default_keys() -> dict[str, str]:
+@cache
+def default_keys() -> Mapping[str, str]:
     """Return the keys of the registry: by what they do, several of them separated by commas."""
     verbs = {one.verb: one.key for one in ACTIONS if one.key and Where.SCREEN in one.where}
     return verbs | {one.id: one.key for one in PAGE_KEYS}

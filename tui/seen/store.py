@@ -466,8 +466,12 @@ class Store:
     @property
     def _unexplained(self) -> set[str]:
         """Names of robots that are on no list any more and do not answer; why is to be found out."""
-        names = {address.name for address in self.missed if address.role == "robot"}
-        return names - self.descriptions.keys() - self.robots.keys() - self.absent.keys()
+        here = (self.descriptions, self.robots, self.absent)  # asked for each row that is drawn
+        return {
+            address.name
+            for address in self.missed
+            if address.role == "robot" and not any(address.name in one for one in here)
+        }
 
     @property
     def orphaned(self) -> bool:

@@ -72,8 +72,9 @@ class Page(Part, Leaving[None]):
             app.store, f"{app.realm} (read-only)" if app.readonly else app.realm, self.title_of_page()
         )
         self.query_one(Banner).draw(app.store)
-        for line in self.query(FlashLine):
-            line.draw(app.store, app.now())
+        for line in self.children:  # a query would look at each widget of the page, four times a second
+            if isinstance(line, FlashLine):
+                line.draw(app.store, app.now())
 
     def paint(self, widget: Widget) -> None:
         """Send what differs in a widget to the terminal now.
