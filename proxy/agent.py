@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager
-from typing import Any, Protocol
+from typing import Any
 
 from robotree.protocol.errors import BadUrl
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
@@ -154,17 +154,9 @@ async def running_view(view: WorkspaceView, transport: Transport) -> AsyncGenera
         yield agent
 
 
-class _Agent(Protocol):
-    """What robots' and views' agents have in common."""
-
-    async def start(self) -> None: ...
-
-    async def close(self) -> None: ...
-
-
 @asynccontextmanager
 async def _running(
-    agent: _Agent, registrar: Registrar, run: Callable[[], Coroutine[Any, Any, None]]
+    agent: RobotAgent | ViewAgent, registrar: Registrar, run: Callable[[], Coroutine[Any, Any, None]]
 ) -> AsyncGenerator[None]:
     """Run an agent and its connection inside the block."""
     try:

@@ -10,7 +10,7 @@ import msgspec
 
 from robotree.protocol.messages import Gripper, GripperState, Tool, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Hold, Motion, Request
+from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import twist_of
 from robotree.vr.command import command
@@ -50,6 +50,7 @@ class GoTo(Motion):
     """Move the tool to x, y, z [m] at speed [m/s], pointing down, twist [rad] about the vertical."""
 
     effect = "repeat"
+    verb = Verb.GO_TO
 
     x: float
     y: float
@@ -57,22 +58,15 @@ class GoTo(Motion):
     twist: float
     speed: float
 
-    def request(self) -> Request:
-        """GO_TO."""
-        return Request(Verb.GO_TO, (self.x, self.y, self.z, self.twist, self.speed))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grip(Motion):
     """Bring the fingers to a width [m]; an object in between stops them earlier."""
 
     effect = "repeat"
+    verb = Verb.GRIP
 
     width: float
-
-    def request(self) -> Request:
-        """GRIP."""
-        return Request(Verb.GRIP, (self.width,))
 
 
 class ArmInfo(msgspec.Struct, frozen=True, kw_only=True):

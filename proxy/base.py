@@ -9,7 +9,7 @@ from typing import Annotated
 
 from robotree.protocol.messages import BaseState, LocalPositionNed, SysStatus, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion, Request
+from robotree.proxy.motion import Motion
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
 from robotree.proxy.translate import READERS, UNITS, Readers
@@ -42,15 +42,12 @@ class Drive(Motion):
     """Drive to x, y [m] of the flat and turn to heading [rad], at speed [m/s]."""
 
     effect = "repeat"
+    verb = Verb.DRIVE
 
     x: float
     y: float
     heading: float
     speed: float
-
-    def request(self) -> Request:
-        """DRIVE."""
-        return Request(Verb.DRIVE, (self.x, self.y, self.heading, self.speed))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +55,9 @@ class Turn(Motion):
     """Turn on the spot to heading [rad] in the flat."""
 
     effect = "repeat"
+    verb = Verb.TURN
 
     heading: float
-
-    def request(self) -> Request:
-        """TURN."""
-        return Request(Verb.TURN, (self.heading,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,12 +65,9 @@ class Lean(Motion):
     """Lean the waist by angle [rad]."""
 
     effect = "repeat"
+    verb = Verb.LEAN
 
     angle: float
-
-    def request(self) -> Request:
-        """LEAN."""
-        return Request(Verb.LEAN, (self.angle,))
 
 
 class BaseInfo(RoverInfo, frozen=True, kw_only=True):

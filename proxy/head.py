@@ -9,7 +9,7 @@ import msgspec
 
 from robotree.protocol.messages import Speech, Tags, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion, Request
+from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import READERS, Readers, goal_key
 from robotree.vr.command import command
@@ -43,25 +43,20 @@ class Look(Motion):
     """Turn the neck to pan and tilt [rad] at rate [rad/s]."""
 
     effect = "repeat"
+    verb = Verb.LOOK
 
     pan: float
     tilt: float
     rate: float
-
-    def request(self) -> Request:
-        """LOOK."""
-        return Request(Verb.LOOK, (self.pan, self.tilt, self.rate))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Say(Motion):
     """Speak the text that was sent under a number."""
 
-    number: int
+    verb = Verb.SAY
 
-    def request(self) -> Request:
-        """SAY."""
-        return Request(Verb.SAY, (float(self.number),))
+    number: int
 
 
 class HeadInfo(msgspec.Struct, frozen=True, kw_only=True):

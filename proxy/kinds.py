@@ -17,7 +17,7 @@ from robotree.proxy.limb import Limb
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.choice import NotOne, only_class
+from robotree.vr.bundle.choice import only_class
 from robotree.vr.bundle.loader import load_module
 from robotree.vr.bundle.loader import make as make_robot
 
@@ -71,12 +71,7 @@ def _load(path: str, wanted: str) -> type[RobotProxy]:
     """
     bundle = Bundle.read(path)
     module = load_module(bundle.source, path, bundle.hash, files=bundle.files)
-    try:
-        return only_class(module, RobotProxy, path, wanted)
-    except NotOne as error:
-        if error.known:
-            raise SeveralKinds(path=path, known=", ".join(error.known)) from None
-        raise NoKind(path=path, wanted=error.named) from None
+    return only_class(module, RobotProxy, path, wanted, none=NoKind, several=SeveralKinds)
 
 
 def _split(kind: str) -> tuple[str, str]:

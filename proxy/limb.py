@@ -75,6 +75,7 @@ class Posture(Motion):
     """Bring the joints to angles [rad]; the hand moves at speed [m/s] at most."""
 
     effect = "repeat"
+    verb = Verb.POSTURE
 
     j1: float
     j2: float
@@ -83,11 +84,6 @@ class Posture(Motion):
     j5: float
     j6: float
     speed: float
-
-    def request(self) -> Request:
-        """POSTURE."""
-        joints = (self.j1, self.j2, self.j3, self.j4, self.j5, self.j6)
-        return Request(Verb.POSTURE, (*joints, self.speed))
 
 
 class Limb(Arm):

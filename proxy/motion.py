@@ -7,8 +7,7 @@ that every controller knows.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import ClassVar, NamedTuple
 
 from robotree.protocol.messages import Verb
@@ -25,16 +24,21 @@ class Request(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion(ABC):
+class Motion:
     """One motion. Its fields are numbers, and each has a limit of the same name."""
 
     effect: ClassVar[Effect] = "once"
     """What it does when it is carried out twice: `once` adds up, `repeat` ends the same. After a restart of
     the controller only the second is asked for again."""
+    verb: ClassVar[int]
+    """See `Request.verb`."""
 
-    @abstractmethod
     def request(self) -> Request:
-        """Encode it for the wire. Pure."""
+        """Encode it for the wire: its verb with its fields, in their order. Pure.
+
+        A motion whose arguments on the wire are others than its fields has a `request` of its own.
+        """
+        return Request(self.verb, tuple(float(value) for value in astuple(self)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +46,4 @@ class Hold(Motion):
     """Stay, compliantly, and drop any other goal."""
 
     effect = "repeat"
-
-    def request(self) -> Request:
-        """HOLD takes no arguments."""
-        return Request(Verb.HOLD, ())
+    verb = Verb.HOLD

@@ -21,6 +21,7 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, Message
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalSilent
+from robotree.protocol.services.peer import Send
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, ReleaseUnanswered, StopConfirmed
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
@@ -72,6 +73,8 @@ class RobotProxy(Robot):
     """How its telemetry is read; a kind may set its own."""
     reading_units = UNITS
     """Units of the readings; a kind with its own readers adds theirs."""
+    settled_at: float = 0.0
+    """When the last motion ended [s]: what was heard before shows the robot as it was."""
 
     def __init_subclass__(cls) -> None:
         """Keep the units of the readings that every kind has, such as `age`."""
@@ -135,7 +138,6 @@ class RobotProxy(Robot):
         self._effects: dict[str, Effect] = {
             each: known.spec.effect for each, known in commands_of(type(self)).items()
         }
-        self._settled_at = 0.0
         self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
         """How many motions each running command has asked for."""
 
@@ -223,12 +225,12 @@ class RobotProxy(Robot):
         try:
             self._wait_for(pending)
         finally:
-            self._settled_at = self._connection.now()
+            self.settled_at = self._connection.now()
         self._raise_outcome(pending, effect)
 
     def tell(self, message: AnyMessage) -> None:
         """Send something once that is no motion; only the controller knows whether it has come."""
-        self._connection.soon(lambda: self._connection.perform(self._session.ask_for(message)))
+        self._connection.soon(lambda: self._connection.perform([Send(message)]))
 
     def news(self, kind: type[T], *, since: float) -> T:
         """Wait for a message that was heard after a moment.
@@ -260,11 +262,6 @@ class RobotProxy(Robot):
     def asked_at(self) -> float:
         """The present moment [s] on the connection's clock: what is heard after it is news."""
         return self._connection.now()
-
-    @property
-    def settled_at(self) -> float:
-        """When the last motion ended [s]: what was heard before shows the robot as it was."""
-        return self._settled_at
 
     # -- inside ------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import msgspec
 
 from robotree.protocol.messages import LocalPositionNed, Verb
 from robotree.proxy.guard import Limits, Span
-from robotree.proxy.motion import Motion, Request
+from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import readings_of
 from robotree.vr.command import command
@@ -37,14 +37,11 @@ class Move(Motion):
     """Move a mobile base by x, y [m] from where it stands, without turning, at speed [m/s]."""
 
     effect = "once"
+    verb = Verb.MOVE
 
     x: float
     y: float
     speed: float
-
-    def request(self) -> Request:
-        """MOVE."""
-        return Request(Verb.MOVE, (self.x, self.y, self.speed))
 
 
 def check_arrival(motion: Move, here: tuple[float, float], limits: Limits, *, command: str) -> None:

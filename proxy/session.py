@@ -338,10 +338,6 @@ class ControllerSession:
         """Ask for the end of a movement; repeated until the controller confirms it."""
         return [*self._goals.cancel(key, epoch=self._epoch(epoch), now=now)]
 
-    def ask_for(self, message: AnyMessage) -> list[Effect]:
-        """Send one message once."""
-        return [Send(message)]
-
     def stop(self, now: float) -> list[Effect]:
         """Protective stop, now, again until it is confirmed, and whenever the controller is not stopped."""
         self._desired.stop()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Joints, LocalPositionNed, MavComponent, Message, PictureRequest, Tool
+from robotree.protocol.services.peer import Send
 from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import ControllerSession, Event
@@ -165,7 +166,7 @@ class WorkspaceView:
         request = PictureRequest(spec.width, spec.height, system, component, spec.quality)
         expected: asyncio.Future[bytes]
         expected = self._expected[component] = asyncio.get_running_loop().create_future()
-        self._connection.perform(self._session.ask_for(request))
+        self._connection.perform([Send(request)])
         before = -1
         try:
             while (left := ends - self._connection.now()) > 0 and before != (before := self._session.pieces):

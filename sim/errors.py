@@ -11,7 +11,7 @@
       UnknownKind           no robot of that kind can be simulated
       CannotListen          the address is taken; also an OSError
 
-Whoever sent the goal is to blame for a GoalRefused; the robot has not moved.
+A GoalRefused is the fault of the goal's sender; the robot has not moved.
 """
 
 from collections.abc import Iterable, Sequence

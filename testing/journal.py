@@ -154,7 +154,7 @@ def _short(value: Any) -> str:
 
 
 class Journal:
-    """Takes the events of all robots of a rehearsal: a `running.journal.Journal` that keeps calls."""
+    """Takes the events of all robots of a rehearsal: a `running.process.Journal` that keeps calls."""
 
     def __init__(self, paths: Mapping[str, str], now: Callable[[], float]) -> None:
         """Begin empty.
@@ -170,7 +170,7 @@ class Journal:
         self._by_key: dict[tuple[str, str], Step] = {}
 
     def append(self, robot: str, now: float, event: Event) -> int:
-        """See `running.journal.Journal.append`."""
+        """See `running.process.Journal.append`."""
         del now  # of the robot's own process
         if isinstance(event, on.Invoke):
             self._begin(robot, event)
@@ -179,7 +179,7 @@ class Journal:
         return 0
 
     def commit(self, number: int) -> None:
-        """See `running.journal.Journal.commit`."""
+        """See `running.process.Journal.commit`."""
 
     def arguments(self, robot: str, key: str) -> Mapping[str, Any]:
         """Return the arguments that were given in a call."""
@@ -187,17 +187,18 @@ class Journal:
         return {} if step is None else step.arguments
 
     def _begin(self, robot: str, event: on.Invoke) -> None:
-        if (robot, event.key) in self._by_key:  # the same call, sent again
+        call = event.call
+        if (robot, call.key) in self._by_key:  # the same call, sent again
             return
         step = Step(
             at=self._now(),
             robot=self._paths.get(robot.split("/")[1], robot),
-            command=event.command,
+            command=call.command,
             arguments=dict(event.arguments),
             reads=event.reads,
-            key=event.key,
+            key=call.key,
         )
-        self._by_key[robot, event.key] = step
+        self._by_key[robot, call.key] = step
         self.steps.append(step)
         self.on_step(step)
 

@@ -27,7 +27,7 @@ class Robot:
     never run on the thread of the command that calls them."""
     halted: str = ""
     """Why what stands behind this robot is in a stop that nobody ordered here, as a clause; empty: it is
-    not. While it lasts no command begins; `resume` releases it. Whoever sets it notifies the agent."""
+    not. While it lasts no command begins; `resume` releases it. The code that sets it notifies the agent."""
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the robot.
@@ -56,13 +56,13 @@ class Robot:
     def safe_stop(self, reason: str) -> Awaitable[None] | None:
         """Take part in a protective stop. Quick; the agent cancels commands and tells the children.
 
-        Whoever has hardware behind it begins at once and returns what to wait for; a virtual robot returns
+        A proxy, with hardware behind it, begins at once and returns what to wait for; a virtual robot returns
         nothing: its own hooks run in a thread, one after the other, and have confirmed it when they end.
 
         Returns:
             None: there is nothing to wait for. Else something new to await on the loop, that ends when the
             hardware has confirmed it, never before, and raises a `VrError` when that has refused for good.
-            It is cancelled when whoever asked can wait no longer: that ends the waiting, not the stop.
+            It is cancelled when the asker can wait no longer: that ends the waiting, not the stop.
         """
 
     def resume(self) -> Awaitable[None] | None:

@@ -1,7 +1,7 @@
 """One world and its step: MuJoCo moves it, the device's control law runs before every step.
 
-A cell knows no clock and no thread. Whoever calls `advance` decides how fast its time passes: tests do it as
-fast as they can, `realtime.RealTime` keeps pace with the wall clock. Only one thread may touch a cell; the
+A cell knows no clock and no thread. The caller of `advance` decides how fast its time passes: tests call it
+as fast as they can, `realtime.RealTime` keeps pace with the wall clock. Only one thread may touch a cell; the
 others read the state that it publishes after every batch.
 """
 

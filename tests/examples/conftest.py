@@ -56,7 +56,7 @@ class Workshop:
         return client
 
     def client(self, name: str) -> RobotClient:
-        """Whom to ask for a robot."""
+        """The client of a robot."""
         return RobotClient(self._transport, self._addresses[name])
 
     async def _agent(self, robot: Any) -> None:

@@ -36,7 +36,7 @@ class ClaimMachine(RuleBasedStateMachine):
         self.to_server: list[tuple[str, Claim]] = []
         self.to_client: list[tuple[str, ClaimStatus]] = []
         self.granted: dict[int, int] = {}
-        """By epoch: the holder to whom it was granted."""
+        """By epoch: the holder that got it."""
 
     def _started(self) -> ClaimServer:
         fence = Fence(*self.kept, keep=self._keep)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import hypothesis.strategies as st
 import pytest
 from hypothesis import settings
@@ -29,7 +32,7 @@ from robotree.vr.errors import (
     Stopped,
     VrError,
 )
-from robotree.vr.requests import Done, Raised, Returned
+from robotree.vr.requests import Call, Done, Raised, Returned
 
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
@@ -47,6 +50,13 @@ def new_core() -> RobotCore:
         stop=Stop(),
     )
     return RobotCore(state)
+
+
+def invocation(
+    key: str, command: str, *, deadline_at: float, reads: bool = False, **fields: Any
+) -> on.Invoke:
+    call = Call(key=key, command=command, deadline=math.inf, **fields)
+    return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads)
 
 
 class CoreMachine(RuleBasedStateMachine):
@@ -143,15 +153,8 @@ class CoreMachine(RuleBasedStateMachine):
 
     def invoke(self, *, reads: bool = False, epoch: int | None = None, within: float = 100.0) -> on.Invoke:
         key = f"k{next(self.numbers)}"
-        self.sent[key] = on.Invoke(
-            key=key,
-            command="look" if reads else "move",
-            sent={},
-            arguments={},
-            deadline_at=self.now + within,
-            epoch=epoch,
-            reads=reads,
-        )
+        command = "look" if reads else "move"
+        self.sent[key] = invocation(key, command, deadline_at=self.now + within, epoch=epoch, reads=reads)
         return self.sent[key]
 
     def right(self) -> int | None:
@@ -160,10 +163,10 @@ class CoreMachine(RuleBasedStateMachine):
 
     @rule(reads=st.booleans(), within=st.sampled_from([0.5, 3.0, 1000.0]))
     def a_call_comes(self, *, reads: bool, within: float) -> None:
-        call = self.invoke(reads=reads, epoch=self.right(), within=within)
-        idle = not self.running
+        invoke = self.invoke(reads=reads, epoch=self.right(), within=within)
+        call, idle = invoke.call, not self.running
         try:
-            self.handle(call)
+            self.handle(invoke)
         except Stopped:
             assert not reads
             assert self.core.state.stop.in_force
@@ -191,15 +194,11 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(data=st.data())
     def an_ended_call_comes_again(self, data: st.DataObject) -> None:
         key = data.draw(st.sampled_from(sorted(self.replies)))
-        call = self.sent[key]
-        again = on.Invoke(
-            key=key, command=call.command, sent={}, arguments={}, deadline_at=self.now + 9, epoch=self.right()
-        )
+        command, until, right = self.sent[key].call.command, self.now + 9, self.right()
+        again = invocation(key, command, deadline_at=until, epoch=right)
         if key in self.core.state.calls.ended:
             assert self.handle(again) == [Settled(key=key, reply=self.replies[key])]
-        other = on.Invoke(
-            key=key, command="other", sent={}, arguments={}, deadline_at=self.now + 9, epoch=self.right()
-        )
+        other = invocation(key, "other", deadline_at=until, epoch=right)
         if key in self.core.state.calls.ended:
             with pytest.raises(KeyReused):
                 self.handle(other)
@@ -228,10 +227,10 @@ class CoreMachine(RuleBasedStateMachine):
 
     @rule()
     def a_cancel_overtakes_its_call(self) -> None:
-        call = self.invoke(epoch=self.right())
-        self.handle(on.Cancel(key=call.key, reason="too late", epoch=self.right()))
+        invoke = self.invoke(epoch=self.right())
+        self.handle(on.Cancel(key=invoke.call.key, reason="too late", epoch=self.right()))
         with pytest.raises(CommandCancelled, match="too late"):
-            self.handle(call)
+            self.handle(invoke)
 
     @precondition(lambda self: self.running)
     @rule()
@@ -446,16 +445,8 @@ def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> No
     core = new_core()
 
     def call(number: int, lowest: int) -> on.Invoke:
-        return on.Invoke(
-            key=f"k{number}",
-            command="move",
-            sent={},
-            arguments={},
-            deadline_at=10.0,
-            source="lever/arm/7",
-            number=number,
-            lowest=lowest,
-        )
+        key, source = f"k{number}", "lever/arm/7"
+        return invocation(key, "move", deadline_at=10.0, source=source, number=number, lowest=lowest)
 
     core.handle(call(1, 1), 0.0)
     core.handle(on.Finish(key="k1", reply=Returned(key="k1")), 0.0)

@@ -1,4 +1,4 @@
-"""A machine that plays against stops: who stops what when, who resumes it, who hangs, who commands whom.
+"""A machine that plays against stops: of any robot, at any moment, while bonds change and processes hang.
 
 Whatever is on its way when: a robot that has confirmed a stop is not released by a resume that was asked for
 before that.

@@ -1,4 +1,4 @@
-"""Stories of goals as whoever asks for them lives through them: the answers are the test's."""
+"""Stories of goals as seen by the client that asks for them: the answers are the test's."""
 
 from __future__ import annotations
 

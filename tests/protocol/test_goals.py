@@ -329,7 +329,7 @@ OWNER, BACK, STRANGER = PROXY, Peer("link 3", 255, 190), OTHER
 
 @pytest.fixture
 def owned() -> GoalServer:
-    """A server on which one peer is in control, and a goal of whom runs under epoch 1."""
+    """A server on which one peer is in control, with a goal of this peer under epoch 1."""
     denial = (Reason.NOT_IN_CONTROL, "System 255 is in control; ask it, or wait.")
     server = GoalServer([Verb.GO_TO], lambda _: None, lambda peer: None if peer == OWNER else denial)
     server.receive(_goal(), OWNER, 0.0)

@@ -1,4 +1,4 @@
-"""Parameters: whoever asks is answered, also when the answer is no."""
+"""Parameters: every question is answered, also when the answer is no."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> 
 
 
 def test_a_link_that_no_line_matches_hears_nobody_and_nobody_hears_it(keys: Path) -> None:
-    """Whoever gives a file wants no link without a key; that would be one by a slip of the pattern."""
+    """A user who gives a file wants no link without a key; a wrong pattern would make one."""
     ours, theirs = (Security(Keyring(keys), lambda: NOW) for _ in range(2))
     for speaker, listener in (("tcp:127.0.0.1:1", "udp:127.0.0.1:1"), ("udp:127.0.0.1:1", "tcp:127.0.0.1:1")):
         signer = ours.signer_pair(speaker)["signer"]
@@ -281,7 +281,7 @@ def test_a_new_key_counts_for_the_links_of_its_pattern_from_now_on(keys: Path) -
     assert not proxy.renewed(LINK, theirs)
     assert controller.rotate(LINK, ours, NEW, 0) == controller.pattern(LINK) == "tcp:127.0.0.1:*"
     assert controller.renewed(LINK, ours)
-    assert proxy.renewed(LINK, theirs), "whoever shares the file finds it"
+    assert proxy.renewed(LINK, theirs), "all that share the file find it"
     said = encode(
         Timesync(1, 2), sequence=0, system=255, component=1, signer=proxy.signer_pair(LINK)["signer"]
     )

@@ -202,7 +202,7 @@ async def test_a_resume_that_nobody_waits_for_any_more_is_taken_back(place: Plac
     resume = await waiting(place.robot.resume())
     resume.cancel()
     await settle()
-    assert place.said == [ModeKind.READY, ModeKind.SAFE_STOP], "whoever obeys the first obeys the second, too"
+    assert place.said == [ModeKind.READY, ModeKind.SAFE_STOP], "obeying the first, it obeys the second"
     assert place.session.stopped
     place.tell(ModeKind.READY, 2)
     assert place.session.held == "its controller has yet to confirm the stop"

@@ -1,4 +1,4 @@
-"""A session and the simulated controller: it misses whom it does not hear, and others may stop it."""
+"""A session and the simulated controller: it notices a silent proxy, and others may stop it."""
 
 from __future__ import annotations
 

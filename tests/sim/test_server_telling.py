@@ -1,4 +1,4 @@
-"""What the controller says reaches everybody whom it can, and no client is heard beyond its share."""
+"""What the controller says reaches all clients that it can, and no client is heard beyond its share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who commands whom, as trees: nobody is lost from sight, nobody appears twice."""
+"""Parents and children, as trees: no robot is lost from sight, none appears twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a robot is: one ladder, whatever tells it and whoever reads it."""
+"""How a robot is: one ladder of states, for every source and every reader."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ class Story:
         self.calls = self.answered = self.faults = self._releases = 0
         self._ticket = 1000  # so that no ticket of a drive is one of a call, which has ten times as many
         self.bonds = dict(BONDS)
-        """Who is to command whom."""
+        """Parents and their children."""
         self.whole = ""
         """The result of the last call, through the whole tree."""
         self._wounds: list[Callable[[], None]] = []

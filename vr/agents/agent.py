@@ -17,9 +17,8 @@ from typing import Any
 from robotree.vr.address import Address
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import Children
-from robotree.vr.agents.echo import Echo
 from robotree.vr.agents.hooks import Hooks
-from robotree.vr.agents.news import Listings, News
+from robotree.vr.agents.news import Echo, News
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
@@ -44,6 +43,7 @@ from robotree.vr.errors import (
 from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.fitting import misfit
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.requests import (
     Accepted,
     Delete,
@@ -53,7 +53,6 @@ from robotree.vr.requests import (
     Enslave,
     Free,
     Granted,
-    Level,
     Logged,
     Petition,
     ReadLog,
@@ -86,7 +85,7 @@ class RobotAgent:
         robot: Robot,
         transport: Transport,
         *,
-        registrar: Listings | None = None,
+        registrar: Registrar | None = None,
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] | None = None,
         obeyed: Callable[[], int | None] = lambda: None,
@@ -132,7 +131,7 @@ class RobotAgent:
             on_effect=self._take_effect,
             on_change=self.changed,
         )
-        self._hooks = Hooks(robot, self._process.runner, self._say)
+        self._hooks = Hooks(robot, self._process.runner, partial(self.live.say, ""))
         self._news = News(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
@@ -141,10 +140,6 @@ class RobotAgent:
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
         )
         self._begin_life()
-
-    def _say(self, level: Level, text: str, *, piece: bool = False) -> None:
-        """Take what the robot's hooks say."""
-        self.live.say("", level, text, piece=piece)
 
     @property
     def robot(self) -> Robot:

@@ -15,7 +15,6 @@ from typing import Any
 
 from robotree.vr.address import Address, check_name
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.news import Listings
 from robotree.vr.agents.shared import Shared
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
@@ -25,6 +24,7 @@ from robotree.vr.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.requests import (
     Create,
     Described,
@@ -67,7 +67,7 @@ class Host:
         transport: Transport,
         name: str,
         *,
-        registrar: Listings | None = None,
+        registrar: Registrar | None = None,
         term: float = DEFAULT_TERM,
         limit: float = LIMIT,
         process: Process | None = None,

@@ -1,4 +1,4 @@
-"""What a robot shows of itself: description, state and listing.
+"""What a robot shows of itself: description, state, listing, and what its code says.
 
 A change may come from any thread and very often; it only sets a flag. The state is published at once after a
 change, but not more than ten times a second, and once in each round of its process while nothing changes.
@@ -11,7 +11,7 @@ import contextlib
 import inspect
 import logging
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -22,7 +22,9 @@ from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import BondSpec, Listing, RobotDescription
 from robotree.vr.errors import TransportError, VrError
 from robotree.vr.fields import StateField
-from robotree.vr.requests import State, encode
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.requests import Heard, State, encode
+from robotree.vr.running.heard import Log
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot
@@ -33,22 +35,13 @@ LISTING_PATIENCE = 5.0
 """[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
 one."""
 
+PAUSE = 0.1
+"""[s] for which lines of a log are collected."""
+
 SHOWN = 1000
 """[bytes] of one value of declared state, encoded, that a description shows."""
 
 _log = logging.getLogger(__name__)
-
-
-class Listings(Protocol):
-    """Where agents are listed: what an agent needs of `lookup.registrar.Registrar`."""
-
-    async def enter(self, listing: Listing) -> None:
-        """List an agent, or change its listing; renewed until it leaves."""
-        ...
-
-    async def leave(self, address: Address) -> None:
-        """Take an agent out."""
-        ...
 
 
 class News:
@@ -60,7 +53,7 @@ class News:
         hooks: Hooks,
         transport: Transport,
         shared: Shared,
-        listings: Listings | None,
+        registrar: Registrar | None,
     ) -> None:
         """Prepare; `begin` publishes.
 
@@ -69,10 +62,10 @@ class News:
             hooks: of the robot, for its readings.
             transport: where its state is published.
             shared: its state is published in rounds of its process while nothing changes.
-            listings: where it is listed while nobody has enslaved it; None: nowhere.
+            registrar: where it is listed while nobody has enslaved it; None: nowhere.
         """
         self._live, self._hooks, self._transport = live, hooks, transport
-        self._listings, self._host = listings, shared.host
+        self._registrar, self._host = registrar, shared.host
         self._address: Address = live.core.state.address
         self._loop = asyncio.get_running_loop()
         self._dirty = True
@@ -172,11 +165,11 @@ class News:
 
     def update_listing(self) -> None:
         """Have the lookup services hold what they should: nothing while the robot is enslaved, or ends."""
-        if self._listings is None:
+        if self._registrar is None:
             return
         self._wanted = None if self._closed else self.listing()
         if self._listing is None and self._wanted != self._present:
-            self._listing = self._loop.create_task(self._change(self._listings))
+            self._listing = self._loop.create_task(self._change(self._registrar))
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -189,23 +182,23 @@ class News:
         self.update_listing()
         await self.listed()
 
-    async def _change(self, listings: Listings) -> None:
+    async def _change(self, registrar: Registrar) -> None:
         try:
             while self._wanted != self._present:
                 wanted = self._wanted
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(LISTING_PATIENCE):
-                        await self._apply(listings, wanted)
+                        await self._apply(registrar, wanted)
                 self._present = wanted
         finally:
             self._listing = None
 
-    async def _apply(self, listings: Listings, wanted: Listing | None) -> None:
+    async def _apply(self, registrar: Registrar, wanted: Listing | None) -> None:
         try:
             if wanted is None:
-                await listings.leave(self._address)
+                await registrar.leave(self._address)
             else:
-                await listings.enter(wanted)
+                await registrar.enter(wanted)
         except VrError as error:
             _log.warning("%s: %s", self._address.name, error)
 
@@ -309,3 +302,34 @@ class News:
             "host": self._host,
             "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
         }
+
+
+class Echo:
+    """Publishes one log, on the event loop on which it was made."""
+
+    def __init__(self, log: Log, address: Address, transport: Transport) -> None:
+        """Publish every line from now on."""
+        self._log, self._address, self._transport = log, address, transport
+        self._loop = asyncio.get_running_loop()
+        self._last = 0
+        """Number of the line that was published last."""
+        self._waiting = False
+        log.on_line = self._new
+
+    def _new(self) -> None:
+        """Note a new line. From any thread."""
+        if not self._waiting:
+            self._waiting = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+                self._loop.call_soon_threadsafe(self._later)
+
+    def _later(self) -> None:
+        self._loop.call_later(PAUSE, self._publish)
+
+    def _publish(self) -> None:
+        self._waiting = False
+        lines = tuple(self._log.since(self._last))
+        if lines:
+            self._last = lines[-1].number
+            with contextlib.suppress(TransportError):  # it is closed
+                self._transport.publish(f"{self._address.key}/log", encode(Heard(lines=lines)))

@@ -10,10 +10,10 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from robotree.vr.agents.news import Listings
 from robotree.vr.description import Listing
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
 from robotree.vr.transport import Registration, Transport
 
@@ -68,7 +68,7 @@ class View(Protocol):
 class ViewAgent:
     """Serves the pictures of one view."""
 
-    def __init__(self, view: View, transport: Transport, name: str, *, registrar: Listings) -> None:
+    def __init__(self, view: View, transport: Transport, name: str, *, registrar: Registrar) -> None:
         """Prepare the agent.
 
         Args:

@@ -13,9 +13,9 @@ from robotree.files import text
 from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
-from robotree.vr.bundle.choice import choose
+from robotree.vr.bundle.choice import only_class
 from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make, text_of
-from robotree.vr.errors import BrokenSource, NoSuchFile, OtherKind
+from robotree.vr.errors import BrokenSource, NoSuchFile, NoVirtualRobot, OtherKind, SeveralVirtualRobots
 from robotree.vr.fields import Kept, settings_spec
 from robotree.vr.running.page_trace import file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot
@@ -95,7 +95,14 @@ class Bundle(msgspec.Struct, frozen=True):
             return self._script()
         module = load_module(self.source, self.path, self.hash, files=self.files, limit=limit)
         try:
-            return choose(module, self.path, self.wanted)
+            return only_class(
+                module,
+                VirtualRobot,
+                self.path,
+                self.wanted,
+                none=NoVirtualRobot,
+                several=SeveralVirtualRobots,
+            )
         except BaseException:
             forget(module.__name__, file_in_tracebacks(self.path, self.hash))
             raise

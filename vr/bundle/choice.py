@@ -9,28 +9,22 @@ from typing import TypeVar
 from robotree.vr.bundle.lines import line_of
 from robotree.vr.bundle.loader import text_of
 from robotree.vr.command import commands_of
-from robotree.vr.errors import BrokenSource, NoVirtualRobot, SeveralVirtualRobots
+from robotree.vr.errors import BrokenSource, VrError
 from robotree.vr.robot import Robot
 from robotree.vr.virtual_robot import VirtualRobot, slot_specs
 
 _R = TypeVar("_R", bound=Robot)
 
 
-class NotOne(Exception):
-    """A source defines none of the classes meant, or several. Each room makes an error of its own of it."""
-
-    def __init__(self, known: tuple[str, ...], wanted: str) -> None:
-        """Take the names of those that it defines, and the name that was wanted or an empty one."""
-        super().__init__(known, wanted)
-        self.known, self.wanted = known, wanted
-
-    @property
-    def named(self) -> str:
-        """The words ` named 'NAME'`, or none when no name was wanted."""
-        return f" named {self.wanted!r}" if self.wanted else ""
-
-
-def only_class(module: ModuleType, base: type[_R], path: str, wanted: str) -> type[_R]:
+def only_class(
+    module: ModuleType,
+    base: type[_R],
+    path: str,
+    wanted: str,
+    *,
+    none: type[VrError],
+    several: type[VrError],
+) -> type[_R]:
     """Return the one class of a kind that a module defines.
 
     Args:
@@ -38,9 +32,11 @@ def only_class(module: ModuleType, base: type[_R], path: str, wanted: str) -> ty
         base: from which it derives.
         path: of its source, for messages.
         wanted: name of the class; empty: the only one.
+        none: the error if there is none, or none of the name wanted; takes `path` and `wanted`.
+        several: the error if there are several, and none was named; takes `path` and `known`.
 
     Raises:
-        NotOne: there is none, or none of the name wanted, or several and none was named.
+        VrError: one of these two.
         BrokenSource: it declares a command in a way that cannot be called from afar.
     """
     found = {
@@ -50,9 +46,11 @@ def only_class(module: ModuleType, base: type[_R], path: str, wanted: str) -> ty
     }
     if wanted:
         found = {name: value for name, value in found.items() if name == wanted}
-    if len(found) != 1:
-        raise NotOne(tuple(found), wanted)
-    (chosen,) = found.values()
+    if not found:
+        raise none(path=path, wanted=f" named {wanted!r}" if wanted else "")
+    chosen, *others = found.values()
+    if others:
+        raise several(path=path, known=", ".join(found))
     try:
         commands_of(chosen)
         if issubclass(chosen, VirtualRobot):
@@ -61,19 +59,3 @@ def only_class(module: ModuleType, base: type[_R], path: str, wanted: str) -> ty
         line = line_of("".join(linecache.getlines(text_of(chosen))), str(error))
         raise BrokenSource(path=path, reason=f"{f'line {line}: ' if line else ''}{error}") from None
     return chosen
-
-
-def choose(module: ModuleType, path: str, wanted: str) -> type[VirtualRobot]:
-    """Return the virtual robot that a module defines; arguments as for `only_class`.
-
-    Raises:
-        NoVirtualRobot: there is none, or none of the name wanted.
-        SeveralVirtualRobots: there are several, and none was named.
-        BrokenSource: it declares a command in a way that cannot be called from afar.
-    """
-    try:
-        return only_class(module, VirtualRobot, path, wanted)
-    except NotOne as error:
-        if error.known:
-            raise SeveralVirtualRobots(path=path, known=", ".join(error.known)) from None
-        raise NoVirtualRobot(path=path, wanted=error.named) from None

@@ -9,7 +9,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
 from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.requests import Done, Raised, Returned
+from robotree.vr.requests import Call, Done, Raised, Returned
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
@@ -22,27 +22,15 @@ class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=
 class Invoke(_Value, frozen=True, kw_only=True):
     """Somebody calls a command, whose arguments have been checked."""
 
-    key: str
-    command: str
-    sent: dict[str, Any]
-    """Arguments as they came."""
+    call: Call
+    """As it came."""
     arguments: dict[str, Any]
-    """Arguments as checked."""
+    """As checked."""
     deadline_at: float
     """[s] on the robot's clock."""
-    epoch: int | None = None
-    """Of the caller's lease; None: it has none."""
-    caller: str = ""
     reads: bool = False
     stops_seen: int = -1
     """Stops that the robot had been told of when the call came; -1: no matter."""
-    source: str = ""
-    """Who numbers its calls; empty: nobody."""
-    number: int = 0
-    lowest: int = 0
-    """Below which number the caller's calls no longer matter to it."""
-    detached: bool = False
-    """See `calls.Call.detached`."""
 
 
 class Finish(_Value, frozen=True, kw_only=True):

@@ -100,36 +100,36 @@ class RobotCore:
     # -- calls ------------------------------------------------------------------------------------
 
     def _invoke(self, event: on.Invoke, now: float) -> Effects:
-        calls, name, command = self.state.calls, self.state.address.name, event.command
-        self.state.lease.check(event.epoch, now)
-        if event.source and calls.late(event.source, event.number):
-            raise CommandCancelled(robot=name, command=command, reason="its caller has given it up")
-        known = calls.known(name, event.key, command, event.sent)
+        calls, name, asked = self.state.calls, self.state.address.name, event.call
+        self.state.lease.check(asked.epoch, now)
+        if asked.source and calls.late(asked.source, asked.number):
+            raise CommandCancelled(robot=name, command=asked.command, reason="its caller has given it up")
+        known = calls.known(name, asked.key, asked.command, asked.arguments)
         if isinstance(known, Ended):
-            return [Settled(key=event.key, reply=known.reply)]
+            return [Settled(key=asked.key, reply=known.reply)]
         if known is not None:
             return []
         if not event.reads:
             self._expect_free_to_move(event)
         if not now < event.deadline_at < math.inf:
-            raise DeadlineExceeded(robot=name, command=command)
+            raise DeadlineExceeded(robot=name, command=asked.command)
         call = Call(
-            key=event.key,
-            command=command,
-            sent=event.sent,
+            key=asked.key,
+            command=asked.command,
+            sent=asked.arguments,
             arguments=event.arguments,
-            caller=event.caller,
+            caller=asked.caller,
             epoch=self.state.lease.epoch,
             deadline_at=event.deadline_at,
             reads=event.reads,
-            source=event.source,
-            number=event.number,
-            detached=event.detached,
+            source=asked.source,
+            number=asked.number,
+            detached=asked.oneway,
         )
         begins = calls.enter(call, name)
-        if event.source:
-            calls.settle_below(event.source, event.lowest)
-        return [Begin(key=event.key)] if begins else []
+        if asked.source:
+            calls.settle_below(asked.source, asked.lowest)
+        return [Begin(key=asked.key)] if begins else []
 
     def _expect_free_to_move(self, event: on.Invoke) -> None:
         """Refuse what moves while something forbids it.
@@ -142,11 +142,11 @@ class RobotCore:
             commander = name if tenure is None else tenure.parent.name
             raise Stopped(robot=name, reason=reason, commander=commander)
         if event.stops_seen not in {-1, stop.generation}:  # what came before a stop has ended with it
-            raise CommandCancelled(robot=name, command=event.command, reason=stop.latest)
+            raise CommandCancelled(robot=name, command=event.call.command, reason=stop.latest)
         if tenure is None and self.state.lease.outranked:
             raise CommandFailed(
                 robot=name,
-                command=event.command,
+                command=event.call.command,
                 detail="another proxy commands its controller, under a later lease; enslave "
                 f"{name} to take it over, or end that proxy and start this one again",
             )

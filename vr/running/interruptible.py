@@ -1,16 +1,17 @@
 """A thread for an author's code, which can be interrupted even when that code asks nobody.
 
-Python can raise an exception in another thread (`PyThreadState_SetAsyncExc`); it arrives between two
-bytecodes, so a pure Python loop ends, while a call that never returns to Python does not. The thread is a
-daemon: whatever it does, its process can end.
+Python can raise an exception in another thread (`Threads.interrupt`); it arrives between two bytecodes, so a
+pure Python loop ends, while a call that never returns to Python does not. The thread is a daemon: its process
+can end at any time.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import threading
 from collections.abc import Callable
+
+from robotree.vr.running.runner import Threads
 
 
 class Interrupted(BaseException):
@@ -47,7 +48,7 @@ class InterruptibleThread:
         """Raise Interrupted in the work if it still runs."""
         with self._lock:
             if self._inside:
-                _raise_in(self._thread, Interrupted)
+                Threads().interrupt(self._thread.ident or 0, Interrupted)
 
     def _main(self) -> None:
         outcome: tuple[object, BaseException | None] | None = None
@@ -69,14 +70,9 @@ class InterruptibleThread:
         """Let nothing strike from here on: what was raised and has not arrived arrives in the loop.
 
         It is not taken back by raising NULL instead: CPython 3.11 then looks for it for ever, in all threads,
-        and whoever traces or profiles the process makes it turn on the spot.
+        and a process that is traced or profiled makes no progress any more.
         """
         with self._lock:
             self._inside = False
         for _ in range(2):  # Python looks for what was raised whenever a loop turns
             pass
-
-
-def _raise_in(thread: threading.Thread, exception: type[BaseException]) -> None:
-    if thread.ident is not None:
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(exception))

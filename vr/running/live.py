@@ -163,7 +163,7 @@ class LiveRobot:
             else:
                 effects += following
                 if listener is not None and isinstance(event, on.Invoke):
-                    self._attend(event.key, listener, turn)
+                    self._attend(event.call.key, listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
             due = self.core.due
         if number and self._journal is not None:
@@ -344,19 +344,11 @@ class LiveRobot:
             raise
         self.post(
             on.Invoke(
-                key=call.key,
-                command=call.command,
-                sent=call.arguments,
+                call=call,
                 arguments=arguments,
                 deadline_at=deadline_at,
-                epoch=call.epoch,
-                caller=call.caller,
                 reads=spec.effect == "read" or spec.beside,
                 stops_seen=stops,
-                source=call.source,
-                number=call.number,
-                lowest=call.lowest,
-                detached=call.oneway,
             ),
             listener=listener,
             turn=turn,

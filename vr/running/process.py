@@ -11,12 +11,12 @@ import functools
 import heapq
 import itertools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from robotree.vr.address import Address
+from robotree.vr.core.events import Event
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.core.state import State
-from robotree.vr.running.journal import Journal
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.running.worker import Frame, Worker
@@ -29,6 +29,27 @@ LONGEST_END = GRACE * (ATTEMPTS + 1)
 """[s] from a cancel to the moment when its command has ended or is known not to end."""
 IDLE = 2.0
 """[s] after which a thread ends that has nothing to do."""
+
+
+class Journal(Protocol):
+    """Where the events of robots are written, in their order, before they have consequences."""
+
+    def append(self, robot: str, now: float, event: Event) -> int:
+        """Take an event; never blocks.
+
+        Args:
+            robot: key of its address.
+            now: [s] on the robot's clock: an input of the machine as much as the event is.
+            event: as handled, not refused.
+
+        Returns:
+            A number for `commit`; 0: there is nothing to wait for.
+        """
+        ...
+
+    def commit(self, number: int) -> None:
+        """Wait until the event, and all before it, would survive the process."""
+        ...
 
 
 class Process:

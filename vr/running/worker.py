@@ -25,6 +25,7 @@ import msgspec
 from robotree.vr.context import CommandContext, enter
 from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.requests import LONGEST_CLEANUP, Level
+from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.together import Group, Part, Started
 
@@ -115,10 +116,6 @@ class Pool(Protocol):
     def watch(self, frame: Frame) -> None:
         """Interrupt the worker of a cancelled frame if the frame does not end."""
         ...
-
-
-class Interrupted(BaseException):
-    """Raised in an author's code that did not listen; no Exception, so that few catch it."""
 
 
 class Abandoned(BaseException):

@@ -24,7 +24,7 @@ Power = Callable[..., AbstractContextManager[int]]
 
 
 class Drive:
-    """A rover's proxy among agents, and whoever commands it."""
+    """A rover's proxy among agents, and the programs that command it."""
 
     def __init__(self, robot: Rover, client: RobotClient) -> None:
         self.robot, self.client = robot, client

@@ -81,6 +81,15 @@ class Realm:
         self.agents.append(agent)
         return agent
 
+    async def team(self, parent: Robot, /, **children: Robot) -> Any:
+        """Start a robot and its children, by slot; returns its agent, with theirs as attributes."""
+        agent = await self.start(parent)
+        for slot, child in children.items():
+            below = await self.start(child)
+            await self.client(agent).enslave(slot, below.address)
+            setattr(agent, slot, below)
+        return agent
+
     def client(self, agent: RobotAgent, **options: Any) -> RobotClient:
         return RobotClient(self.operator, agent.address, **options)
 
@@ -132,6 +141,14 @@ async def realm() -> AsyncIterator[Realm]:
     await realm.open()
     yield realm
     await realm.close()
+
+
+@pytest.fixture(params=["a process each", "one process"])
+def homes(request: pytest.FixtureRequest, realm: Realm) -> Realm:
+    """The realm, once with robots in processes of their own, and once with all in one."""
+    if request.param == "one process":
+        realm.shared = Process(realm.runner)
+    return realm
 
 
 async def refusal(question: Awaitable[Any]) -> VrError:

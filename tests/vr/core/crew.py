@@ -163,9 +163,6 @@ class Top(VirtualRobot):
 
 
 async def crew(realm: Any, *slots: str) -> tuple[Any, ...]:
-    driver = await realm.start(Driver("driver"))
-    rovers = []
-    for slot in slots or ("left",):
-        rovers.append(await realm.start(Rover(f"rover-{slot}")))
-        await realm.client(driver).enslave(slot, rovers[-1].address)
-    return (driver, *rovers)
+    slots = slots or ("left",)
+    driver = await realm.team(Driver("driver"), **{slot: Rover(f"rover-{slot}") for slot in slots})
+    return (driver, *(getattr(driver, slot) for slot in slots))

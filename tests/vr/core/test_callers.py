@@ -1,4 +1,4 @@
-"""A command ends with whoever has called it, however that ends."""
+"""A command ends with the program that has called it, however that ends."""
 
 from __future__ import annotations
 

@@ -20,7 +20,6 @@ from robotree.vr import (
     command,
 )
 from robotree.vr.errors import NotInControl
-from robotree.vr.running.process import Process
 
 
 class Gripper(Robot):
@@ -133,14 +132,9 @@ class Porter(VirtualRobot):
             self.sleep(60)
 
 
-@pytest.fixture(params=["a process each", "one process"])
-async def porter(request: pytest.FixtureRequest, realm: Any) -> Any:
-    if request.param == "one process":
-        realm.shared = Process(realm.runner)
-    porter = await realm.start(Porter("porter"))
-    porter.gripper = await realm.start(Gripper("gripper"))
-    await realm.client(porter).enslave("gripper", porter.gripper.address)
-    return porter
+@pytest.fixture
+async def porter(homes: Any) -> Any:
+    return await homes.team(Porter("porter"), gripper=Gripper("gripper"))
 
 
 def begin(

@@ -22,7 +22,6 @@ from robotree.vr import (
     command,
 )
 from robotree.vr.requests import Raised
-from robotree.vr.running.process import Process
 
 PLACES = {1: "left"}
 
@@ -90,14 +89,9 @@ class Fetcher(VirtualRobot):
         return ""
 
 
-@pytest.fixture(params=["a process each", "one process"])
-async def fetcher(request: pytest.FixtureRequest, realm: Any) -> Any:
-    if request.param == "one process":
-        realm.shared = Process(realm.runner)
-    shelf = await realm.start(Shelf("shelf-1"))
-    fetcher = await realm.start(Fetcher("fetcher"))
-    await realm.client(fetcher).enslave("shelf", shelf.address)
-    return realm.client(fetcher)
+@pytest.fixture
+async def fetcher(homes: Any) -> Any:
+    return homes.client(await homes.team(Fetcher("fetcher"), shelf=Shelf("shelf-1")))
 
 
 async def failure(client: Any, command: str, **arguments: Any) -> VrError:
@@ -231,14 +225,12 @@ class Boss(VirtualRobot):
         ("the command", CommandCancelled, "boss.work was cancelled: enough"),
     ],
 )
-@pytest.mark.parametrize("apart", [True, False], ids=["apart", "one process"])
+@pytest.mark.usefixtures("homes")
 async def test_three_things_that_end_a_call_of_a_child_say_which_they_are(
-    realm: Any, what: str, kind: type[VrError], sentence: str, *, apart: bool
+    realm: Any, what: str, kind: type[VrError], sentence: str
 ) -> None:
-    if not apart:
-        realm.shared = Process(realm.runner)
-    slow, boss = await realm.start(Slow("slow")), await realm.start(Boss("boss"))
-    await realm.client(boss).enslave("child", slow.address)
+    boss = await realm.team(Boss("boss"), child=Slow("slow"))
+    slow = boss.child
     working = asyncio.create_task(realm.client(boss).call("work", {}, key="k"))
     await realm.until(lambda: slow.description().busy == "work")
     match what:

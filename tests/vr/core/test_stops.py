@@ -230,7 +230,7 @@ async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(realm: Any, fle
     await realm.until(lambda: len(rover.robot.waits) == 1, within=0.1)
     await asyncio.sleep(1)
     assert not stopping.done()
-    assert stopped(rover) == [True], "whoever looks sees it at once"
+    assert stopped(rover) == [True], "it is seen at once"
     rover.robot.waits[0].set_result(None)
     assert await stopping == ["rover"]
 

@@ -1,4 +1,4 @@
-"""Stops go down the tree, ahead of everything, and whoever did not answer is named at the top."""
+"""Stops go down the tree, ahead of everything, and robots that did not answer are named at the top."""
 
 from __future__ import annotations
 

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, CommandCancelled, Robot, VirtualRobot, VrError, command
-from robotree.vr.running.process import Process
 
 
 class Camera(Robot):
@@ -117,14 +116,9 @@ class Studio(VirtualRobot):
             self.saw.append(str(error))
 
 
-@pytest.fixture(params=["a process each", "one process"])
-async def studio(request: pytest.FixtureRequest, realm: Any) -> Any:
-    if request.param == "one process":
-        realm.shared = Process(realm.runner)
-    studio, camera = await realm.start(Studio("studio")), await realm.start(Camera("camera"))
-    await realm.client(studio).enslave("camera", camera.address)
-    studio.camera = camera
-    return studio
+@pytest.fixture
+async def studio(homes: Any) -> Any:
+    return await homes.team(Studio("studio"), camera=Camera("camera"))
 
 
 @pytest.mark.real_threads

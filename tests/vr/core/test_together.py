@@ -20,7 +20,6 @@ from robotree.vr import (
     command,
 )
 from robotree.vr.errors import StillRunning
-from robotree.vr.running.process import Process
 
 
 class Arm(Robot):
@@ -174,16 +173,9 @@ class Pair(VirtualRobot):
                 continue
 
 
-@pytest.fixture(params=["a process each", "one process"])
-async def pair(request: pytest.FixtureRequest, realm: Any) -> Any:
-    if request.param == "one process":
-        realm.shared = Process(realm.runner)
-    pair = await realm.start(Pair("pair"))
-    for side in ("left", "right"):
-        arm = await realm.start(Arm(side))
-        await realm.client(pair).enslave(side, arm.address)
-        setattr(pair, side, arm)
-    return pair
+@pytest.fixture
+async def pair(homes: Any) -> Any:
+    return await homes.team(Pair("pair"), left=Arm("left"), right=Arm("right"))
 
 
 async def timed(call: Any) -> tuple[float, Any]:

@@ -1,4 +1,4 @@
-"""Names: one living agent each, whoever came first, also if nobody did."""
+"""Names: one living agent has each, also if two came at the same moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stops and resumes as a supervisor orders them: whom they reach, and what is said of whom they do not."""
+"""Stops and resumes as a supervisor orders them: which robots they reach, and what is said of the others."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def test_a_late_withdrawal_does_not_take_out_what_returned() -> None:
 
 
 def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
-    """Another table may know it: whoever sees several must hear of it."""
+    """Another table may know it: a process that sees several must hear of it."""
     table = LookupTable()
     assert table.withdraw(ARM, 2, now=0.0) == [Unlisted(address=ARM, revision=2)]
     assert register(table, listing(1), now=0.1) == (("arm",), [])

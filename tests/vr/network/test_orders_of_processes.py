@@ -50,7 +50,7 @@ os.kill(os.getpid(), signal.SIGSTOP)
 """What a newcomer has done that is stopped just before it gives its socket the name by which it is found."""
 
 AT_ONCE = 1.0
-"""[s] in which a person knows whom a stop may have missed."""
+"""[s] in which a person knows which robots a stop may have missed."""
 
 
 def remove(folder: Path) -> None:

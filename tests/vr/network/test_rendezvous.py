@@ -1,4 +1,4 @@
-"""The meeting place: whom it lets in, what it leaves behind, and what it says when it cannot be used."""
+"""The meeting place: which processes it lets in, what it leaves behind, and why it cannot be used."""
 
 from __future__ import annotations
 

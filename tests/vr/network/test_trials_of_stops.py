@@ -1,4 +1,4 @@
-"""Accidents aimed at the way of a stop, many times over: whoever lives and is awake is reached.
+"""Accidents aimed at the way of a stop, many times: every robot that lives and is awake is reached.
 
 Each of them has once kept stops from robots that lived: a freeze for as long as it takes to be given up and
 greeted again, a newcomer stopped in the middle of coming, a folder removed.

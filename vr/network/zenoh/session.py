@@ -24,9 +24,9 @@ _SETTINGS: dict[str, object] = {
     # [ms] for a handshake. A neighbour that is stopped accepts a connection and says nothing; `close` waits
     # for the handshake, so with Zenoh's own 10 s every short-lived process would take as long to end.
     # A handshake that is answered in the very millisecond in which its time is over leaves half a link
-    # behind, for ever: it is sent on and never read, and each further one is refused (MAX_LINKS). Whoever
-    # hung is woken when somebody has given up on it, after 3 s; with a lease of 2 s and 1 s for the handshake
-    # that was the same moment, and in 9 of 84 runs on a busy machine the two never met again.
+    # behind, for ever: it is sent on and never read, and each further one is refused (MAX_LINKS). A
+    # process that hung is woken when somebody has given up on it, after 3 s; with a lease of 2 s and 1 s for
+    # the handshake that was the same moment, and in 9 of 84 runs on a busy machine the two never met again.
     "transport/unicast/open_timeout": 1_500,
     "transport/unicast/accept_timeout": 1_500,
     "transport/link/tx/lease": int(LEASE * 1000),
