@@ -114,6 +114,8 @@ class Stop(msgspec.Struct, kw_only=True):
         reply = self.reply(generation)
         if isinstance(reply, Done):
             self.confirmed = max(self.confirmed, generation)
+        if reply is not None:
+            self._forget()
         return reply
 
     def reply(self, generation: int) -> Done | Raised | None:
