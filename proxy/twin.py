@@ -1,7 +1,6 @@
 """The twin: the last values that a robot reported, with their age. Pure: `now` comes from the caller.
 
-Every value is kept with the time when it arrived. What was not refreshed for STALE seconds is still shown,
-but `stale` says so, and the reading `age` shows it.
+Every value is kept with the time when it arrived. An old one is still shown; the reading `age` says how old.
 """
 
 from __future__ import annotations
@@ -12,9 +11,6 @@ from typing import Any, TypeVar, cast
 
 from robotree.protocol.messages import AnyMessage
 from robotree.proxy.translate import READERS, Readers, readings_of
-
-STALE = 1.0
-"""[s] after which telemetry is old: five times the slowest stream that a controller sends by itself."""
 
 T = TypeVar("T")
 
@@ -57,10 +53,6 @@ class Twin:
     def age(self, now: float) -> float:
         """[s] since the last telemetry; infinite when there never was any."""
         return now - self.heard_at
-
-    def stale(self, now: float) -> bool:
-        """Whether the last telemetry is older than STALE."""
-        return self.age(now) > STALE
 
     def readings(self, now: float) -> dict[str, float]:
         """Every reading by name, and `age` [s]. Empty before the first telemetry."""

@@ -45,15 +45,14 @@ Effect = Send | ControlStatus | ControlChanged
 """A `ControlStatus` is for everyone, on all links."""
 
 
+SILENCE = 3.0
+"""An owner who is not heard for so long loses control, [s]."""
+
+
 class OperatorControl:
-    """Who is in control of one system.
+    """Who is in control of one system."""
 
-    Args:
-        silence: an owner who is not heard for so long loses control, [s].
-    """
-
-    def __init__(self, silence: float = 3.0) -> None:
-        self._silence = silence
+    def __init__(self) -> None:
         self.owner: Peer | None = None
         self._takeover = False
         self._heard = 0.0
@@ -103,11 +102,11 @@ class OperatorControl:
         """When to call `tick` next, [s]."""
         if self._waiting:
             return -inf
-        return self._due if self.owner is None else min(self._due, self._heard + self._silence)
+        return self._due if self.owner is None else min(self._due, self._heard + SILENCE)
 
     def tick(self, now: float) -> list[Effect]:
         """What changed, and the status when its time has come."""
-        if self.owner is not None and now >= self._heard + self._silence:
+        if self.owner is not None and now >= self._heard + SILENCE:
             self._give(None, takeover=False, now=now)
         effects, self._waiting = self._waiting, []
         if effects or now >= self._due:

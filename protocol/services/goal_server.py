@@ -184,10 +184,9 @@ class GoalServer:
         record.progress = 1.0 if state == GoalState.SUCCEEDED else record.progress
         return [self._changed(id_, record, now)]
 
-    def abandon_all(
-        self, reason: Reason, now: float, text: str = "", state: GoalState = GoalState.CANCELLED
-    ) -> list[Effect]:
+    def abandon_all(self, reason: Reason, now: float, text: str = "") -> list[Effect]:
         """End every unfinished goal, because of a stop, a hold or silence."""
+        state = GoalState.CANCELLED
         return [effect for id_ in self.unfinished for effect in self._abandon(id_, state, reason, text, now)]
 
     def tick(self, now: float) -> list[Effect]:

@@ -25,14 +25,11 @@ MAX_PEERS = 1024
 
 
 class HeartbeatSender:
-    """Says when the next heartbeat is due; the first one at once.
+    """Says when the next heartbeat is due; the first one at once."""
 
-    Args:
-        period: between two heartbeats, [s].
-    """
-
-    def __init__(self, period: float = PERIOD) -> None:
-        self.period = period
+    def __init__(self) -> None:
+        self.period = PERIOD
+        """Between two heartbeats, [s]."""
         self.due = float("-inf")
         """When to call `tick` again, [s]."""
 
@@ -77,12 +74,10 @@ class PeerLost(msgspec.Struct, frozen=True):
 class HeartbeatMonitor:
     """Who is there. Any frame is a sign of life, but only a heartbeat introduces a peer.
 
-    Args:
-        silence: after how long without a sign of life a peer counts as lost, [s].
+    A peer counts as lost after SILENCE seconds without a sign of life.
     """
 
-    def __init__(self, silence: float = SILENCE) -> None:
-        self.silence = silence
+    def __init__(self) -> None:
         self._heard: dict[Peer, float] = {}
         self._heartbeats: dict[Peer, Heartbeat] = {}
 
@@ -109,7 +104,7 @@ class HeartbeatMonitor:
 
     def tick(self, now: float) -> list[PeerLost]:
         """Who has fallen silent."""
-        return self._lose([peer for peer, heard in self._heard.items() if now - heard >= self.silence], now)
+        return self._lose([peer for peer, heard in self._heard.items() if now - heard >= SILENCE], now)
 
     def link_closed(self, via: Hashable, now: float) -> list[PeerLost]:
         """A link ended, and with it everyone who was heard on it."""

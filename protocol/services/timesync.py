@@ -40,14 +40,9 @@ class Estimate(msgspec.Struct, frozen=True):
 
 
 class Synchroniser:
-    """Asks regularly, and estimates.
+    """Asks once in PERIOD, and estimates."""
 
-    Args:
-        period: between two questions, [s].
-    """
-
-    def __init__(self, period: float = PERIOD) -> None:
-        self.period = period
+    def __init__(self) -> None:
         self.due = float("-inf")
         """When to call `tick` again, [s]."""
         self._asked: dict[int, float] = {}
@@ -62,7 +57,7 @@ class Synchroniser:
         """The question to send now, if it is time."""
         if now < self.due:
             return []
-        self.due = now + self.period
+        self.due = now + PERIOD
         self._asked = {ts1: asked for ts1, asked in self._asked.items() if now - asked <= OLDEST_ANSWER}
         ts1 = round(now * _NANO)
         self._asked[ts1] = now
@@ -82,5 +77,5 @@ class Synchroniser:
 
     def _is_step(self, best: Estimate, new: Estimate) -> bool:
         """Whether the far clock was set anew since the best exchange, as it is by a restart."""
-        drift = DRIFT * KEPT * self.period
+        drift = DRIFT * KEPT * PERIOD
         return abs(new.offset - best.offset) > new.delay + best.delay + drift

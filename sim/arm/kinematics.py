@@ -15,7 +15,6 @@ oscillating.
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -84,8 +83,8 @@ def twist_of(rotation: Matrix) -> float:
 class Kinematics:
     """The arm with its fingers locked half open (they weigh a fiftieth of the arm)."""
 
-    def __init__(self, path: Path = XML) -> None:
-        full = pin.buildModelFromMJCF(str(path))
+    def __init__(self) -> None:
+        full = pin.buildModelFromMJCF(str(XML))
         reference = np.zeros(full.nq)
         reference[JOINTS:] = 0.03
         fingers = [full.getJointId("finger_l"), full.getJointId("finger_r")]

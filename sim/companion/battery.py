@@ -17,14 +17,11 @@ EMPTY: Final = 0.03
 
 
 class Battery:
-    """How full it is, and what flows.
+    """How full it is, and what flows."""
 
-    Args:
-        charge: share, 0 to 1.
-    """
-
-    def __init__(self, charge: float = 0.86) -> None:
-        self.charge = charge
+    def __init__(self) -> None:
+        self.charge = 0.86
+        """Share, 0 to 1."""
         self.power = -IDLE
         """[W] into the battery."""
 

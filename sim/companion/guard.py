@@ -165,9 +165,9 @@ class Guard:
         touching = self.too_near(q)
         return self.word(touching[0]) if touching else self.tipping(q)
 
-    def tipping(self, q: Vector, braking: float = BRAKING) -> Objection | None:
-        """Why the base would tip over when it brakes at `braking` [m/s2]; None: it would not."""
-        room = self.balance(q, braking)
+    def tipping(self, q: Vector) -> Objection | None:
+        """Why the base would tip over when it brakes at BRAKING; None: it would not."""
+        room = self.balance(q)
         if room >= BALANCE_MARGIN:
             return None
         text = f"the weight would lie {100 * room:.0f} cm inside the wheels; keep {100 * BALANCE_MARGIN:.0f}"

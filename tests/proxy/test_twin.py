@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol.messages import Gripper, Heartbeat, Mode, NamedValueFloat, Tool
-from robotree.proxy.twin import STALE, Twin
+from robotree.proxy.twin import Twin
 
 TOOL = Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 1)
 
@@ -14,7 +14,6 @@ TOOL = Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 1)
 def test_before_anything_was_heard_nothing_is_known() -> None:
     twin = Twin()
     assert twin.readings(now=0.0) == {}
-    assert twin.stale(now=0.0)
     assert twin.latest(Tool) is None
     assert twin.age(now=0.0) == math.inf
 
@@ -30,9 +29,8 @@ def test_readings_of_several_messages_stand_together() -> None:
 def test_a_silent_robot_keeps_its_readings_and_they_grow_old() -> None:
     twin = Twin()
     twin.update(TOOL, now=1.0)
-    assert not twin.stale(now=1.0 + STALE)
+    assert twin.age(now=2.5) == 1.5
     assert twin.after(Tool, 0.9) == TOOL
-    assert twin.stale(now=1.1 + STALE)
     assert twin.after(Tool, 1.0) is None
     old = twin.readings(now=61.0)
     assert old["age"] == 60.0
@@ -43,7 +41,7 @@ def test_a_heartbeat_is_a_sign_of_life_but_measures_nothing() -> None:
     twin = Twin()
     twin.update(Heartbeat(0, 0, 0, 0, 4), now=1.0)
     twin.update(Mode(5, 7, 1000, 1, 0), now=1.0)
-    assert twin.stale(now=1.0)
+    assert twin.age(now=1.0) == math.inf
     assert twin.readings(now=1.0) == {}
     assert twin.latest(Mode) == Mode(5, 7, 1000, 1, 0)
 

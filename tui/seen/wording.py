@@ -41,11 +41,11 @@ def number(value: float, digits: int = 4) -> str:
     return "0" if text == "-0" else text
 
 
-def quantity(value: float, unit: str, digits: int = 4) -> str:
+def quantity(value: float, unit: str) -> str:
     """Write a number with its unit, if it has one; an angle in degrees."""
     if unit in IN_DEGREES:
         value, unit = degrees(value), IN_DEGREES[unit]
-    return f"{number(value, digits)} {unit}".rstrip()
+    return f"{number(value)} {unit}".rstrip()
 
 
 def span(spec: FieldSpec) -> str:

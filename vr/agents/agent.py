@@ -18,8 +18,8 @@ from robotree.vr.address import Address
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import Hooks
-from robotree.vr.agents.news import Echo, News
 from robotree.vr.agents.outside import OutsideCalls
+from robotree.vr.agents.publisher import LogPublisher, Publisher
 from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
@@ -132,7 +132,7 @@ class RobotAgent:
             on_change=self.changed,
         )
         self._hooks = Hooks(robot, self._process.runner, partial(self.live.say, ""))
-        self._news = News(self.live, self._hooks, transport, self._shared, registrar)
+        self._publisher = Publisher(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
         self._callers = Callers(self.live, self._shared.presence)
@@ -154,7 +154,7 @@ class RobotAgent:
         """Nothing is declared and nothing watched yet."""
         self._known_to_parent: tuple[CommandSpec, ...] = ()
         """The commands of which the parent knows."""
-        self._echo = Echo(self.live.log, self.address, self.transport)
+        self._log_publisher = LogPublisher(self.live.log, self.address, self.transport)
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
         self._unwatch_parent: Undo = _nothing
@@ -187,11 +187,11 @@ class RobotAgent:
             self._close_process()
             raise
         self._process.robots[self.address] = self.live
-        self._news.begin()
+        self._publisher.begin()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
-        await self._news.listed()
+        await self._publisher.listed()
 
     async def close(self) -> None:
         """End politely: release the children, leave the lookup, be gone. Twice is once."""
@@ -223,7 +223,7 @@ class RobotAgent:
             self._gone.set_result(None)
             self._unwatch_parent()
             self._callers.close()
-            self._news.stop()
+            self._publisher.stop()
             await self._withdraw()
             self._process.robots.pop(self.address, None)
             self._close_process()
@@ -236,7 +236,7 @@ class RobotAgent:
         await self._no_calls(grace)
         if self._children is not None:
             await self._children.close()
-        await self._news.leave()
+        await self._publisher.leave()
         if self._presence is not None:
             with contextlib.suppress(VrError):
                 await self._presence.close()
@@ -325,16 +325,16 @@ class RobotAgent:
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
         self.live.look_at_robot()
-        self._news.changed()
+        self._publisher.changed()
 
     def changed(self) -> None:
         """Take note that others may see the robot differently. From any thread."""
         if self.open:
-            self._news.changed()
+            self._publisher.changed()
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
-        return self._news.description()
+        return self._publisher.description()
 
     def _on_loop(self, action: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
@@ -359,8 +359,8 @@ class RobotAgent:
         if tenure is None:
             self._unwatch_parent()
         if self.open:
-            self._news.update_listing()
-            self._news.changed()
+            self._publisher.update_listing()
+            self._publisher.changed()
 
     def _cut_off(self, reason: str) -> None:
         """End all motion when nobody could end it any more: no stop would reach the robot."""

@@ -30,7 +30,7 @@ MOST_CALLERS = 256
 """Callers that number their calls and are remembered."""
 
 
-class Call(msgspec.Struct, kw_only=True):
+class AcceptedCall(msgspec.Struct, kw_only=True):
     """One accepted call, until it has ended."""
 
     key: str
@@ -69,7 +69,7 @@ class Ended(msgspec.Struct, frozen=True):
 class Calls(msgspec.Struct, kw_only=True):
     """All calls of one robot."""
 
-    live: dict[str, Call] = {}
+    live: dict[str, AcceptedCall] = {}
     """Those that run or wait, by key, the oldest first."""
     running: str = ""
     """Key of the command whose turn it is; empty: none."""
@@ -91,7 +91,7 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- coming -----------------------------------------------------------------------------------
 
-    def known(self, robot: str, key: str, command: str, sent: dict[str, Any]) -> Call | Ended | None:
+    def known(self, robot: str, key: str, command: str, sent: dict[str, Any]) -> AcceptedCall | Ended | None:
         """Return the call of a key that came before, live or ended; None when the key is new.
 
         Raises:
@@ -111,7 +111,7 @@ class Calls(msgspec.Struct, kw_only=True):
         """Whether a numbered call comes after its caller has said that it is over."""
         return number < self.lowest.get(source, 0)
 
-    def enter(self, call: Call, robot: str) -> bool:
+    def enter(self, call: AcceptedCall, robot: str) -> bool:
         """Take a new call of a robot in; returns whether it begins at once.
 
         Raises:

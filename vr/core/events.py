@@ -41,7 +41,7 @@ class Finish(_Value, frozen=True, kw_only=True):
 
 
 class Detach(_Value, frozen=True, kw_only=True):
-    """A call goes on without the command that made it: see `calls.Call.detached`."""
+    """A call goes on without the command that made it: see `calls.AcceptedCall.detached`."""
 
     key: str
     epoch: int | None = None
@@ -59,7 +59,7 @@ class Cancel(_Value, frozen=True, kw_only=True):
     entitled: bool = False
     """Whether the right of the asker is known: it is the caller itself."""
     final: bool = False
-    """See `calls.Call.final`."""
+    """See `calls.AcceptedCall.final`."""
 
 
 class CancelAll(_Value, frozen=True, kw_only=True):
@@ -70,7 +70,7 @@ class CancelAll(_Value, frozen=True, kw_only=True):
     epoch: int | None = None
     entitled: bool = False
     final: bool = False
-    """See `calls.Call.final`. For a call that was asked to end before, it is final in any case."""
+    """See `calls.AcceptedCall.final`. For a call that was asked to end before, it is final in any case."""
 
 
 class Abandon(_Value, frozen=True, kw_only=True):

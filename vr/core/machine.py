@@ -18,7 +18,7 @@ import msgspec
 
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Slots
-from robotree.vr.core.calls import Call, Ended
+from robotree.vr.core.calls import AcceptedCall, Ended
 from robotree.vr.core.events import (
     Begin,
     ChildGone,
@@ -113,7 +113,7 @@ class RobotCore:
             self._expect_free_to_move(event)
         if not now < event.deadline_at < math.inf:
             raise DeadlineExceeded(robot=name, command=asked.command)
-        call = Call(
+        call = AcceptedCall(
             key=asked.key,
             command=asked.command,
             sent=asked.arguments,
@@ -160,7 +160,7 @@ class RobotCore:
             return []
         return self._settle(call, event.reply)
 
-    def _settle(self, call: Call, reply: Returned | Raised) -> Effects:
+    def _settle(self, call: AcceptedCall, reply: Returned | Raised) -> Effects:
         if call.cause is not None and isinstance(reply, Raised):
             reply = call.cause
         following = self.state.calls.leave(call.key, reply)
@@ -186,7 +186,9 @@ class RobotCore:
             call.detached = True
         return []
 
-    def _end(self, call: Call, cause: CommandCancelled | DeadlineExceeded, *, final: bool = False) -> Effects:
+    def _end(
+        self, call: AcceptedCall, cause: CommandCancelled | DeadlineExceeded, *, final: bool = False
+    ) -> Effects:
         if call.cause is not None and (call.final or not final):
             return []
         raised = Raised.of(cause)

@@ -422,17 +422,10 @@ class HostClient:
     async def create(
         self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None
     ) -> RobotDescription:
-        """Have a virtual robot made of this source.
-
-        Args:
-            bundle: its source.
-            name: of the robot.
-            settings: values that are not the defaults: numbers in the declared units, or text with units.
+        """Have a virtual robot made of a source: see `Host.create`.
 
         Raises:
-            AddressError: the name cannot be one, or is taken.
-            BadArgument: a setting cannot have its value, or there is none of this name.
-            BundleError: the source cannot be used.
+            VrError: the refusal of the host.
             TransportError: the host cannot be reached or does not answer.
         """
         request = _page(bundle, name, settings)
@@ -442,18 +435,10 @@ class HostClient:
     async def reload(
         self, bundle: Bundle, name: str, *, now: bool = False, within: float = RELOADING
     ) -> Reloaded:
-        """Have a robot of the host go on with another page, at the next boundary between commands.
-
-        Args:
-            bundle: the page.
-            name: of the robot.
-            now: whether the running command is cancelled.
-            within: [s] for the running command to end.
+        """Have a robot of the host go on with another page: see `Host.reload`.
 
         Raises:
-            NoSuchRobot: it does not live there.
-            BundleError: the page cannot be used, or the running command did not end in time.
-            SlotHeld: the page lacks a slot that holds a child.
+            VrError: the refusal of the host.
             TransportError: the host cannot be reached or does not answer.
         """
         request = Reload(page=_page(bundle, name, None), now=now, within=within)
@@ -491,16 +476,10 @@ class ViewClient:
     async def look(
         self, camera: str = "", *, width: int = 320, height: int = 180, quality: int = 75
     ) -> Picture:
-        """Take one picture. For a film, ask again when the last one has come.
-
-        Args:
-            camera: empty: the view's first.
-            width: [px]
-            height: [px]
-            quality: of the JPEG, 1 to 100.
+        """Take one picture: see `View.look`. For a film, ask again when the last one has come.
 
         Raises:
-            VrError: there is no such camera, or no picture can be had.
+            VrError: the refusal of the view.
             TransportError: the view cannot be reached or does not answer.
         """
         request = Look(camera=camera, width=width, height=height, quality=quality)

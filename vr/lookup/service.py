@@ -14,7 +14,7 @@ from robotree.vr.errors import VrError
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.client import ask
-from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, News
+from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
 from robotree.vr.requests import Found, Query, Register, Reply, Request, encode
 from robotree.vr.transport import Registration, Transport
 
@@ -98,7 +98,7 @@ class LookupService:
         (self._alive.add if there else self._alive.discard)(address)
         self._tell(self.table.see(address, there, self._clock()))
 
-    def _tell(self, news: list[News]) -> None:
+    def _tell(self, news: list[Update]) -> None:
         for item in news:
             with contextlib.suppress(VrError):  # the transport is closing
                 self._transport.publish(f"{self.address.key}/news", encode(item))

@@ -29,7 +29,8 @@ LOST = 0
 """Revision in the news of a listing that ran out or whose agent is out of sight: that is only what this table
 knows. A withdrawal is news with its own revision, and holds for all tables."""
 
-News = Listed | Unlisted
+Update = Listed | Unlisted
+"""What a lookup service publishes of one change."""
 
 
 class _Entry(msgspec.Struct):
@@ -60,7 +61,7 @@ class LookupTable:
         self._leases: dict[str, _Lease] = {}
         self._withdrawals: dict[Address, _Withdrawal] = {}
 
-    def register(self, request: Register, now: float) -> tuple[Registered, list[News]]:
+    def register(self, request: Register, now: float) -> tuple[Registered, list[Update]]:
         """Enter, change and take out listings, and renew the lease of all that its holder has listed.
 
         Args:
@@ -75,7 +76,7 @@ class LookupTable:
             term = SHORTEST_TERM
         term = min(max(term, SHORTEST_TERM), LONGEST_TERM)
         lease = self._leases.get(holder)
-        news: list[News] = []
+        news: list[Update] = []
         if lease is not None and lease.expires <= now:
             news += self._end(holder)
         elif lease is not None:
@@ -92,7 +93,7 @@ class LookupTable:
         count = 0 if lease is None else len(lease.addresses)
         return Registered(term=term, count=count, outdated=tuple(outdated)), news
 
-    def fill(self, listing: Listing, remaining: float, now: float, *, alive: bool) -> list[News]:
+    def fill(self, listing: Listing, remaining: float, now: float, *, alive: bool) -> list[Update]:
         """Take over a listing from another table, until its process registers it here itself.
 
         Args:
@@ -113,7 +114,7 @@ class LookupTable:
         holder = address.key if entry is None else entry.holder
         return self._enter(listing, holder, now + remaining, alive=alive)
 
-    def withdraw(self, address: Address, revision: int, now: float) -> list[News]:
+    def withdraw(self, address: Address, revision: int, now: float) -> list[Update]:
         """Take a listing out, as its agent asks; everything up to this revision is over."""
         known = self._withdrawals.get(address)
         entry = self._entries.get(address)
@@ -125,7 +126,7 @@ class LookupTable:
         self._withdrawals[address] = _Withdrawal(revision, now + REMEMBERED)
         return [Unlisted(address=address, revision=revision)]
 
-    def see(self, address: Address, alive: bool, now: float) -> list[News]:  # noqa: FBT001 # it is a fact
+    def see(self, address: Address, alive: bool, now: float) -> list[Update]:  # noqa: FBT001 # it is a fact
         """Take notice that an agent has come to life or died. A dead one's lease runs on, unseen."""
         entry = self._entries.get(address)
         if entry is None or entry.alive == alive or self._leases[entry.holder].expires <= now:
@@ -135,7 +136,7 @@ class LookupTable:
             return [Listed(listing=entry.listing)]
         return [Unlisted(address=address, revision=LOST)]
 
-    def expire(self, now: float) -> list[News]:
+    def expire(self, now: float) -> list[Update]:
         """Drop what is over."""
         over = [holder for holder, lease in self._leases.items() if lease.expires <= now]
         for address in [a for a, known in self._withdrawals.items() if known.forgotten <= now]:
@@ -171,7 +172,7 @@ class LookupTable:
             return known.revision
         return entry.listing.revision if entry and entry.listing.revision > listing.revision else 0
 
-    def _enter(self, listing: Listing, holder: str, expires: float, *, alive: bool) -> list[News]:
+    def _enter(self, listing: Listing, holder: str, expires: float, *, alive: bool) -> list[Update]:
         """Enter a listing under a lease, which begins with it if need be."""
         address = listing.address
         before = self._entries.get(address)
@@ -183,7 +184,7 @@ class LookupTable:
         self._names.setdefault(address.name, set()).add(address)
         return [Listed(listing=listing)] if alive and not shown else []
 
-    def _end(self, holder: str) -> list[News]:
+    def _end(self, holder: str) -> list[Update]:
         """End a lease, and all that depends on it."""
         over = [self._entries[address] for address in sorted(self._leases[holder].addresses)]
         for entry in over:

@@ -48,20 +48,15 @@ _voice: ContextVar[Voice | None] = ContextVar("robotree_voice", default=None)
 class Log:
     """What one robot says. Its methods may be called from any thread."""
 
-    def __init__(
-        self,
-        now: Callable[[], float],
-        unix: Callable[[], float],
-        on_line: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, now: Callable[[], float], unix: Callable[[], float]) -> None:
         """Begin empty.
 
         Args:
             now: returns the time [s] on a monotonic clock.
             unix: returns the time [s] since 1970.
-            on_line: told that there are new lines. In any thread, very often: must be quick.
         """
-        self.on_line = on_line
+        self.on_line: Callable[[], None] = lambda: None
+        """Called when there are new lines. In any thread, very often: must be quick."""
         self._now, self._unix = now, unix
         self._lines: deque[Said] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
@@ -105,7 +100,7 @@ class Log:
                 return
             self._room -= 1.0
             if self._dropped:
-                self._own_up()
+                self._note_dropped()
             self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…")
         self.on_line()
 
@@ -113,10 +108,10 @@ class Log:
         """Return the lines after the one of a number, the oldest first."""
         with self._lock:
             if self._dropped:
-                self._own_up()
+                self._note_dropped()
             return [line for line in self._lines if line.number > number]
 
-    def _own_up(self) -> None:
+    def _note_dropped(self) -> None:
         """Say how many lines were dropped."""
         count, self._dropped = self._dropped, 0
         self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")

@@ -22,8 +22,8 @@ from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
-from robotree.vr.core import calls as on_calls
 from robotree.vr.core import events as on
+from robotree.vr.core.calls import AcceptedCall
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
@@ -426,7 +426,7 @@ class LiveRobot:
         else:
             self.log.say(level, text)
 
-    def _enter_end(self, call: on_calls.Call, reply: Returned | Raised) -> None:
+    def _enter_end(self, call: AcceptedCall, reply: Returned | Raised) -> None:
         """Enter in the log how a command ended: that, of those that only read, failures alone."""
         if self.log.begun:
             self.log.end(call.key)

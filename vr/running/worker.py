@@ -128,7 +128,7 @@ class Frame:
     cause: VrError | None = None
     """Why it was asked to end."""
     final: bool = False
-    """Whether not even a clean-up may command children any more: see `core.calls.Call.final`."""
+    """Whether not even a clean-up may command children any more: see `core.calls.AcceptedCall.final`."""
     raised: int = 0
     """How often it was told."""
     steps: int = 0

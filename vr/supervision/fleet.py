@@ -33,7 +33,7 @@ from robotree.vr.requests import (
 )
 from robotree.vr.running.chance import token
 from robotree.vr.supervision.releases import Releases
-from robotree.vr.supervision.stop import OnLate, Stop
+from robotree.vr.supervision.stop import OnLate, StopOrder
 from robotree.vr.transport import Held, Registration, Transport
 
 CALLER = "operator"
@@ -266,7 +266,7 @@ class Fleet:
             NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
                 before this is raised; it names both, and the processes.
         """
-        stop = Stop(
+        order = StopOrder(
             self.directory,
             self._transport,
             name,
@@ -274,7 +274,7 @@ class Fleet:
             on_late=on_late,
             counted=self._releases.count,
         )
-        return await stop.give()
+        return await order.give()
 
     async def resume(self, name: str | None, *, given: float | None = None) -> Sequence[str]:
         """Release the protective stop of one robot, or of all; parents pass it on to their children.

@@ -63,8 +63,8 @@ class _Told:
         return self.telling is not None and not self.telling.done()
 
 
-class Stop:
-    """One order, from giving it to what came of it. Used once, on the event loop."""
+class StopOrder:
+    """One order to stop, from giving it to what came of it. Used once, on the event loop."""
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.address import Address
 from robotree.vr.description import Listing, Template
-from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable, News
+from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable, Update
 from robotree.vr.requests import Listed, Register, Unlisted
 
 ARM = Address("robot", "arm", "1")
@@ -21,7 +21,7 @@ def listing(revision: int = 1, address: Address = ARM, **given: object) -> Listi
 
 def register(
     table: LookupTable, *listings: Listing, now: float, term: float = 5.0, holder: str = "process-1"
-) -> tuple[tuple[str, ...], list[News]]:
+) -> tuple[tuple[str, ...], list[Update]]:
     """Register under one lease; returns the names of what is refused, and the news."""
     answer, news = table.register(Register(holder=holder, term=term, listings=listings), now)
     return tuple(address.name for address, _ in answer.outdated), news

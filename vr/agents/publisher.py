@@ -44,8 +44,8 @@ SHOWN = 1000
 _log = logging.getLogger(__name__)
 
 
-class News:
-    """What one robot shows. Lives on the event loop; `changed` may be called from any thread."""
+class Publisher:
+    """Publishes what one robot shows. Lives on the event loop; `changed` may be called from any thread."""
 
     def __init__(
         self,
@@ -304,7 +304,7 @@ class News:
         }
 
 
-class Echo:
+class LogPublisher:
     """Publishes one log, on the event loop on which it was made."""
 
     def __init__(self, log: Log, address: Address, transport: Transport) -> None:
