@@ -561,8 +561,8 @@ class NoRoles(RoleError):
 
 
 class TooWide(RoleError):
-    """A role would allow more than the robot's own safety limit."""
+    """A role would allow more than the robot's own safety limit, or than the role that it inherits from."""
 
     sentence = (
-        "role {role}: {limit} {asked:g} is wider than the robot's own {own:g}; a role can only narrow a limit"
+        "role {role}: {limit} {asked:g} is wider than the {own:g} of {whose}; a role can only narrow a limit"
     )

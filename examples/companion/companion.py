@@ -242,10 +242,13 @@ class Companion(RolePlayer):
         """Go to the charging place and stay until the battery is as full as asked for."""
         self.rest()
         self.go_to("dock")
-        while (battery := self.base.get_info().battery) < until:
-            self.progress(battery, f"{100 * battery:.0f} %")
+        told = 0.0
+        while (battery := float(self.base.get_info().battery)) < until:
+            if battery >= told + 0.01:  # a percent takes half a minute
+                told = battery
+                self.progress(battery, "charging")
             self.sleep(2.0)
-        return float(battery)
+        return battery
 
     # -- hands
 

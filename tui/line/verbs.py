@@ -544,9 +544,13 @@ async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
         import asyncio
 
         from robotree.vr.bundle import Bundle
+        from robotree.vr.errors import BrokenScript
 
         bundle = await asyncio.to_thread(Bundle.read, wanted)
-        wanted = str(await fleet.call(top, "learn_role", {"source": bundle.source, **given}))
+        try:
+            wanted = str(await fleet.call(top, "learn_role", {"source": bundle.source, **given}))
+        except BrokenScript as error:  # the robot knows no name of a file
+            raise BrokenScript(**{**error.data, "path": wanted}) from None
     played = str(await fleet.call(top, "play", {"role": wanted, **given}))
     return Outcome({"name": name, "role": played}, f"{name} plays {played} from its next act on")
 

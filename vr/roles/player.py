@@ -194,6 +194,7 @@ class RolePlayer(VirtualRobot):
             raise BrokenScript(
                 path="role", line=1, column=1, reason=f"{NEUTRAL!r} is the robot without a role"
             )
+        self._must_understand(profile)
         known = {**self._known, profile.name: profile}
         self._narrowed(resolve(profile.name, known), known)
         self._known = known
@@ -210,6 +211,23 @@ class RolePlayer(VirtualRobot):
         self._profile, self._limits = profile, limits
         self._show()
 
+    def _must_understand(self, profile: Profile) -> None:
+        """Refuse a limit that nothing here would keep, and a limited value that is no number.
+
+        Raises:
+            BrokenScript: there is one.
+        """
+        for name in profile.limits:
+            if name not in self.limits:
+                there = ", ".join(self.limits) or "none"
+                raise profile.mark.error(
+                    f"role {profile.name} limits {name!r}, and {self.name} has no such limit; it has: {there}"
+                )
+        for values in (profile.manner, *profile.acts.values()):
+            for name, value in values.items():
+                if name in self.limits and (isinstance(value, bool) or not isinstance(value, int | float)):
+                    raise profile.mark.error(f"role {profile.name}: {name} must be a number, not {value!r}")
+
     def _show(self) -> None:
         self.attributes |= {"role": self.role, "roles": " ".join([NEUTRAL, *sorted(self._known)])}
 
@@ -219,15 +237,15 @@ class RolePlayer(VirtualRobot):
         Raises:
             TooWide: it would allow more than the robot does, or than the role that it inherits from.
         """
-        limits = dict(self.limits)
+        limits, whose = dict(self.limits), dict.fromkeys(self.limits, self.name)
         for name in reversed(profile.chain):
             for limit, value in known[name].limits.items() if name in known else ():
                 own = limits.get(limit)
                 if own is None:
                     continue  # the robot has nothing of that kind
                 if not own.narrower(value):
-                    raise TooWide(role=name, limit=limit, asked=value, own=own.bound)
-                limits[limit] = own.narrowed(value)
+                    raise TooWide(role=name, limit=limit, asked=value, own=own.bound, whose=whose[limit])
+                limits[limit], whose[limit] = own.narrowed(value), f"role {name}"
         return limits
 
 

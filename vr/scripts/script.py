@@ -157,20 +157,7 @@ class Script(VirtualRobot):
         at: Annotated[str, "slot of the partner; empty: the only one that plays roles"] = "",
     ) -> str:
         """Give a partner another role; the script goes on as it is."""
-        if not at:
-            able = [
-                name
-                for name, bond in self.child_slots.bonds().items()
-                if bond.description.command("play") is not None
-            ]
-            if len(able) != 1:
-                reason = (
-                    f"say which partner is meant: {', '.join(able)}"
-                    if able
-                    else "none of its partners plays roles"
-                )
-                raise NoRoles(robot=self.name, reason=reason)
-            (at,) = able
+        at = at or self._only_player()
         played = forward(self, role, at)
         run = self._run
         if run is not None and "." not in at:
@@ -180,9 +167,22 @@ class Script(VirtualRobot):
     @command(effect="read")
     def learn_role(self, source: str, at: str = "") -> str:
         """Teach a partner a role."""
-        return forward(self, source, at, act="learn_role", argument="source")
+        return forward(self, source, at or self._only_player(), act="learn_role", argument="source")
 
     # -- inside ------------------------------------------------------------------------------------
+
+    def _only_player(self) -> str:
+        """Return the slot of the only partner that plays roles.
+
+        Raises:
+            NoRoles: none does, or more than one.
+        """
+        bonds = self.child_slots.bonds().items()
+        able = [name for name, bond in bonds if bond.description.command("play") is not None]
+        if len(able) != 1:
+            which = f"say which partner is meant: {', '.join(able)}"
+            raise NoRoles(robot=self.name, reason=which if able else "none of its partners plays roles")
+        return able[0]
 
     @property
     def _sender(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from robotree.tui.line import verbs
@@ -76,6 +78,20 @@ async def test_the_verb_reaches_a_robot_through_those_who_command_it() -> None:
     outcome = await verbs.role(fleet, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
     assert fleet.asked == [("boss", "play", {"role": "child", "at": "team.robot"})]
     assert outcome.text == "companion plays child from its next act on"
+
+
+async def test_the_verb_names_the_file_of_a_role_that_cannot_be_learned(tmp_path: Path) -> None:
+    class Strict(Fleet):
+        async def call(self, name: str, command: str, arguments: dict[str, str]) -> str:
+            if command == "learn_role":
+                read_profile(arguments["source"], "role")
+            return await super().call(name, command, arguments)
+
+    file = tmp_path / "waiter.yaml"
+    file.write_text("role: waiter\n\tinherits: butler\n")
+    fleet = Strict(robot("companion", "play", "learn_role"))
+    with pytest.raises(BrokenScript, match=r"waiter.yaml:2:1: a tab cannot indent here"):
+        await verbs.role(fleet, Line("role", {"NAME": "companion", "ROLE": str(file)}), Silent())
 
 
 async def test_the_verb_says_who_passes_no_role_on() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoRoles, NoSuchRole
+from robotree.vr.errors import BadArgument, BrokenScript, CommandCancelled, CommandFailed, NoRoles, NoSuchRole
 from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
@@ -313,6 +313,27 @@ async def test_a_robot_learns_a_role_of_yours(stage: Stage) -> None:
     assert robot.attributes["role"] == "waiter"
 
 
+async def test_a_robot_that_a_script_leads_learns_a_role_through_it(stage: Stage) -> None:
+    robot, _, _ = await led(stage)
+    assert await stage.call("guide", "learn_role", source="role: waiter\ninherits: butler\n") == "waiter"
+    await stage.call("guide", "play", role="waiter")
+    assert robot.attributes["role"] == "waiter"
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("limits: {sped: 0.3}", "role w limits 'sped', and c1 has no such limit; it has: speed, distance"),
+        ("manner: {speed: fast}", "role w: speed must be a number, not 'fast'"),
+        ("acts: {go_to: {speed: yes}}", "role w: speed must be a number, not True"),
+    ],
+)
+async def test_a_limit_that_would_not_be_kept_is_refused(stage: Stage, line: str, sentence: str) -> None:
+    await stage.companion()
+    with pytest.raises(BrokenScript, match=sentence):
+        await stage.call("c1", "learn_role", source=f"role: w\n{line}\n")
+
+
 async def test_a_role_can_only_narrow_a_safety_limit(stage: Stage) -> None:
     await stage.companion()
     await stage.call("c1", "play", role="child")
@@ -320,9 +341,9 @@ async def test_a_role_can_only_narrow_a_safety_limit(stage: Stage) -> None:
         await stage.call("c1", "go_to", place="hall", speed=0.5)
     from robotree.vr.errors import TooWide
 
-    with pytest.raises(TooWide, match=r"role racer: speed 2 is wider than the robot's own 0.7"):
+    with pytest.raises(TooWide, match=r"role racer: speed 2 is wider than the 0.7 of c1"):
         await stage.call("c1", "learn_role", source="role: racer\nlimits: {speed: 2}\n")
-    with pytest.raises(TooWide, match=r"role hugger: distance 0.1 is wider than the robot's own 0.5"):
+    with pytest.raises(TooWide, match=r"role hugger: distance 0.1 is wider than the 0.5 of c1"):
         await stage.call("c1", "learn_role", source="role: hugger\nlimits: {distance: 0.1}\n")
-    with pytest.raises(TooWide, match=r"role teen: speed 0.6 is wider"):
+    with pytest.raises(TooWide, match=r"role teen: speed 0.6 is wider than the 0.3 of role child"):
         await stage.call("c1", "learn_role", source="role: teen\ninherits: child\nlimits: {speed: 0.6}\n")
