@@ -174,6 +174,12 @@ class Connection:
 
     def perform(self, effects: Sequence[Effect]) -> None:
         """Carry out what the session asks for and pass its events on. On the loop only."""
+        self._carry_out(effects)
+        self._plan_tick()
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _carry_out(self, effects: Sequence[Effect]) -> None:
         for effect in effects:
             match effect:
                 case Send(message=message):
@@ -190,9 +196,6 @@ class Connection:
                     self._on_event(effect)
                 case _:
                     self._on_event(effect)
-        self._plan_tick()
-
-    # -- inside ------------------------------------------------------------------------------------
 
     async def _dial_loop(self) -> None:
         while True:
@@ -311,11 +314,11 @@ class Connection:
             self._signed += 1
             return
         self._heard = True
-        if effects := self.session.receive(frame, self.now()):
-            self.perform(effects)
-        for kind, since, waiter in tuple(self._awaited):  # threads enter and leave meanwhile
-            if self.session.twin.after(kind, since) is not None:
-                waiter.wake()
+        self._carry_out(self.session.receive(frame, self.now()))
+        if self._awaited:
+            for kind, since, waiter in tuple(self._awaited):  # threads enter and leave meanwhile
+                if self.session.twin.after(kind, since) is not None:
+                    waiter.wake()
 
     def _note(self, *, online: bool) -> None:
         if online:

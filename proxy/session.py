@@ -281,9 +281,10 @@ class ControllerSession:
             due = min(due, self.heard_at + SILENCE)
         if not self._open:
             return due
+        silence, moving = self._silence_reported(), self._goals.pursuing
         if self._claim is not None:
-            due = min(due, self._claim.due(self._silence_reported(), moving=bool(self._goals.pursued)))
-        beat = self._heartbeats.due_for(self._beats_kept_for())
+            due = min(due, self._claim.due(silence, moving=moving))
+        beat = self._heartbeats.due_for(silence if moving and not self._granted else math.inf)
         return min(due, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
 
     def tick(self, now: float) -> list[Effect]:
@@ -298,9 +299,9 @@ class ControllerSession:
         if not self._open:
             effects = [effect for effect in effects if not isinstance(effect, Send)]
             return effects + self._held_change()
-        effects += self._keep_claim(now)
         self._heartbeats.keep(self._beats_kept_for())
-        effects += [Send(beat) for beat in self._heartbeats.tick(HEARTBEAT, now)]
+        beats = [Send(beat) for beat in self._heartbeats.tick(HEARTBEAT, now)]
+        effects += [*self._keep_claim(now, beats=bool(beats)), *beats]
         effects += _sends(self._commands.tick(now))
         if now >= max(self._opened_at, self.heard_at) + DEAD:
             effects.append(Redial(self.rejection or f"nothing came over the link for {DEAD:g} s"))
@@ -384,11 +385,12 @@ class ControllerSession:
             return False
         return self._beats > 1 or (self._beats == 1 and self.twin.told_at(Mode) >= self._opened_at)
 
-    def _keep_claim(self, now: float) -> list[Effect]:
-        """Send the claim, if it is due."""
+    def _keep_claim(self, now: float, *, beats: bool = False) -> list[Effect]:
+        """Send the claim, if it is due or a heartbeat goes out."""
         if self._claim is None or not self._open:
             return []
-        return [*self._claim.tick(now, self._silence_reported(), moving=bool(self._goals.pursued))]
+        silence, moving = self._silence_reported(), self._goals.pursuing
+        return [*self._claim.tick(now, silence, moving=moving, beats=beats)]
 
     def _silence_reported(self) -> float:
         """[s] of silence that the controller allows while something moves, as reported."""
@@ -414,7 +416,7 @@ class ControllerSession:
         if self._claim is None or frame.component != self.component:
             return
         free = [each for each in COMPONENTS if each not in self._same_system]
-        if free and not self._claim.granted and not self._goals.pursued:
+        if free and not self._claim.granted and not self._goals.pursuing:
             self.component = free[self._claim.holder % len(free)]
 
     def _for_us(self, status: GoalStatus | ClaimStatus) -> bool:
@@ -429,8 +431,12 @@ class ControllerSession:
 
     def _beats_kept_for(self) -> float:
         """[s] of silence that our heartbeats must not reach; it matters while it moves without a claim."""
-        claimed = self._claim is not None and self._claim.granted
-        return self._silence_reported() if self._goals.pursued and not claimed else math.inf
+        return self._silence_reported() if self._goals.pursuing and not self._granted else math.inf
+
+    @property
+    def _granted(self) -> bool:
+        """Whether the controller obeys our claim."""
+        return self._claim is not None and self._claim.granted
 
     def _ask_for_rates(self, now: float) -> list[Effect]:
         """Ask for our rates; the controller keeps them for one link and one life."""

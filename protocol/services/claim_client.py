@@ -158,19 +158,22 @@ class ClaimClient:
             return inf
         return self._asked + self._period(silence, moving=moving)
 
-    def tick(self, now: float, silence: float, *, moving: bool) -> list[Send]:
+    def tick(self, now: float, silence: float, *, moving: bool, beats: bool = False) -> list[Send]:
         """Say the claim, if it is due.
 
         Args:
             now: [s]
             silence: that the controller bears while something moves, [s].
             moving: whether something moves for us.
+            beats: whether a heartbeat goes out: a claim that is granted goes with it, even before it is due,
+                so that both sides wake up once for the two.
         """
-        if now < self.due(silence, moving=moving):
+        due = self.due(silence, moving=moving)
+        if now < due and not (beats and self.granted and due < inf):
             return []
         period = self._period(silence, moving=moving)
         late = now - self._asked - period
-        self._asked = now - (late if late < period / 2 else 0.0)
+        self._asked = now - (late if 0 < late < period / 2 else 0.0)
         term = min(max(TERM, silence), LONGEST_TERM)
         return [self._say(ClaimWish.TAKE_OVER if self._take_over else ClaimWish.KEEP, term)]
 

@@ -40,6 +40,7 @@ BETWEEN_NEWS = 10.0
 """[s] between two sentences about the same claimant who is refused."""
 MAX_PEERS = 64
 """Claimants who were refused and are remembered."""
+_WISHES = frozenset(ClaimWish)
 
 
 class Holder(msgspec.Struct, frozen=True):
@@ -166,7 +167,7 @@ class ClaimServer:
     # -- inside
 
     def _malformed(self, claim: Claim) -> Reason:
-        if not claim.holder or claim.wish not in set(ClaimWish):
+        if not claim.holder or claim.wish not in _WISHES:
             return Reason.BAD_ARGUMENT
         return Reason.NONE if claim.life in {0, self.life} else Reason.OTHER_LIFE
 

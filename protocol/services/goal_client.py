@@ -127,6 +127,11 @@ class GoalClient:
         """Keys of the goals whose end was not heard yet."""
         return list(self._pursuits)
 
+    @property
+    def pursuing(self) -> bool:
+        """Whether there is any goal whose end was not heard yet."""
+        return bool(self._pursuits)
+
     def start(
         self,
         key: int,

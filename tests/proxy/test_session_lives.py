@@ -7,11 +7,21 @@ from typing import Any
 import pytest
 
 from robotree.protocol.frame import Frame
-from robotree.protocol.messages import Claim, ClaimWish, Goal, GoalState, Mode, ModeKind, Reason, Verb
+from robotree.protocol.messages import (
+    Claim,
+    ClaimWish,
+    Goal,
+    GoalState,
+    Heartbeat,
+    Mode,
+    ModeKind,
+    Reason,
+    Verb,
+)
 from robotree.protocol.services.claim_client import ClaimClient, ClaimDenied, ClaimGranted
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import SILENCE
-from robotree.protocol.services.peer import Peer
+from robotree.protocol.services.peer import Peer, Send
 from robotree.proxy.desired_mode import ReleaseRefused
 from robotree.proxy.restart import LONGEST_DELAY
 from robotree.proxy.session import ControllerSession
@@ -198,8 +208,25 @@ def test_a_person_has_it_taken_over_once_and_not_again_and_again(make_talk: type
     (granted,) = [each for each in talk.events if isinstance(each, ClaimDenied | ClaimGranted)]
     assert granted == ClaimGranted("arm-2, pid 13")
     held_by(talk)
-    talk.wait(3.0)
+    talk.wait(2.5)  # the other one is not heard again, and its term is 3 s
     assert talk.session.denial, "who takes it back keeps it"
+
+
+def test_a_claim_that_is_granted_goes_with_each_heartbeat(claimed: Talk) -> None:
+    """So a proxy whose robot rests wakes up, and wakes its controller, once a second for the two."""
+    claimed.wait(2.0)
+    said: list[tuple[float, type[Any]]] = []
+    perform = claimed.perform
+
+    def watched(effects: list[Any]) -> None:
+        said.extend((claimed.now, type(each.message)) for each in effects if isinstance(each, Send))
+        perform(effects)
+
+    claimed.perform = watched
+    claimed.wait(3.0)
+    moments = sorted({moment for moment, _ in said})
+    assert len(moments) == 3
+    assert said == [(moment, kind) for moment in moments for kind in (Claim, Heartbeat)]
 
 
 def test_a_holder_that_is_away_is_waited_for_before_anything_is_said_to_be_online(
