@@ -20,8 +20,9 @@ import msgspec
 Respond = Callable[[bytes], None]
 """Send one reply; may be called any number of times until the handler returns."""
 
-RequestHandler = Callable[[bytes, Respond], Awaitable[None]]
-"""Answers one request. Runs as its own task; an exception in it is logged and ends the reply."""
+RequestHandler = Callable[[bytes, Respond], Awaitable[None] | None]
+"""Answers one request on the event loop: at once (None), or when what it returns has been awaited, in a task.
+An exception in it is logged and ends the reply."""
 
 End = Callable[[bytes | None], None]
 """Ends the replies to a request, with one more or with None."""

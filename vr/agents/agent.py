@@ -74,6 +74,12 @@ from robotree.vr.virtual_robot import VirtualRobot
 PARTING = 0.5
 """[s] in which commands may end by themselves when their robot's process ends; the others end with it."""
 
+_AT_THE_END = (Describe, Release, SafeStop, Delete)
+"""Requests that it answers also while it ends."""
+
+_TAKE_TIME = (SafeStop, Resume, Enslave, Free, Delete)
+"""Requests whose answers wait for something."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -373,15 +379,21 @@ class RobotAgent:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    async def _answer(self, request: Request, say: Say) -> None:
-        """Answer one request.
+    def _answer(self, request: Request, say: Say) -> Callable[[], Awaitable[None]] | None:
+        """Answer one request, at once if that takes no time.
 
         Raises:
             VrError: it is refused.
         """
-        if not self.open and not isinstance(request, Describe | Release | SafeStop | Delete):
+        if not self.open and not isinstance(request, _AT_THE_END):
             raise Unreachable(key=self.address.key)
         self.live.look_at_robot()
+        if isinstance(request, _TAKE_TIME):
+            return partial(self._answer_later, request, say)
+        say(self._reply(request))
+        return None
+
+    async def _answer_later(self, request: Request, say: Say) -> None:
         match request:
             case SafeStop():
                 say(Accepted(key=request.order))  # the asker must know at once that it has reached us
@@ -396,8 +408,8 @@ class RobotAgent:
                 say(Described(robot=self.description()))
             case Delete():
                 await self._delete(lambda left: say(Done(note=left)))
-            case _:
-                say(self._reply(request))
+            case _:  # not one of `_TAKE_TIME`
+                raise not_for("robot", request)
 
     def _reply(self, request: Request) -> Reply:
         """Answer a request that takes no time.
@@ -467,10 +479,12 @@ class RobotAgent:
             raise
         if tenure is None or tenure.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
+        commands: tuple[CommandSpec, ...] = self.live.look(lambda _: self.live.specs())
+        if commands == self._known_to_parent:
+            return self._granted(None)
         description = self.description()
-        news = None if description.commands == self._known_to_parent else description
         self._known_to_parent = description.commands
-        return self._granted(news)
+        return self._granted(description)
 
     def _granted(self, news: RobotDescription | None) -> Granted:
         lease, slots = self.live.core.state.lease, self.live.core.state.slots

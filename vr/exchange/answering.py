@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from functools import partial
 
 from robotree.vr.envelope import opened
 from robotree.vr.errors import Garbled, VrError
@@ -16,27 +17,36 @@ _log = logging.getLogger(__name__)
 Say = Callable[[Reply], None]
 """Sends one reply; may be called any number of times until the request is answered."""
 
-Converse = Callable[[Request, Say], Awaitable[None]]
-"""Answers one request with any number of replies; a `VrError` that it raises is the last of them."""
+Converse = Callable[[Request, Say], Callable[[], Awaitable[None]] | None]
+"""Answers one request with any number of replies: at once (None), or when what it returns was called and
+awaited, in a task. A `VrError` that is raised is the last of them."""
 
 Answer = Callable[[Request], Awaitable[Reply]]
 """Answers one request; a `VrError` that it raises travels to the asker."""
+
+AnswerAtOnce = Callable[[Request], Reply]
+"""The same, where nothing is waited for."""
 
 
 def conversing(converse: Converse, who: str) -> RequestHandler:
     """Make a request handler of what answers with any number of replies; `who` answers, for people."""
 
-    async def handle(body: bytes, respond: Respond) -> None:
+    def handle(body: bytes, respond: Respond) -> Awaitable[None] | None:
         def say(reply: Reply) -> None:
             respond(encode(reply))
 
         try:
-            await converse(opened(body, who, asyncio.get_running_loop().time()).request, say)
-        except VrError as error:
-            say(Raised.of(error))
+            rest = converse(opened(body, who, asyncio.get_running_loop().time()).request, say)
         except Exception as error:  # noqa: BLE001 # the error boundary: the asker gets an answer
-            _log.exception("%s: an answer failed", who)
-            say(Raised.of(VrError(detail=f"{who}: internal error: {error!r}")))
+            say(_raised(error, who))
+            return None
+        return None if rest is None else finish(rest, say)
+
+    async def finish(rest: Callable[[], Awaitable[None]], say: Say) -> None:
+        try:
+            await rest()
+        except Exception as error:  # noqa: BLE001 # as above
+            say(_raised(error, who))
 
     return handle
 
@@ -44,10 +54,23 @@ def conversing(converse: Converse, who: str) -> RequestHandler:
 def answering(answer: Answer, who: str) -> RequestHandler:
     """Make a request handler of what answers with one reply; `who` answers, for people."""
 
-    async def converse(request: Request, say: Say) -> None:
+    async def later(request: Request, say: Say) -> None:
         say(await answer(request))
 
-    return conversing(converse, who)
+    return conversing(lambda request, say: partial(later, request, say), who)
+
+
+def answering_at_once(answer: AnswerAtOnce, who: str) -> RequestHandler:
+    """Make a request handler of what answers with one reply and waits for nothing."""
+    return conversing(lambda request, say: say(answer(request)), who)
+
+
+def _raised(error: Exception, who: str) -> Raised:
+    """Return what the asker is told of an error."""
+    if isinstance(error, VrError):
+        return Raised.of(error)
+    _log.error("%s: an answer failed", who, exc_info=error)
+    return Raised.of(VrError(detail=f"{who}: internal error: {error!r}"))
 
 
 def not_for(role: str, request: Request) -> Garbled:

@@ -150,6 +150,8 @@ class _Keeper:
         """What the service has acknowledged to be listed under the lease."""
         self._waiting: dict[Address, asyncio.Future[None]] = {}
         self._changed = asyncio.Event()
+        """Whether it has something to say."""
+        self._loop = asyncio.get_running_loop()
         self._task = asyncio.create_task(self._run(), name=f"lease in {service}")
 
     def bring(self, address: Address) -> asyncio.Future[None]:
@@ -178,9 +180,10 @@ class _Keeper:
                 pause = await self._speak()
             except VrError:
                 pause = RETRY
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(pause):
-                    await self._changed.wait()
+            timer = None if pause is None else self._loop.call_later(pause, self._changed.set)
+            await self._changed.wait()
+            if timer is not None:
+                timer.cancel()
 
     async def _speak(self) -> float | None:
         """Send what is due and renew the lease. Returns when the service must hear again [s], None: never."""

@@ -11,7 +11,7 @@ import contextlib
 
 from robotree.vr.address import Address, Role, everyone
 from robotree.vr.errors import VrError
-from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.answering import answering_at_once, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
@@ -59,7 +59,7 @@ class LookupService:
         try:
             for role in LISTED_ROLES:
                 self._declared.append(await transport.watch(everyone(role), self._seen))
-            handler = answering(self._answer, self.address.name)
+            handler = answering_at_once(self._answer, self.address.name)
             self._declared.append(await transport.serve(self.address.key, handler))
             await self._fill()
             self._sweeper = asyncio.create_task(self._sweep(), name=f"{self.address.name} sweeps")
@@ -79,7 +79,7 @@ class LookupService:
 
     # -- requests ---------------------------------------------------------------------------------
 
-    async def _answer(self, request: Request) -> Reply:
+    def _answer(self, request: Request) -> Reply:
         now = self._clock()
         match request:
             case Register():

@@ -6,13 +6,13 @@ import asyncio
 import atexit
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.mesh import GREETING, Answer, Mesh
-from robotree.vr.network.on_loop import Inbox, Replies, Turns
+from robotree.vr.network.on_loop import Inbox, Replies, Turns, answered
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 from robotree.vr.transport import (
     CutOffHandler,
@@ -70,7 +70,7 @@ class LocalTransport:
         self._turns = Turns()
         self._served: dict[str, Answer] = {}
         self._handlers: dict[str, RequestHandler] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Future[None]] = set()
         self._asking: set[Replies] = set()
         self._closing: asyncio.Future[None] | None = None
         atexit.register(mesh.close)  # else the others remove its files when they next look
@@ -227,7 +227,8 @@ class LocalTransport:
         atexit.unregister(self.mesh.close)
         for replies in list(self._asking):
             replies.shut()
-        tasks = self._tasks - {asyncio.current_task()}
+        me = asyncio.current_task()
+        tasks = [task for task in self._tasks if task is not me]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -241,27 +242,15 @@ class LocalTransport:
         replies.end()
         self._asking.discard(replies)
 
-    def _spawn(self, work: Coroutine[None, None, None]) -> None:
-        task = self._loop.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
     def _answer(self, key: str, body: bytes, respond: Respond, end: End) -> None:
         handler = self._handlers.get(key)
         if handler is None or self._closing is not None:
             end(None)
         else:
-            self._spawn(self._handle(handler, body, respond, end, key))
-
-    async def _handle(
-        self, handler: RequestHandler, body: bytes, respond: Respond, end: End, key: str
-    ) -> None:
-        try:
-            await handler(body, lambda reply: respond(bytes(reply)))
-        except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
-            _log.exception("the handler of %s raised", key)
-        finally:
-            end(None)
+            task = answered(handler, body, respond, end, key)
+            if task is not None:
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
 
 
 class _Registration:

@@ -17,7 +17,7 @@ from functools import partial
 from typing import Generic, Self, TypeVar
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable, VrError
-from robotree.vr.transport import DirectHandler, OnReply, RequestHandler, Respond
+from robotree.vr.transport import DirectHandler, End, OnReply, RequestHandler, Respond
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""
@@ -172,12 +172,11 @@ class Replies:
 
     async def _wait(self) -> None:
         self._news = self._loop.create_future()
+        timer = self._loop.call_at(self._deadline, self.time_out)
         try:
-            async with asyncio.timeout_at(self._deadline):
-                await self._news
-        except TimeoutError:
-            self.time_out()
+            await self._news
         finally:
+            timer.cancel()
             self._news = None
 
     def _finish(self) -> None:
@@ -197,6 +196,44 @@ async def relay(replies: AsyncIterator[bytes], on_reply: OnReply) -> None:
     on_reply(None)
 
 
+def answered(
+    handler: RequestHandler, body: bytes, respond: Respond, end: End, key: str
+) -> asyncio.Future[None] | None:
+    """Have a handler answer a request, on the event loop.
+
+    What it says before it returns None goes out together with the end of the replies.
+
+    Returns:
+        The task that answers, if there is no whole answer yet.
+    """
+    said: list[bytes] = []
+    say: Respond = said.append
+
+    def reply(one: bytes) -> None:
+        say(bytes(one))
+
+    def over(task: asyncio.Future[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.error("the handler of %s raised", key, exc_info=error)
+        end(None)
+
+    try:
+        rest = handler(body, reply)
+    except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
+        _log.exception("the handler of %s raised", key)
+        rest = None
+    last = said.pop() if said and rest is None else None
+    for one in said:
+        respond(one)
+    if rest is None:
+        end(last)
+        return None
+    say = respond
+    task = asyncio.ensure_future(rest)
+    task.add_done_callback(over)
+    return task
+
+
 def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:
     """Return a handler that offers each request to a direct one first."""
 
@@ -214,7 +251,7 @@ def directly(direct: DirectHandler, handler: RequestHandler) -> RequestHandler:
 
         if direct(body, lambda reply: soon(partial(respond, reply)), end):
             await over.wait()
-        else:
-            await handler(body, respond)
+        elif (rest := handler(body, respond)) is not None:
+            await rest
 
     return handle

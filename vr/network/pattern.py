@@ -23,6 +23,12 @@ def matches(pattern: str, key: str) -> bool:
     """Whether a key lies under a pattern: `*` is one chunk, `**` any number of them, none included."""
     if _ANY not in pattern:
         return pattern == key
+    return _lies_under(pattern, key)
+
+
+@lru_cache(4096)
+def _lies_under(pattern: str, key: str) -> bool:
+    """As `matches`; samples of the same keys come again and again."""
     return _match(_chunks(pattern), key.split("/"))
 
 

@@ -29,7 +29,7 @@ from typing import Protocol, TypeVar
 import msgspec
 
 from robotree.vr.errors import TransportClosed
-from robotree.vr.network.on_loop import Replies
+from robotree.vr.network.on_loop import Replies, answered
 from robotree.vr.network.pattern import matches
 from robotree.vr.transport import (
     CutOffHandler,
@@ -70,6 +70,10 @@ class Agenda(Protocol):
         """Do something at a time [s], in the order of (time, asking)."""
         ...
 
+    def outside(self) -> None:
+        """Let what an action does from now on find no running event loop, as a reader thread of a network."""
+        ...
+
 
 class LoopAgenda:
     """The agenda of an event loop in real time. What comes from other threads is handed over."""
@@ -93,6 +97,9 @@ class LoopAgenda:
             self._loop.call_at(when, self._pump, when)
         else:
             self._loop.call_soon(self._pump, when)
+
+    def outside(self) -> None:
+        """See `Agenda.outside`: here actions are callbacks of the loop."""
 
     def _pump(self, until: float) -> None:
         while self._actions and self._actions[0][0] <= until:
@@ -131,11 +138,12 @@ class _Way:
         if self.silent:
             self.held.append((channel, action))
             return
-        network, weather = self.network, self.network.weather
-        now = network.agenda.now()
-        delay = network.delay + (weather.jitter * network.chance() if weather.jitter else 0.0)
-        self.last[channel] = when = max(now + delay, self.last[channel])
-        network.agenda.at(when, partial(self._arrive, self.connection, action))
+        network, last = self.network, self.last
+        agenda, jitter, delay = network.agenda, network.weather.jitter, network.delay
+        when = agenda.now() + (delay + jitter * network.chance() if jitter else delay)
+        when = max(when, last[channel])
+        last[channel] = when
+        agenda.at(when, partial(self._arrive, self.connection, action))
 
     def know(self, action: Callable[[], None]) -> None:
         """Let the far end know something: at once, if the network has no delay."""
@@ -469,7 +477,7 @@ class MemoryTransport:
         self._cut_off_handlers: dict[int, CutOffHandler] = {}
         self._cut_off = False
         self._numbers = itertools.count()
-        self._tasks: dict[asyncio.Task[None], None] = {}
+        self._tasks: dict[asyncio.Future[None], None] = {}
         self._asking: dict[Replies, None] = {}
 
     # -- requests ---------------------------------------------------------------------------------
@@ -509,8 +517,13 @@ class MemoryTransport:
         self, key: str, body: bytes, *, void_at: float = 0.0, urgent: bool = False, on_reply: OnReply
     ) -> None:
         """See `Transport.ask`."""
-        packed = bytes(memoryview(body))
-        self.network.inside(lambda: self._ask(key, packed, void_at, on_reply, urgent=urgent))
+        packed, network = bytes(memoryview(body)), self.network
+
+        def told(reply: bytes | None) -> None:
+            network.agenda.outside()
+            on_reply(reply)
+
+        network.inside(lambda: self._ask(key, packed, void_at, told, urgent=urgent))
 
     def _ask(self, key: str, body: bytes, void_at: float, on_reply: OnReply, *, urgent: bool) -> None:
         if self.closed:
@@ -565,8 +578,12 @@ class MemoryTransport:
         handler, direct = self.served.get(key), self._direct.get(key)
         if handler is None:
             end(None)
-        elif direct is None or not direct(body, respond, end):
-            self._soon(partial(self._handle, handler, key, body, respond, end))
+        elif direct is None or not self._directly(direct, body, respond, end):
+            self._soon(partial(self._answer, handler, key, body, respond, end))
+
+    def _directly(self, direct: DirectHandler, body: bytes, respond: Respond, end: End) -> bool:
+        self.network.agenda.outside()
+        return direct(body, respond, end)
 
     def ended(self, server: MemoryTransport, exchange: _Exchange, last: bytes | None) -> None:
         """Take the end of the replies, and the last of them."""
@@ -579,17 +596,9 @@ class MemoryTransport:
         self.network.note(server, self, "reply", body)
         exchange.reply(body)
 
-    def _handle(self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: End) -> None:
-        async def run() -> None:
-            try:
-                await handler(body, respond)
-            except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
-                _log.exception("the handler of %s raised", key)
-            finally:
-                end(None)
-
-        if not self.closed:
-            task = self.loop.create_task(run(), name=f"{self.name} answers {key}")
+    def _answer(self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: End) -> None:
+        task = None if self.closed else answered(handler, body, respond, end, key)
+        if task is not None:
             self._tasks[task] = None
             task.add_done_callback(self._tasks.pop)
 
@@ -797,7 +806,7 @@ class MemoryTransport:
 
     # -- inside -----------------------------------------------------------------------------------
 
-    def _others(self) -> list[asyncio.Task[None]]:
+    def _others(self) -> list[asyncio.Future[None]]:
         """Return what answers requests, the oldest first, without the task that asks."""
         me = _current_task()
         return [task for task in self._tasks if task is not me]

@@ -6,7 +6,8 @@ from functools import partial
 
 import pytest
 
-from robotree.vr.network.on_loop import SHARE, Inbox, Turns
+from robotree.vr.network.on_loop import SHARE, Inbox, Turns, answered
+from robotree.vr.transport import Respond
 
 
 async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:
@@ -79,3 +80,54 @@ def test_when_the_loop_is_closed_nothing_is_done_and_it_is_said() -> None:
     turns = asyncio.run(make())
     assert not turns.put(lambda: None)
     assert not turns.put(lambda: None, urgent=True)
+
+
+async def test_an_answer_that_takes_no_time_goes_out_with_the_end_of_the_replies() -> None:
+    replies: list[object] = []
+    done = asyncio.Event()
+
+    def end(last: bytes | None) -> None:
+        replies.append(("end", last))
+        done.set()
+
+    def at_once(body: bytes, respond: Respond) -> None:
+        respond(b"first")
+        respond(body)
+
+    assert answered(at_once, b"last", replies.append, end, "key") is None
+    assert replies == [b"first", ("end", b"last")]
+
+    async def late(body: bytes, respond: Respond) -> None:
+        respond(b"accepted")
+        await asyncio.sleep(0)
+        respond(body)
+
+    replies.clear()
+    done.clear()
+    assert answered(late, b"late", replies.append, end, "key") is not None
+    await done.wait()
+    assert replies == [b"accepted", b"late", ("end", None)]
+
+
+async def test_the_replies_end_also_when_a_handler_raises_or_is_cancelled_before_it_begins(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    ends: list[bytes | None] = []
+
+    def raises(_: bytes, respond: Respond) -> None:
+        respond(b"so far")
+        raise ValueError("a fault")
+
+    assert answered(raises, b"", lambda _: None, ends.append, "key") is None
+    assert ends == [b"so far"]
+    assert "the handler of key raised" in caplog.text
+
+    async def never(_: bytes, __: Respond) -> None:
+        raise AssertionError("it was cancelled before")
+
+    task = answered(never, b"", lambda _: None, ends.append, "key")
+    assert task is not None
+    task.cancel()
+    await asyncio.wait([task])
+    await asyncio.sleep(0)
+    assert ends == [b"so far", None]

@@ -381,7 +381,8 @@ class ZenohTransport:
 
 async def _handle(handler: RequestHandler, body: bytes, respond: Respond, key: str) -> None:
     try:
-        await handler(body, respond)
+        if (rest := handler(body, respond)) is not None:
+            await rest
     except Exception:  # noqa: BLE001 # the contract: logged, and the reply ends
         _log.exception("the handler of %s raised", key)
 
