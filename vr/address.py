@@ -12,6 +12,7 @@ Three things are kept apart:
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Literal
 
 import msgspec
@@ -56,10 +57,16 @@ class Address(msgspec.Struct, frozen=True, order=True):
     @classmethod
     def parse(cls, key: str) -> Address | None:
         """Read a key, or return None when it is not an agent's. Keys come from a network: never raises."""
-        parts = key.split("/")
-        if len(parts) != len(cls.__struct_fields__) or parts[0] not in ROLES or not _NAME.fullmatch(parts[1]):
-            return None
-        return cls(parts[0], parts[1], parts[2])  # pyright: ignore[reportArgumentType] # just checked
+        return _parsed(key)
+
+
+@lru_cache(4096)
+def _parsed(key: str) -> Address | None:
+    """As `Address.parse`; samples of the same robots come again and again."""
+    parts = key.split("/")
+    if len(parts) != len(Address.__struct_fields__) or parts[0] not in ROLES or not _NAME.fullmatch(parts[1]):
+        return None
+    return Address(parts[0], parts[1], parts[2])  # pyright: ignore[reportArgumentType] # just checked
 
 
 def everyone(role: Role, name: str = "*") -> str:

@@ -11,6 +11,7 @@ import contextlib
 import inspect
 import logging
 import math
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -292,7 +293,7 @@ class Publisher:
         return {name: fields[name] for name in names if len(msgspec.msgpack.encode(fields[name])) <= SHOWN}
 
     def _doc(self) -> str:
-        return inspect.cleandoc(type(self._live.robot).__doc__ or "")
+        return _cleaned(type(self._live.robot).__doc__ or "")
 
     def _identity(self) -> dict[str, Any]:
         robot = self._live.robot
@@ -333,3 +334,8 @@ class LogPublisher:
             self._last = lines[-1].number
             with contextlib.suppress(TransportError):  # it is closed
                 self._transport.publish(f"{self._address.key}/log", encode(Heard(lines=lines)))
+
+
+@lru_cache(1024)
+def _cleaned(doc: str) -> str:
+    return inspect.cleandoc(doc)

@@ -154,7 +154,7 @@ class LiveRobot:
         now, refusal, number = self._runner.now(), None, 0
         with self._lock:
             effects: list[Effect] = []
-            if self.core.due <= now:
+            if self.core.due <= now and not isinstance(event, on.Tick):
                 effects, _ = self._handle(on.Tick(unix=self._runner.unix()), now)
             try:
                 following, number = self._handle(event, now)
@@ -280,7 +280,7 @@ class LiveRobot:
                         _log.exception("%s: the end of a call could not be told", self.robot.name)
             else:
                 self._carry_out_other(effect)
-        if effects:
+        if any(not isinstance(effect, on.Renew) for effect in effects):  # which nobody sees
             self._on_change()
 
     def _carry_out_other(self, effect: Effect) -> None:

@@ -51,9 +51,9 @@ class Releases:
 
     def count(self, key: str, stops: int) -> None:
         """Note how many stops a robot has counted; -1: it does not say."""
-        known = self._counts.pop(key, -1)  # to the end
-        if max(known, stops) >= 0:
-            self._counts[key] = max(known, stops)
+        most = max(self._counts.pop(key, -1), stops)
+        if most >= 0:
+            self._counts[key] = most  # at the end
         while len(self._counts) > MOST_COUNTS:
             del self._counts[next(iter(self._counts))]
 
