@@ -134,12 +134,13 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
     @property
     def target(self) -> tuple[int, int]:
         """System and component that the message is addressed to; 0: to all."""
-        if isinstance(self.message, Untyped):
-            fields = fields_of(self.message)
+        message = self.message
+        if isinstance(message, Untyped):
+            fields = fields_of(message)
             system, component = fields.get("target_system", 0), fields.get("target_component", 0)
         else:
-            system = getattr(self.message, "target_system", 0)
-            component = getattr(self.message, "target_component", 0)
+            system = getattr(message, "target_system", 0)
+            component = getattr(message, "target_component", 0)
         return (system if isinstance(system, int) else 0, component if isinstance(component, int) else 0)
 
     def is_for(self, system: int, *components: int) -> bool:

@@ -102,18 +102,19 @@ class Cable:
         """Bring a frame to the other end, after those before it; frames of one moment arrive as one piece."""
         if not self.open:
             return
-        world, near = self._world, source is self.near
-        jitter = self._socket.jitter
-        delay = self._socket.delay + (jitter * world.network.chance() if jitter else 0.0)
-        when = max(world.runner.now() + delay, self._last[near])
-        if when == self._last[near] and self._pieces[near]:
-            self._pieces[near][-1].append(data)
+        world, socket, near = self._world, self._socket, source is self.near
+        last, pieces, jitter = self._last[near], self._pieces[near], socket.jitter
+        when = world.runner.now() + (
+            socket.delay + jitter * world.network.chance() if jitter else socket.delay
+        )
+        if when <= last and pieces:
+            pieces[-1].append(data)
             return
-        self._last[near] = when
-        self._pieces[near].append([data])
+        self._last[near] = when = max(when, last)
+        pieces.append([data])
 
         def arrive() -> None:
-            piece = b"".join(self._pieces[near].popleft())
+            piece = b"".join(pieces.popleft())
             if self.open:
                 world.note(target.address, "frames", zlib.crc32(piece))
                 target.take(piece)

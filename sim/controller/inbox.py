@@ -34,6 +34,7 @@ PLANNED: Final = 64
 """Cost of a goal or a command that moves: its path takes 1 to 5 ms to plan, so a link gets 50 per second."""
 FOLLOWED: Final = 8
 """Cost of a set-point: its posture takes 0.1 to 1 ms to find, so a link gets 400 per second."""
+_COMMANDS: Final = (CommandLong, CommandInt)
 LARGEST_STOPS: Final = 8
 """Waiting stops of one link; each is answered."""
 
@@ -169,4 +170,4 @@ def _cost(event: Event) -> int:
         return FOLLOWED
     if isinstance(message, Goal):
         return PLANNED if message.verb != Verb.STATUS else 1
-    return PLANNED if isinstance(message, CommandLong | CommandInt) and message.command in MOVING else 1
+    return PLANNED if isinstance(message, _COMMANDS) and message.command in MOVING else 1

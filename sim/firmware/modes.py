@@ -31,6 +31,8 @@ from robotree.sim.firmware.rights import Rights
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.firmware.telemetry import boot_ms
 
+_FLAGS: Final = int(MavModeFlag.CUSTOM_MODE_ENABLED | MavModeFlag.HIL_ENABLED)
+_ARMED: Final = _FLAGS | int(MavModeFlag.SAFETY_ARMED)
 _STATES: Final = {ModeKind.ACTIVE: MavState.ACTIVE, ModeKind.SAFE_STOP: MavState.CRITICAL}
 
 
@@ -109,10 +111,10 @@ class Modes:
     def heartbeat(self) -> Heartbeat:
         """The mode as every ground station understands it."""
         movement = self._movement
-        armed = 0 if movement.stopped else MavModeFlag.SAFETY_ARMED
-        flags = MavModeFlag.CUSTOM_MODE_ENABLED | MavModeFlag.HIL_ENABLED | armed
-        state = _STATES.get(movement.mode, MavState.STANDBY)
-        return Heartbeat(self._mav_type, MavAutopilot.GENERIC, int(flags), movement.mode, state)
+        flags, mode = _FLAGS if movement.stopped else _ARMED, movement.mode
+        return Heartbeat(
+            self._mav_type, MavAutopilot.GENERIC, flags, mode, _STATES.get(mode, MavState.STANDBY)
+        )
 
     def beats(self, now: int) -> list[Outgoing]:
         """The heartbeat, when it is due."""

@@ -19,6 +19,7 @@ PX4_HOLD: Final = (4, 3)
 no stop, although its main mode has the number of ours: who holds may be asked to go on by the next goal.
 PX4's other sub-modes of 4 (take off, mission, return, land) are no stops either: they ask for something that
 these robots cannot do, and are refused."""
+_COMMANDS: Final = (CommandLong, CommandInt)
 _PX4_MAIN, _PX4_SUB = 16, 24
 """[bit] Where PX4 keeps main mode and sub-mode in the custom mode of HEARTBEAT and SET_MODE."""
 
@@ -36,7 +37,7 @@ def stop_asked_by(message: AnyMessage) -> bool:
         return message.mode == ModeKind.SAFE_STOP
     if isinstance(message, LegacySetMode):
         return modes_of(message) == (ModeKind.SAFE_STOP, 0)
-    if isinstance(message, CommandLong | CommandInt):
+    if isinstance(message, _COMMANDS):
         return stop_commanded(message.command, (message.param1, message.param2, message.param3))
     return False
 

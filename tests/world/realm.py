@@ -139,7 +139,7 @@ class Realm:
     async def create(self, fleet: Fleet, host: str, name: str, wanted: str) -> str:
         """Create a robot of `SOURCE` on a host."""
         address = await fleet.directory.resolve(host, "host")
-        made = await HostClient(fleet._transport, address).create(Bundle(SOURCE, "carts.py", wanted), name)
+        made = await HostClient(fleet._transport, address).create(Bundle(SOURCE, "/carts.py", wanted), name)
         return str(made.address)
 
     def _process(self, process: SimulatedProcess) -> Process:

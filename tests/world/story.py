@@ -18,7 +18,8 @@ from robotree.protocol.messages import ModeKind
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.supervision.fleet import CALLER, Fleet
-from robotree.vr.world.world import World
+from robotree.vr.world.world import SimulatedProcess, World
+from tests.world.controller import CartController
 from tests.world.realm import CartProxy, Realm, leaf_tickets, lease_of
 
 LENGTH = 60.0
@@ -88,6 +89,9 @@ class Judge:
         """When a proxy was paused last."""
         self._looks = self._seen = 0
         self._epochs: dict[str, int] = {}
+        """The highest that each cart has obeyed."""
+        self._fences: dict[str, int] = {}
+        """The epoch of each controller's fence when it was looked at last."""
         self._tickets: set[int] = set()
         self._keys: set[tuple[object, str]] = set()
         realm.on_call = self.look_at_call
@@ -139,21 +143,16 @@ class Judge:
     def _look_at_carts(self) -> None:
         now = self.world.runner.now()
         for name, controller in self.realm.controllers.items():
-            if controller.fence.epoch < self._epochs.get(f"{name} fence", 0):
-                self.complain(f"{name} went back to epoch {controller.fence.epoch}")
-            self._epochs[f"{name} fence"] = controller.fence.epoch
+            epoch = controller.fence.epoch
+            if epoch < self._fences.get(name, 0):
+                self.complain(f"{name} went back to epoch {epoch}")
+            self._fences[name] = epoch
             device, process = controller.device, self.realm.processes[name]
             if process.runner.halted:
                 self._paused[name] = now
-            quiet_since = max(
-                self.stopped.get(name, now),
-                controller.disturbed,
-                process.started,
-                self._paused.get(name, 0.0),
-            )
-            if now > quiet_since + RESTOPPED and controller.firmware.mode != ModeKind.SAFE_STOP:
-                self.complain(f"the controller of {name} is not in the stop that was confirmed")
-            if not device.moving or device.ticket is None:
+            if name in self.stopped:
+                self._look_at_stop(name, controller, process)
+            if device.ticket is None or not device.moving:
                 self._silent.pop(name, None)
                 continue
             if now > self.deadlines.get(device.ticket, 0.0) + self._allowance(name):
@@ -164,6 +163,14 @@ class Judge:
                 self._silent.pop(name, None)
             elif now - self._silent.setdefault(name, now) > LONGEST_SILENCE + controller.slowest:
                 self.complain(f"{name} drives on though its proxy is silent")
+
+    def _look_at_stop(self, name: str, controller: CartController, process: SimulatedProcess) -> None:
+        """What was confirmed to be stopped is stopped, some time after the last fault at the latest."""
+        paused = self._paused.get(name, 0.0)
+        quiet_since = max(self.stopped[name], controller.disturbed, process.started, paused)
+        late = self.world.runner.now() > quiet_since + RESTOPPED
+        if late and controller.firmware.mode != ModeKind.SAFE_STOP:
+            self.complain(f"the controller of {name} is not in the stop that was confirmed")
 
     def _look_at_bonds(self) -> None:
         """A parent never believes in a lease that its child has ended by its clock."""

@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import functools
 import threading
+import weakref
 from asyncio import base_events, events
 from collections import deque
 from collections.abc import Callable, Coroutine
@@ -24,8 +25,13 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
+_set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no other way
+
+
 class _Handle(asyncio.Handle):
     """A callback, made in less time."""
+
+    __slots__ = ()
 
     def __init__(
         self, callback: Any, args: tuple[Any, ...], loop: VirtualLoop, context: Context | None
@@ -38,6 +44,8 @@ class _Handle(asyncio.Handle):
 
 class _Timer(asyncio.TimerHandle):
     """A timer of a loop, which is the action in the runner's agenda."""
+
+    __slots__ = ()
 
     def __init__(
         self,
@@ -78,6 +86,9 @@ class VirtualLoop(base_events.BaseEventLoop):
         self.time = runner.now  # type: ignore[method-assign] # [s]; asked for at every step
         self.process = runner if isinstance(runner, VirtualProcess) else None
         self.world = runner.runner if isinstance(runner, VirtualProcess) else runner
+        self._of_world = None if self.process is None or self.process.exact else self.process.of_world
+        self._tasks: set[weakref.ref[asyncio.Task[Any]]] = set()
+        """Those that are not gone yet."""
         self._queue: deque[asyncio.Handle] = self._ready  # type: ignore[attr-defined] # where asyncio has them
         self._chosen = False
         """Whether the runner knows that there is something to do, or it is being done."""
@@ -93,7 +104,8 @@ class VirtualLoop(base_events.BaseEventLoop):
             raise RuntimeError("This event loop is already running")
         previous = events._get_running_loop()  # noqa: SLF001 # of the greenlet that waits here
         self._thread_id = threading.get_ident()
-        events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
+        _set_running_loop(None)
+        self.world.outside()
         try:
             if self._queue or self._stopping:  # type: ignore[has-type] # typeshed hides it
                 self._be_chosen()
@@ -101,7 +113,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         finally:
             self._stopping = False
             self._thread_id = None  # type: ignore[assignment] # as asyncio does
-            events._set_running_loop(previous)  # noqa: SLF001 # asyncio offers no other way
+            self.world.enter(previous)
 
     def switch(self) -> None:
         """Do what is to be done now. Called by the runner."""
@@ -109,14 +121,26 @@ class VirtualLoop(base_events.BaseEventLoop):
             self._chosen = False
             return
         queue: deque[Any] = self._queue
-        events._set_running_loop(self)  # noqa: SLF001 # asyncio offers no other way
+        world = self.world
         try:
             for _ in range(len(queue)):
                 handle = queue.popleft()
                 if not handle._cancelled:  # noqa: SLF001 # as asyncio does
-                    handle._run()  # noqa: SLF001 # asyncio offers no other way
+                    if world.entered is not self:
+                        world.enter(self)
+                    try:  # as `Handle._run`, without its call
+                        handle._context.run(handle._callback, *handle._args)  # noqa: SLF001 # as above
+                    except (SystemExit, KeyboardInterrupt):
+                        raise
+                    except BaseException as error:  # noqa: BLE001 # as asyncio does
+                        self.call_exception_handler(
+                            {
+                                "message": f"Exception in callback {handle!r}",
+                                "exception": error,
+                                "handle": handle,
+                            }
+                        )
         finally:
-            events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
             self._chosen = False
         if self._stopping:
             self._done.wake()
@@ -158,8 +182,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
         timer = _Timer(when, callback, args, self, context)
-        process = self.process
-        self.world.at(when if process is None else process.of_world(when), timer)
+        self.world.at(when if self._of_world is None else self._of_world(when), timer)
         return timer
 
     def call_later(  # type: ignore[override] # typed more loosely than in asyncio
@@ -167,6 +190,14 @@ class VirtualLoop(base_events.BaseEventLoop):
     ) -> asyncio.TimerHandle:
         """See `asyncio.AbstractEventLoop.call_later`."""
         return self.call_at(self.time() + delay, callback, *args, context=context)
+
+    def create_task(  # type: ignore[override] # typed more loosely than in asyncio
+        self, coro: Any, *, name: str | None = None, context: Context | None = None
+    ) -> asyncio.Task[Any]:
+        """See `asyncio.AbstractEventLoop.create_task`."""
+        task = super().create_task(coro, name=name, context=context)
+        self._tasks.add(weakref.ref(task, self._tasks.discard))
+        return task
 
     def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
         if handle._scheduled:  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
@@ -201,18 +232,17 @@ class VirtualLoop(base_events.BaseEventLoop):
         """
         self.set_exception_handler(lambda _loop, _context: None)
         previous = events._get_running_loop()  # noqa: SLF001 # asyncio offers no other way
-        events._set_running_loop(self)  # noqa: SLF001 # asyncio offers no other way
+        _set_running_loop(self)
         try:
-            closed: set[asyncio.Task[Any]] = set()
-            while tasks := asyncio.all_tasks(self) - closed:  # a `finally` may have made more
-                closed |= tasks
-                for task in tasks:
+            while self._tasks:  # a `finally` may make more
+                task = self._tasks.pop()()
+                if task is not None and not task.done():
                     task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
                     coroutine: Any = task.get_coro()
                     with contextlib.suppress(BaseException):
                         coroutine.close()
         finally:
-            events._set_running_loop(previous)  # noqa: SLF001 # asyncio offers no other way
+            _set_running_loop(previous)
         self._queue.clear()
         self._thread_id = None  # type: ignore[assignment] # typeshed hides it
         self.close()

@@ -28,6 +28,8 @@ from greenlet import GreenletExit, getcurrent, greenlet
 BEGINNING = 1_000_000_000.0
 """[s] since 1970, at which virtual time begins."""
 
+_set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no other way
+
 THROWS = 20
 """How often a greenlet that catches its end is ended, before it is left alone."""
 
@@ -97,6 +99,8 @@ class VirtualRunner:
         self._error: BaseException | None = None
         self._turning: VirtualProcess | None = None
         """Whose event loop has its turn."""
+        self.entered: Any = None
+        """The event loop that asyncio takes for the running one."""
 
     # -- a Runner ---------------------------------------------------------------------------------
 
@@ -163,7 +167,9 @@ class VirtualRunner:
 
     def at(self, when: float, action: Callable[[], None]) -> None:
         """Do something at a virtual time [s], between two greenlets; it must not wait."""
-        heappush(self._timers, (max(when, self._time), next(self._order), action))
+        if when < self._time:  # noqa: PLR1730 # `max` is a call, and this is done very often
+            when = self._time
+        heappush(self._timers, (when, next(self._order), action))
 
     def discard(self) -> None:
         """Note that the action of a timer was called off; it has an attribute `_cancelled` that says so."""
@@ -196,6 +202,19 @@ class VirtualRunner:
                 with contextlib.suppress(BaseException):
                     one.throw(GreenletExit)
         self._all.clear()
+
+    def enter(self, loop: Any) -> None:
+        """Let asyncio take an event loop for the running one, until another one is entered.
+
+        Each change of it is a system call, so it is not taken back after each turn.
+        """
+        if self.entered is not loop:
+            self.entered = loop
+            _set_running_loop(loop)
+
+    def outside(self) -> None:
+        """Let what follows find no running event loop, as a thread of its own does."""
+        self.enter(None)
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -236,15 +255,15 @@ class VirtualRunner:
 
     def _wait_in_a_turn(self) -> None:
         """A callback of an event loop waits: another greenlet takes over the task of choosing."""
-        me, loop = self._hub, events._get_running_loop()  # noqa: SLF001 # asyncio offers no other way
+        me, loop = self._hub, self.entered
         me.process = self._turning
         self._all[me] = None
         self._hub = _Fiber(self._schedule, self._main)
-        events._set_running_loop(None)  # noqa: SLF001 # asyncio offers no other way
+        self.outside()
         try:
             self._hub.switch()
         finally:
-            events._set_running_loop(loop)  # noqa: SLF001 # asyncio offers no other way
+            self.enter(loop)
 
     def _schedule(self) -> None:
         """Choose who runs, and let time pass, for ever; what an action raises goes to the main greenlet."""
@@ -273,16 +292,20 @@ class VirtualRunner:
                 elif not one.dead:
                     switches += 1
                     self._turning = process
+                    if self.entered is not None and isinstance(one, greenlet):
+                        self.outside()
                     one.switch()
                     if me is not self._hub:  # a callback of an event loop has waited
                         return
             self.switches += switches
             if self._time > moment:
                 moment, switches = self._time, 0
-            elif switches > MOST_SWITCHES:
-                raise RuntimeError(f"time stands still at {moment} s")
-            if not timers:
-                raise RuntimeError("everybody waits, and nothing will ever happen")
+            if not timers or switches > MOST_SWITCHES:
+                raise RuntimeError(
+                    f"time stands still at {moment} s"
+                    if timers
+                    else "everybody waits, and nothing will ever happen"
+                )
             self._time, _, action = heappop(timers)
             action()
 
@@ -310,7 +333,9 @@ class VirtualProcess:
         self.lock, self.random, self.here = runner.lock, runner.random, runner.here
         self.interrupt, self.name_thread = runner.interrupt, runner.name_thread
         self.stack_of = runner.stack_of
-        if rate == 1.0 and offset == 0.0:
+        self.exact = rate == 1.0 and offset == 0.0
+        """Whether its monotonic clock is the world's."""
+        if self.exact:
             self.now = runner.now  # type: ignore[method-assign] # asked for very often
         self.halted = False
         """Whether nothing of it runs at the moment."""
