@@ -36,7 +36,7 @@ class ModeRequest:
     """One request to stop or to resume. To await it returns when the controller has confirmed it.
 
     Args:
-        given_up: called when a task that awaited it is cancelled before its end.
+        abandoned: called when a task that awaited it is cancelled before its end.
 
     Raises:
         CommandFailed: it is not obeyed, or a newer request has replaced it.

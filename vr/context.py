@@ -23,7 +23,7 @@ R = TypeVar("R")
 
 
 class CommandContext(msgspec.Struct, frozen=True, kw_only=True):
-    """One command's papers."""
+    """What identifies one running command, and until when it may run."""
 
     key: str
     """`command id / path`: unique, passed down to the children and to the wire."""
@@ -161,7 +161,7 @@ class Activity(Protocol):
 
     @property
     def context(self) -> CommandContext:
-        """Its papers."""
+        """What identifies it, and until when it may run."""
         ...
 
     @property

@@ -148,7 +148,7 @@ class Directory:
         Raises:
             Hanging: somebody does.
         """
-        _complain(await self.hanging(pattern))
+        _raise_first(await self.hanging(pattern))
 
     async def hanging(self, pattern: str) -> list[Held]:
         """Return who lives under a pattern in a process that hangs, of those who have just not answered.
@@ -176,7 +176,7 @@ class Directory:
             if keys or not silent:
                 return [address for address in map(Address.parse, keys) if address is not None]
             if asyncio.get_running_loop().time() > latest:
-                _complain(silent)
+                _raise_first(silent)
                 return []
             await asyncio.sleep(SETTLE / 2)
 
@@ -251,7 +251,7 @@ class Directory:
                     _log.exception("a listener to the directory raised")
 
 
-def _complain(silent: list[Held]) -> None:
+def _raise_first(silent: list[Held]) -> None:
     for one in silent:
         if address := Address.parse(one.key):
             raise Hanging(role=address.role, name=address.name, where=one.in_words, remedy=one.remedy)

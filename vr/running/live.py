@@ -36,8 +36,7 @@ from robotree.vr.running.heard import Log
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.pending import Listener, PendingCall
-from robotree.vr.running.process import Process
-from robotree.vr.running.worker import DEEPEST, Frame, Manner, Worker
+from robotree.vr.running.process import DEEPEST, Frame, Manner, Process, Worker
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 

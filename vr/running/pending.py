@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from robotree.vr.child import readable
 from robotree.vr.errors import ChildCancelled, CommandCancelled, CommandFailed, NoAnswer, Unreachable, VrError
 from robotree.vr.requests import PATIENCE, Accepted, Progress, Raised, Returned, decode_reply
+from robotree.vr.running.process import Frame, Worker
 from robotree.vr.running.together import Part
-from robotree.vr.running.worker import Frame, Worker
 
 
 class Listener(Protocol):

@@ -23,6 +23,7 @@ from robotree.vr.lookup.service import LookupService
 from robotree.vr.running import process as processes
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.units import read_quantity
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
@@ -141,6 +142,14 @@ async def realm() -> AsyncIterator[Realm]:
     await realm.open()
     yield realm
     await realm.close()
+
+
+@pytest.fixture
+async def fleet(realm: Realm) -> AsyncIterator[Fleet]:
+    fleet = Fleet(realm.network.join("supervisor"))
+    await fleet.start()
+    yield fleet
+    await fleet.close()
 
 
 @pytest.fixture(params=["a process each", "one process"])

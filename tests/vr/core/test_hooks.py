@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import Awaitable
 from typing import Any
 
 import pytest
@@ -35,14 +35,6 @@ class Valve(VirtualRobot):
         if self.fails == "resume":
             raise ValueError("it did not open")
         self.trace.append("opened")
-
-
-@pytest.fixture
-async def fleet(realm: Any) -> AsyncIterator[Fleet]:
-    fleet = Fleet(realm.network.join("supervisor"))
-    await fleet.start()
-    yield fleet
-    await fleet.close()
 
 
 async def test_the_hook_of_a_later_stop_comes_after_that_of_an_earlier_release(

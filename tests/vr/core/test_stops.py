@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import Awaitable
 from typing import Any
 
 import pytest
@@ -54,14 +54,6 @@ class Above(VirtualRobot):
     """Has one child of any kind."""
 
     below = Child("Robot")
-
-
-@pytest.fixture
-async def fleet(realm: Any) -> AsyncIterator[Fleet]:
-    fleet = Fleet(realm.network.join("supervisor"))
-    await fleet.start()
-    yield fleet
-    await fleet.close()
 
 
 async def pair(realm: Any) -> tuple[RobotAgent, RobotAgent]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import Awaitable
 from typing import Any
 
 import pytest
@@ -32,14 +32,6 @@ class Rover(Robot):
     def resume(self) -> Awaitable[None] | None:
         self.releases.append(asyncio.get_running_loop().create_future())
         return self.releases[-1]
-
-
-@pytest.fixture
-async def fleet(realm: Any) -> AsyncIterator[Fleet]:
-    fleet = Fleet(realm.network.join("supervisor"))
-    await fleet.start()
-    yield fleet
-    await fleet.close()
 
 
 def tell(rover: RobotAgent, halted: str) -> None:
