@@ -7,7 +7,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
+from rich.text import Span, Text
 
+from robotree.tui.screen.widgets.readings import TIE, broken
 from robotree.tui.seen import instruments
 from robotree.tui.seen.instruments import BARS, HALF, bar, figure, groups, spark
 
@@ -100,3 +103,11 @@ def test_joints_share_a_line_until_they_are_unfolded() -> None:
     joints = {"j1": 0.25, "j2": -0.5, "j10": 0.0}
     assert [one.label for one in groups(joints, UNITS)] == ["joints"]
     assert [one.label for one in groups(joints, UNITS, folded=False)] == ["j1", "j2", "j10"]
+
+
+def test_a_figure_stays_with_its_name_and_its_unit_where_a_line_ends() -> None:
+    words = Text.assemble(f"x{TIE}0.196 z{TIE}0.496{TIE}m  ", (f"twist{TIE}0.0{TIE}°", "bold"))
+    lines = broken(words, 24, Console())
+    assert [line.plain for line in lines] == ["x 0.196 z 0.496 m", "twist 0.0 °"]
+    assert lines[1].spans == [Span(0, 11, "bold")]
+    assert [line.plain for line in broken(words, 40, Console())] == ["x 0.196 z 0.496 m  twist 0.0 °"]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from textual.widgets import Input
 
 from robotree.tui.line.actions import ACTIONS
+from robotree.tui.screen.pages import page
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import EMPTY
 from robotree.tui.screen.pages.new import NewPage
@@ -31,6 +33,28 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
     assert fitting([5, 9, 2, 5], 13, 3) == [0, 3], "nothing is taken before what matters more"
     assert fitting([5, 5], 4, 1) == [1]
     assert fitting([5, 5], 9, None) == [0]
+
+
+async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        monkeypatch.setattr(page, "TICK", 1e6)
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.at(PanelPage)
+        for width, counts in ((120, True), (80, False), (120, True)):
+            await operator.resize(width, 24)
+
+            def fits(width: int = width, counts: bool = counts) -> bool:  # noqa: FBT001 # of this turn
+                top, who, *_ = operator.text.splitlines()
+                cut = who.rstrip().endswith("…")
+                return (
+                    len(top) == width and ("2 robots" in top, cut) == (counts, not counts) and "STOP" in top
+                )
+
+            await operator.until(fits, f"{width} columns")
 
 
 async def test_help_is_in_the_line_of_keys_however_small_the_terminal(realm: Realm, operate: Operate) -> None:

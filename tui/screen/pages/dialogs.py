@@ -10,10 +10,12 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.events import Resize
 from textual.screen import ModalScreen, ScreenResultType
 from textual.widgets import Button, Static
 
 from robotree.tui.screen.bindings import bindings
+from robotree.tui.screen.hanging import hanging
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.key_line import KeyLine
@@ -97,6 +99,19 @@ class Confirm(Modal[bool]):
         self.dismiss(event.button.id == "yes")
 
 
+class Broken(Part, Static):
+    """Shows a text whose long lines go on below their last column."""
+
+    def __init__(self, text: Text) -> None:
+        """Show a text; it is no markup."""
+        super().__init__(text, markup=False)
+        self._text = text
+
+    def on_resize(self, event: Resize) -> None:
+        """Break the lines for this width."""
+        self.update(hanging(self._text, event.size.width, self.app.console))
+
+
 class Reading(Modal[None]):
     """Shows a longer text, as the command line would print it."""
 
@@ -105,13 +120,13 @@ class Reading(Modal[None]):
     def __init__(self, title: str, text: str | Text) -> None:
         """Show `text` under `title`; neither is markup."""
         super().__init__()
-        self.heading, self._text = title, text
+        self.heading, self._text = title, Text(text) if isinstance(text, str) else text
 
     def box(self) -> ComposeResult:
         """Title and text."""
         with VerticalScroll(classes="dialog reading") as box:
             box.border_title = Text(self.heading)
-            yield Static(self._text, markup=False)
+            yield Broken(self._text)
 
     def on_mount(self) -> None:
         """Let the arrow keys scroll."""

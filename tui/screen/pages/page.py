@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from typing import ClassVar
 
+from textual import on
 from textual.app import ComposeResult
 from textual.widget import Widget
 
 from robotree.tui.screen.leaving import Leaving
 from robotree.tui.screen.part import Part
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.topbar import Banner, TopBar
@@ -32,6 +34,9 @@ class Page(Part, Leaving[None]):
     ]
     VERTICAL_BREAKPOINTS: list[tuple[int, str]] | None = [(0, "-low"), (32, "-high")]  # noqa: RUF012
 
+    _due = False
+    """It will be drawn before the next tick."""
+
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""
         yield TopBar(classes="topbar")
@@ -52,6 +57,18 @@ class Page(Part, Leaving[None]):
         """Draw now and then regularly."""
         self.draw()
         self.set_interval(CALM_TICK if self.app.calm else TICK, self.guarded(self._tick))
+
+    @on(CachedText.Resized)
+    def _resized(self) -> None:
+        """Draw what depends on the room as soon as the parts have their new sizes, once for all of them."""
+        if not self._due:
+            self._due = True
+            self.call_later(self._draw_due)
+
+    def _draw_due(self) -> None:
+        self._due = False
+        if self.is_active:
+            self.draw()
 
     def on_screen_resume(self) -> None:
         """Draw what changed while another page was in front."""

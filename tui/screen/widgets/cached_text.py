@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from rich.text import Text
 from textual.content import Content
+from textual.events import Resize
+from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Static
 
@@ -12,6 +14,9 @@ from robotree.tui.screen.part import Part
 
 class CachedText(Part, Static):
     """Shows a text. Pages draw themselves a few times a second; most of it is the same as before."""
+
+    class Resized(Message):
+        """It has another width: what was made for the one before may be cut."""
 
     def __init__(
         self,
@@ -22,6 +27,13 @@ class CachedText(Part, Static):
         """Show nothing; whatever will be shown is no markup."""
         super().__init__("", id=id, classes=classes, markup=False)
         self._shown = Text()
+        self._width = 0
+
+    def on_resize(self, event: Resize) -> None:
+        """Ask for what fits."""
+        if event.size.width != self._width:
+            self._width = event.size.width
+            self.post_message(self.Resized())
 
     def show(self, text: Text) -> None:
         """Show a text, unless it is shown already; the page is laid out anew only where that may matter."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rich.cells import cell_len
+from rich.console import Console
 from rich.style import Style
 from rich.text import Text
 
@@ -27,6 +28,8 @@ FULL_FORCE = FULL["fx"]
 WARN, ALARM = 0.5, 0.8
 """Shares of a full bar from which on it is drawn as a warning, as an alarm."""
 
+WIDEST = 1000
+"""Cells of a line before its widget has a size."""
 LABEL = 8
 """Cells for the name of a line, and a gap."""
 LONGEST = 24
@@ -37,6 +40,17 @@ BESIDE = 14
 """Cells for the middle of a bar, the figure and its unit."""
 LEAST = 8
 """Cells of words in a line, at least."""
+TIE = "\ue000"
+"""A space at which no line ends: a figure stays with its name and its unit."""
+
+
+def broken(words: Text, room: int, console: Console) -> list[Text]:
+    """Return words in lines of at most `room` cells, as far as their ties allow; ties become spaces."""
+    lines = list(words.wrap(console, room))
+    for line in lines:
+        line.rstrip()
+        line.plain = line.plain.replace(TIE, " ")
+    return lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +88,8 @@ class Lines(CachedText):
         if not words:
             return
         lead = clip(label, LONGEST) if cell_len(seen(label)) >= LABEL else fit(label, LABEL - 1)
-        rest = [words]
-        room = self.size.width
-        if room and cell_len(lead) + 1 + words.cell_len > room:
-            first = max(room - cell_len(lead) - 1, LEAST)
-            rest = list(words.wrap(self.app.console, min(first, max(room - LABEL, LEAST))))
-        for number, part in enumerate(rest):
-            part.rstrip()
+        room = (self.size.width or WIDEST) - max(cell_len(lead) + 1, LABEL)
+        for number, part in enumerate(broken(words, max(room, LEAST), self.app.console)):
             text.append("\n" if text else "")
             text.append(" " * LABEL if number else f"{lead} ", tint(self.app, "muted"))
             text.append_text(part)
@@ -116,10 +125,10 @@ class Lines(CachedText):
             if words:
                 words.append(" ")
             if one.name:
-                words.append(f"{seen(one.name)} ", muted)
+                words.append(f"{seen(one.name)}{TIE}", muted)
             words.append(one.text, style)
             if one.unit:
-                words.append(f" {seen(one.unit)} ", muted)
+                words.append(f"{TIE}{seen(one.unit).replace(' ', TIE)} ", muted)
         words.rstrip()
 
     def _force(self, words: Text, told: ShownReadings, group: Group) -> None:
@@ -137,8 +146,8 @@ class Lines(CachedText):
                 words.append(instruments.spark(told.past, FULL_FORCE, SPARK), style)
                 words.append(" ")
             words.append(total.text, style)
-            words.append(f" {total.unit}  ", muted)
-            words.append("".join(f"peak {one}   " for one in peaks))
+            words.append(f"{TIE}{total.unit}  ", muted)
+            words.append("".join(f"peak{TIE}{one}   " for one in peaks))
             figures = tuple(parts)
         self._figures(words, figures, muted if told.old or size is not None else "")
         words.rstrip()
