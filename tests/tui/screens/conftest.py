@@ -19,7 +19,7 @@ from robotree.tui.screen import key_guard
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
-from robotree.vr.agents import news, shared
+from robotree.vr.agents import publisher, shared
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -142,7 +142,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """See at once what comes unasked, and hear soon how robots are: nobody here waits for that."""
     monkeypatch.setattr(key_guard, "LOOK", 0.0)
     monkeypatch.setattr(feeding, "PAUSE", 0.05)
-    monkeypatch.setattr(news, "QUICK", 0.03)
+    monkeypatch.setattr(publisher, "QUICK", 0.03)
     monkeypatch.setattr(shared, "ROUND", 0.15)
 
 
