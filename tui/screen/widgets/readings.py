@@ -126,7 +126,7 @@ class Lines(CachedText):
                 words.append(" ")
             if one.name:
                 words.append(f"{seen(one.name)}{TIE}", muted)
-            words.append(one.text, style)
+            words.append(one.text.replace(" ", TIE), style)
             if one.unit:
                 words.append(f"{TIE}{seen(one.unit).replace(' ', TIE)} ", muted)
         words.rstrip()
