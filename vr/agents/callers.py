@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import threading
 
 from robotree.vr.agents.shared import Presence, Undo
 from robotree.vr.requests import Raised, Returned
@@ -17,6 +18,8 @@ from robotree.vr.running.live import LiveRobot
 
 ARRIVAL = 0.5
 """[s] that the news of a caller's presence may come later than its call."""
+LINGER = 10.0
+"""[s] after which a caller that has not called again is watched no more; at most twice that."""
 
 GONE = "its caller has gone (`robotree call --detach` lets a command go on)"
 
@@ -24,7 +27,10 @@ _log = logging.getLogger(__name__)
 
 
 class Callers:
-    """The callers of one robot's commands. Lives on the event loop."""
+    """The callers of one robot's commands. Who calls what is noted in any thread; the event loop watches.
+
+    A caller that calls again and again is watched once: the loop is not woken for each of its calls.
+    """
 
     def __init__(self, live: LiveRobot, presence: Presence) -> None:
         """Begin without any.
@@ -35,9 +41,15 @@ class Callers:
         """
         self._live, self._presence = live, presence
         self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        """Guards what follows; nothing else is locked while it is held."""
         self._present: dict[str, dict[str, None]] = {}
         """The callers of each command under way, by its key."""
-        self._watching: dict[str, Undo] = {}
+        self._watching: dict[str, Undo | None] = {}
+        """By caller; None: it is about to begin."""
+        self._recent: set[str] = set()
+        """Callers that have called since it was last asked if they are still to be watched."""
+        self._closed = False
 
     def attend(self, caller: str, key: str) -> None:
         """End a command when the last of those who have called it has gone. From any thread.
@@ -46,69 +58,89 @@ class Callers:
             caller: key under which it is present.
             key: of the call.
         """
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
-            self._loop.call_soon_threadsafe(self._attend, caller, key)
-
-    def close(self) -> None:
-        """Watch no caller any more."""
-        for unwatch in self._watching.values():
-            unwatch()
-        self._watching.clear()
-
-    # -- inside -----------------------------------------------------------------------------------
-
-    def _attend(self, caller: str, key: str) -> None:
-        if key not in self._present:
-            if not self._live.listen(key, _End(self, key)):
-                return  # it has ended already
-            self._present[key] = {}
-        self._present[key][caller] = None
-        if caller not in self._watching:
-            self._watch(caller)
+        with self._lock:
+            first, unknown = key not in self._present, caller not in self._watching
+            self._present.setdefault(key, {})[caller] = None
+            self._recent.add(caller)
+            if unknown:
+                self._watching[caller] = None
+        if first and not self._live.listen(key, _End(self, key)):
+            self.ended(key)  # it was quicker
+        if unknown:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
+                self._loop.call_soon_threadsafe(self._watch, caller)
 
     def ended(self, key: str) -> None:
         """A command has ended. From any thread."""
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._forget, key)
+        with self._lock:
+            self._present.pop(key, None)
 
-    def _forget(self, key: str) -> None:
-        for caller in self._present.pop(key, ()):
-            if not any(caller in callers for callers in self._present.values()):
-                self._unwatch(caller)
+    def close(self) -> None:
+        """Watch no caller any more."""
+        with self._lock:
+            self._closed, watching = True, dict(self._watching)
+            self._watching.clear()
+        for unwatch in filter(None, watching.values()):
+            unwatch()
+
+    # -- on the loop ------------------------------------------------------------------------------
 
     def _watch(self, caller: str) -> None:
+        if self._closed:
+            return
+
         def look(_: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
             if not there:
                 self._lost(caller)
 
         def arrived() -> None:
+            timers.append(self._loop.call_later(LINGER, again))
             look(caller, self._presence.there(caller))
 
-        end, late = self._presence.watch(caller, look), self._loop.call_later(ARRIVAL, arrived)
+        def again() -> None:
+            timers[:] = [self._loop.call_later(LINGER, again)]
+            self._unwatch(caller, idle=True)
+
+        end = self._presence.watch(caller, look)
+        timers = [self._loop.call_later(ARRIVAL, arrived)]
 
         def unwatch() -> None:
             end()
-            late.cancel()
+            for timer in timers:
+                timer.cancel()
 
-        self._watching[caller] = unwatch
+        with self._lock:
+            self._watching[caller] = unwatch
 
-    def _unwatch(self, caller: str) -> None:
-        if (unwatch := self._watching.pop(caller, None)) is not None:
+    def _unwatch(self, caller: str, *, idle: bool = False) -> None:
+        """Watch a caller no more.
+
+        Args:
+            caller: the caller; its next call begins another watch.
+            idle: only if it has not called since it was last asked, and no call of it goes on.
+        """
+        with self._lock:
+            calls = caller in self._recent or any(caller in callers for callers in self._present.values())
+            self._recent.discard(caller)
+            unwatch = None if idle and calls else self._watching.pop(caller, None)
+        if unwatch is not None:
             unwatch()
 
     def _lost(self, caller: str) -> None:
         self._unwatch(caller)
-        for key, callers in list(self._present.items()):
-            if caller not in callers:
-                continue
-            del callers[caller]
-            if not callers:
-                _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
-                self._live.cancel(key, GONE)
+        left: list[str] = []
+        with self._lock:
+            for key, callers in self._present.items():
+                if caller in callers:
+                    del callers[caller]
+                    left += [] if callers else [key]
+        for key in left:
+            _log.warning("%s: a command was ended, because its caller has gone", self._live.robot.name)
+            self._live.cancel(key, GONE)
 
 
 class _End:
-    """Hears the end of one command: a `Listener`."""
+    """Is told when one command ends: a `Listener`."""
 
     def __init__(self, callers: Callers, key: str) -> None:
         self._callers, self._key = callers, key

@@ -69,6 +69,9 @@ class LiveRobot:
     """[s] when the watchdog looks next."""
     _last_obeyed: int = -1
 
+    _at_work = ("", 0)
+    """The call that runs and how many wait, as others were last told."""
+
     def __init__(
         self,
         robot: Robot,
@@ -164,6 +167,7 @@ class LiveRobot:
                 if listener is not None and isinstance(event, on.Invoke):
                     self._attend(event.call.key, listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
+            shows = self._shows(effects)
             due = self.core.due
         if number and self._journal is not None:
             self._journal.commit(number)
@@ -171,7 +175,7 @@ class LiveRobot:
             accepted()
         if turned is not None:
             turned()
-        self._carry_out(effects)
+        self._carry_out(effects, shows=shows)
         if turn is None:  # a turn's deadline is watched over with its caller's
             self._remind_at(due)
         if refusal is not None:
@@ -261,7 +265,7 @@ class LiveRobot:
         self.pass_time()
         self._remind_at(self.core.due)
 
-    def _carry_out(self, effects: list[Effect]) -> None:
+    def _carry_out(self, effects: list[Effect], *, shows: bool) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
                 turn = self._turns.pop(effect.key, None)
@@ -279,8 +283,16 @@ class LiveRobot:
                         _log.exception("%s: the end of a call could not be told", self.robot.name)
             else:
                 self._carry_out_other(effect)
-        if any(not isinstance(effect, on.Renew) for effect in effects):  # which nobody sees
+        if shows:
             self._on_change()
+
+    def _shows(self, effects: list[Effect]) -> bool:
+        """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
+        calls = self.core.state.calls
+        before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
+        return before != self._at_work or any(
+            not isinstance(one, Begin | Settled | on.Renew) for one in effects
+        )
 
     def _carry_out_other(self, effect: Effect) -> None:
         if isinstance(effect, Interrupt):

@@ -28,6 +28,10 @@ class Arm(Robot):
     def readings(self) -> dict[str, float]:
         return {"z": self.z, "broken": float("inf"), "name": "arm"}  # type: ignore[dict-item]
 
+    @command(effect="read")
+    def height(self) -> float:
+        return self.z
+
 
 class Lever(VirtualRobot):
     arm = Child("Arm")
@@ -186,3 +190,22 @@ async def test_a_robot_that_has_just_changed_ends_as_quickly_as_any(realm: Any, 
     realm.agents.remove(arm)  # which would wait for it as long
     async with asyncio.timeout(5):
         await arm.close()
+
+
+async def test_a_call_that_only_reads_publishes_no_state(realm: Any, listener: Listener) -> None:
+    arm = await realm.start(Arm("arm"))
+    await asyncio.sleep(5.0)
+    listener.take()
+    await asyncio.sleep(5.0)
+    alone = len(listener.take())
+    for _ in range(50):
+        await realm.client(arm).call("height", {})
+        await asyncio.sleep(0.1)
+    assert len(listener.take()) <= alone + 1
+    working = asyncio.create_task(realm.client(arm).call("work", {}))
+    await asyncio.sleep(0.3)
+    assert listener.last.busy == "work"
+    await realm.client(arm).call("height", {})
+    await working
+    await asyncio.sleep(0.2)
+    assert listener.last.busy == ""

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from robotree.vr.agents.callers import LINGER
+from robotree.vr.agents.shared import Presence
 from robotree.vr.errors import CommandCancelled
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.fleet import Fleet
@@ -91,6 +93,29 @@ async def test_a_command_that_was_only_told_goes_on_without_its_caller(
     operator.kill()
     await realm.until(lambda: running(rover) == [""])
     assert rover.robot.x == pytest.approx(3)
+
+
+async def test_a_caller_that_calls_again_and_again_is_watched_once_and_still_guarded(
+    realm: Any, operator: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    begun: list[str] = []
+    watch = Presence.watch
+
+    def counted(self: Presence, key: str, handler: Any) -> Any:
+        begun.extend([key] if key.startswith("caller/") else [])
+        return watch(self, key, handler)
+
+    monkeypatch.setattr(Presence, "watch", counted)
+    for _ in range(5):
+        await operator.fleet.call("rover", "move", {"x": 0.01})
+    assert len(begun) == 1
+    await asyncio.sleep(2 * LINGER + 1)  # then it is forgotten
+    operator.call("rover", "move", x=5)
+    await realm.until(lambda: running(rover) == ["move"])
+    assert len(begun) == 2
+    operator.kill()
+    await realm.until(lambda: running(rover) == [""], within=0.2)
 
 
 async def test_a_caller_that_was_never_there_is_not_obeyed_for_long(realm: Any) -> None:
