@@ -19,7 +19,7 @@ from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
-from robotree.vr.agents.publisher import LogPublisher, Publisher
+from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
@@ -160,7 +160,6 @@ class RobotAgent:
         """Nothing is declared and nothing watched yet."""
         self._known_to_parent: tuple[CommandSpec, ...] = ()
         """The commands of which the parent knows."""
-        self._log_publisher = LogPublisher(self.live.log, self.address, self.transport)
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
         self._unwatch_parent: Undo = _nothing

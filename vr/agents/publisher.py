@@ -25,7 +25,6 @@ from robotree.vr.errors import TransportError, VrError
 from robotree.vr.fields import StateField
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.requests import Heard, State, encode
-from robotree.vr.running.heard import Log
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot
@@ -87,6 +86,10 @@ class Publisher:
         """As they were when they were shown last."""
         self._same: bytes | None = None
         """The state that was published last, if only a change of the robot can make another one."""
+        self._line = 0
+        """Number of the line of the log that was published last."""
+        self._line_waits = False
+        live.log.on_line = self._new_line
 
     def begin(self) -> None:
         """Publish from now on."""
@@ -161,6 +164,23 @@ class Publisher:
         if not state.busy:
             self._same = body
         return bool(state.busy)
+
+    # -- log --------------------------------------------------------------------------------------
+
+    def _new_line(self) -> None:
+        """Have new lines of the log published soon. From any thread."""
+        if not self._line_waits:
+            self._line_waits = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+                self._loop.call_soon_threadsafe(self._loop.call_later, PAUSE, self._publish_log)
+
+    def _publish_log(self) -> None:
+        self._line_waits = False
+        lines = tuple(self._live.log.since(self._line))
+        if lines:
+            self._line = lines[-1].number
+            with contextlib.suppress(TransportError):  # it is closed
+                self._transport.publish(f"{self._address.key}/log", encode(Heard(lines=lines)))
 
     # -- listing ----------------------------------------------------------------------------------
 
@@ -303,37 +323,6 @@ class Publisher:
             "host": self._host,
             "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
         }
-
-
-class LogPublisher:
-    """Publishes one log, on the event loop on which it was made."""
-
-    def __init__(self, log: Log, address: Address, transport: Transport) -> None:
-        """Publish every line from now on."""
-        self._log, self._address, self._transport = log, address, transport
-        self._loop = asyncio.get_running_loop()
-        self._last = 0
-        """Number of the line that was published last."""
-        self._waiting = False
-        log.on_line = self._new
-
-    def _new(self) -> None:
-        """Note a new line. From any thread."""
-        if not self._waiting:
-            self._waiting = True
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-                self._loop.call_soon_threadsafe(self._later)
-
-    def _later(self) -> None:
-        self._loop.call_later(PAUSE, self._publish)
-
-    def _publish(self) -> None:
-        self._waiting = False
-        lines = tuple(self._log.since(self._last))
-        if lines:
-            self._last = lines[-1].number
-            with contextlib.suppress(TransportError):  # it is closed
-                self._transport.publish(f"{self._address.key}/log", encode(Heard(lines=lines)))
 
 
 @lru_cache(1024)
