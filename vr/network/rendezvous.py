@@ -290,9 +290,11 @@ class Rendezvous:
         keys = list(self._keys.elements())
         self._lines = len(keys)
         new = self.directory / f".{self.tag}.new"
-        with contextlib.suppress(OSError):  # the folder is gone; `register` writes them anew
+        try:
             new.write_text("".join(f"{key}\n" for key in keys))
             new.rename(self._path(_HELD))
+        except OSError:  # the folder is gone, or the disk full; `register` writes them anew
+            self._remove_list()
 
     def _append(self, line: str) -> None:
         """Write one line more: with many keys, all of them would take longer than to make what one names."""
@@ -304,11 +306,20 @@ class Rendezvous:
         except OSError:
             self._write_keys()
             return
+        packed = f"{line}\n".encode()
         try:
-            with contextlib.suppress(OSError):
-                os.write(handle, f"{line}\n".encode())
+            whole = os.write(handle, packed) == len(packed)
+        except OSError:
+            whole = False
         finally:
             os.close(handle)
+        if not whole:
+            self._remove_list()
+
+    def _remove_list(self) -> None:
+        """Have no list at all rather than a wrong one: a process without one is named by each stop."""
+        with contextlib.suppress(OSError):
+            self._path(_HELD).unlink()
 
     def _sweep(self, hidden: Path) -> None:
         """Remove what a process left that was killed before it could be seen."""

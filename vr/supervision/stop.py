@@ -11,6 +11,8 @@ import asyncio
 from collections.abc import Callable, Sequence
 from functools import partial
 
+import msgspec
+
 from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.core.confirmation import LEAST, Confirmations
 from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
@@ -126,8 +128,13 @@ class StopOrder:
     async def _look(self) -> None:
         """See who is there, and tell who has not been told."""
         held = await self._transport.held(self._pattern)
+        lost, was = {one.where: one for one in held if not one.key}, self._held
         addresses = ((Address.parse(one.key), one) for one in held)
-        self._held = {address: one for address, one in addresses if address is not None}
+        self._held = {  # also of processes that have lost their files since the last look
+            address: msgspec.structs.replace(old, asleep=lost[old.where].asleep)
+            for address, old in was.items()
+            if old.where in lost
+        } | {address: one for address, one in addresses if address is not None}
         new, before = (None, _now()), self._unlisted
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
         seen = {one for one in self._directory.present("robot") if self._name in {None, one.name}}

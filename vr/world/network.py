@@ -696,7 +696,8 @@ class MemoryTransport:
             if member not in self.network.unlisted:
                 found += [self.network.held(member, key) for key in member.tokens if matches(pattern, key)]
             elif member is not self:
-                found.append(Held("", member.name, f"list {member.name}", "its entry is gone"))
+                asleep = self.network.held(member, "").asleep
+                found.append(Held("", member.name, f"list {member.name}", "its entry is gone", asleep))
         return found
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:

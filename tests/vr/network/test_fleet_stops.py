@@ -10,6 +10,7 @@ import pytest
 
 from robotree.vr.errors import NotConfirmed, Stopped
 from robotree.vr.supervision.fleet import Fleet
+from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.testing import until
 from tests.vr.network.world import Rover, World
 
@@ -90,6 +91,21 @@ async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World
     world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
     assert list(await newcomer.stop(None)) == ["r1", "r2"]
     await newcomer.close()
+
+
+async def test_a_robot_whose_process_freezes_and_then_loses_its_files_is_named_soon(world: World) -> None:
+    sleeper: Any = world.agents["r1"].transport
+    world.network.freeze(sleeper)
+    began = asyncio.get_running_loop().time()
+    stopping = asyncio.create_task(world.fleet.stop(None))
+    await until(lambda: stopped(world, "r2"), "all are told")
+    world.network.unlist(sleeper)
+    with pytest.raises(
+        NotConfirmed, match=r"by r2 but NOT by r1 \(in r1, which hangs\); r1 \(its entry is gone\)"
+    ):
+        await stopping
+    assert asyncio.get_running_loop().time() - began < CONFIRM / 2
+    world.network.thaw(sleeper)
 
 
 async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:

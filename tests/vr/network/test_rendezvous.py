@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import random
 import shutil
@@ -87,6 +88,30 @@ def test_what_a_process_holds_no_longer_is_taken_back_line_by_line_and_the_list_
     for key in (keys[0], *keys[100:]):
         one.drop(key)
     assert other.keys_of(one.tag) == []
+    door.close()
+
+
+@pytest.mark.parametrize("fails", [0, -1])
+def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: int
+) -> None:
+    """As on a full disk: without a list a process is named by each stop, with a wrong one it is missed."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    door = one.register()
+    one.hold("robot/a/1")
+
+    def write(*_: object) -> int:
+        if fails < 0:
+            raise OSError(errno.ENOSPC, "no space left on device")
+        return fails
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", write)
+        one.hold("robot/b/1")
+    assert other.keys_of(one.tag) is None
+    assert not one.registered()
+    one.register().close()
+    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1"]
     door.close()
 
 
