@@ -38,6 +38,10 @@ if TYPE_CHECKING:
     from robotree.vr.description import CommandSpec
 
 
+START = 0.5
+"""[s] that Python takes at most to start."""
+
+
 def program() -> NoReturn:
     """Run the command line of this process and end the process.
 
@@ -60,17 +64,19 @@ def main(words: Sequence[str] | None = None) -> int:
     Returns:
         The exit code; see `exit_codes`.
     """
+    # what this process has computed so far is the start of Python: the line was given before that
+    began = time.monotonic() - (min(time.process_time(), START) if words is None else 0.0)
     given = list(sys.argv[1:] if words is None else words)
     with answering(as_json="--json" in takewhile(lambda word: word != "--", given)) as got:
-        code = _answered(given)
+        code = _answered(given, began)
         if got.as_json and not got.given and code == exit_codes.DONE:
             put("null")
         return code
 
 
-def _answered(given: list[str]) -> int:
+def _answered(given: list[str], began: float) -> int:
     try:
-        return _obey(given)
+        return _obey(given, began)
     except KeyboardInterrupt:
         complain(Interrupted())
         return exit_codes.INTERRUPTED
@@ -85,8 +91,7 @@ def _answered(given: list[str]) -> int:
         return exit_codes.code_of(error)
 
 
-def _obey(given: list[str]) -> int:
-    began = time.monotonic()
+def _obey(given: list[str], began: float) -> int:
     before, rest = grammar.leading(given, manual.EVERYWHERE)
     surface = manual.shell(readonly=only_looking(given="--readonly" in given))
     plain = [word for word in rest if not word.startswith("-")]
