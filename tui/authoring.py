@@ -157,12 +157,18 @@ def new(line: Line, kinds: Kinds) -> int:
     return exit_codes.DONE
 
 
-def _found_by() -> dict[str, Any]:
-    """Return where pyright finds robotree if it is installed from its repository; a wheel needs nothing."""
+def _checkers() -> dict[str, str]:
+    """Return the settings of pyright and mypy, by file.
+
+    They are told where robotree is if it is installed from its repository; a wheel needs nothing of that.
+    """
     import robotree.vr
 
     place = Path(str(robotree.vr.__file__)).resolve().parents[1] / "typings"
-    return {"extraPaths": [str(place)]} if (place / "robotree").is_dir() else {}
+    there = (place / "robotree").is_dir()
+    pyright = PYRIGHT | ({"extraPaths": [str(place)]} if there else {})
+    files = {"pyrightconfig.json": json.dumps(pyright, indent=2) + "\n"}
+    return files | ({"mypy.ini": f"[mypy]\nmypy_path = {place}\n"} if there else {})
 
 
 def _kind(given: str, kinds: Kinds) -> str:
@@ -196,6 +202,6 @@ def _files(module: str, kind: str, *, exposes: bool) -> dict[str, str]:
     return {
         f"{module}.py": page,
         f"test_{module}.py": test,
-        "pyrightconfig.json": json.dumps(PYRIGHT | _found_by(), indent=2) + "\n",
+        **_checkers(),
         ".vscode/settings.json": EDITOR,
     }

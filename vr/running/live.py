@@ -399,6 +399,9 @@ class LiveRobot:
                 "any more; the robot is free again when it has ended, or after a restart of %s",
                 *(self.name, call.command, where and f" ({where})", self.core.state.home),
             )
+            if call.cause is not None:
+                self._enter_end(call, call.cause)
+            self.log.say("warning", f"{call.command} has ended and its code still runs: {where or '?'}")
         self.post(on.Abandon(key=key, where=where))
         frame = self.frames.get(key)
         if frame is not None and not frame.worker.dead:  # a part of it was given up, on another worker
@@ -410,6 +413,7 @@ class LiveRobot:
         """Abandoned code has ended after all."""
         command = self.core.state.calls.abandoned.get(key, "a command")
         _log.warning("%s.%s has ended after all; the robot can be used again", self.name, command)
+        self.log.say("info", f"{command} has ended after all; the robot can be used again")
         self.post(on.Gone(key=key))
         self._on_change()
 
@@ -441,6 +445,8 @@ class LiveRobot:
         """Enter in the log how a command ended: that, of those that only read, failures alone."""
         if self.log.begun:
             self.log.end(call.key)
+        if call.cause is not None and isinstance(reply, Raised):
+            reply = call.cause  # what its caller is told, too, however the code took it
         if isinstance(reply, Returned):
             if not call.reads:
                 self.log.say("done", f"{call.command} is done")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from robotree.tui.cli import main
 from tests.vr.authoring.test_values import Painter
 
 ROOT = Path(__file__).parents[3]
@@ -138,6 +140,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     specs = tuple(one.spec for one in commands_of(Painter).values())
     painter = RobotDescription(address=Address("robot", "p", "1"), kinds=Painter.kinds(), commands=specs)
     (made / "painter_kind.py").write_text(interface(painter, origin="Written by a test."))
+    with contextlib.chdir(made):
+        assert main(["new", "mine", "--over", "arm"]) == 0
     for name, text in (("right", RIGHT), ("wrong", WRONG), ("own", OWN)):
         (made / f"{name}.py").write_text(text)
     return made
@@ -173,8 +177,6 @@ def test_mypy_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
         str(TOOLS / "mypy"),
         "--strict",
         "--follow-imports=silent",
-        "--namespace-packages",
-        "--explicit-package-bases",
     ]
     command += [f"--cache-dir={ROOT / '.mypy_cache'}", "--no-error-summary", "--no-color-output", "."]
     said = subprocess.run(
@@ -183,7 +185,6 @@ def test_mypy_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        env={"MYPYPATH": f"{ROOT / 'typings'}:{folder}"},
     )
     places = {
         (one[1], int(one[2])) for one in re.finditer(r"^(\w+\.py):(\d+): error", said.stdout, re.MULTILINE)

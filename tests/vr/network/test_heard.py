@@ -60,6 +60,14 @@ class Talker(VirtualRobot):
         print("waits")
         self.sleep(60)
 
+    @command
+    def swallow(self) -> None:
+        print("swallows")
+        try:
+            self.sleep(60)
+        except Exception as error:
+            raise ValueError("my own") from error
+
     @command(effect="read")
     def look(self) -> int:
         return 1
@@ -152,6 +160,19 @@ async def test_success_failure_and_cancel_differ() -> None:
         assert [level for level, _ in lines] == ["failed", "info", "cancelled"]
         assert "ValueError: broken" in lines[0][1]
         assert "enough" in lines[2][1]
+
+
+async def test_a_cancel_is_a_cancel_in_the_log_whatever_the_code_makes_of_it() -> None:
+    async with on_stage() as stage:
+        robot = stage.robots["one"]
+        waiting = asyncio.ensure_future(robot.call("swallow", {}))
+        agent = stage.host.agents["one"]
+        await until(lambda: any(one.text == "swallows" for one in agent.live.log.since(0)), "it swallows")
+        await robot.cancel(reason="enough")
+        with pytest.raises(CommandCancelled):
+            await waiting
+        lines = await stage.lines("one")
+        assert lines[-1] == ("cancelled", "one.swallow was cancelled: enough")
 
 
 async def test_hooks_speak_for_their_robot() -> None:
