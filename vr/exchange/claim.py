@@ -1,4 +1,4 @@
-"""Which agent may have a name: one whose name nobody has, and of two that come at once only one.
+"""Names are unique: an agent may have a name that no other has; of two that come at once only one stays.
 
 Presence decides, not the lookup services, for those are soft and know no enslaved robots
 (docs/decisions/0003). Robots and views have their names in common, since people see them side by side, in one
@@ -34,7 +34,7 @@ async def claim(transport: Transport, address: Address) -> Registration:
 
     Args:
         transport: the way to all who could have it.
-        address: of the agent, which must already serve its requests: who is seen is asked at once.
+        address: of the agent, which must already serve its requests: others ask it as soon as they see it.
 
     Returns:
         The presence, to be closed when the agent ends.
@@ -46,7 +46,7 @@ async def claim(transport: Transport, address: Address) -> Registration:
     presence: Registration | None = None
     while presence is None:
         await expect_free(transport, address)
-        with contextlib.suppress(Occupied):  # somebody came meanwhile: it is looked at once more
+        with contextlib.suppress(Occupied):  # another one came meanwhile: look once more
             presence = await transport.announce(address.key, unless=_patterns(address))
     try:
         await outlast(transport, address)
@@ -57,11 +57,11 @@ async def claim(transport: Transport, address: Address) -> Registration:
 
 
 async def expect_free(transport: Transport, address: Address) -> None:
-    """Before announcing: see that nobody has the name; one who is just leaving is waited for.
+    """Before announcing: check that no other agent has the name; one that is just ending is waited for.
 
     Raises:
-        DuplicateName: somebody has it.
-        NameInSilence: somebody has it who hangs.
+        DuplicateName: another agent has it.
+        NameInSilence: another agent has it, and its process hangs.
     """
     if await _others(transport, address) or await _silent(transport, address):
         await asyncio.sleep(SETTLE)

@@ -253,7 +253,7 @@ class RobotClient:
         accepted: Callable[[], None] = lambda: None,
         counted: Callable[[int], None] = lambda _: None,
     ) -> Sequence[str]:
-        """Protective stop, ahead of everything, down to the hardware. Anyone may.
+        """Protective stop, ahead of everything, down to the hardware. It needs no lease.
 
         Args:
             reason: for those whose commands it ends.
@@ -307,7 +307,7 @@ class RobotClient:
     # -- what operators ask -----------------------------------------------------------------------
 
     async def describe(self, *, urgent: bool = False) -> RobotDescription:
-        """Ask who it is and how it is; `urgent`: ahead of everything else, as a stop is."""
+        """Ask for its description; `urgent`: ahead of everything else, as a stop is."""
         return (await self._ask(Describe(), Described, urgent=urgent)).robot
 
     async def read_log(self, after: int = 0) -> Sequence[Said]:

@@ -106,7 +106,7 @@ class Fleet:
         return [one for one in await self._transport.held("*/*/*") if one.key]
 
     async def silent(self) -> Sequence[Held]:
-        """Return who lives in a process that hangs; who is on its way looks so for a moment, too."""
+        """Return the agents whose processes hang; one that is just starting looks so for a moment, too."""
         return await self._transport.silent("*/*/*")
 
     def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
@@ -173,7 +173,7 @@ class Fleet:
     # -- what they are ----------------------------------------------------------------------------
 
     async def describe(self, name: str) -> RobotDescription:
-        """Ask a robot who it is, enslaved or not."""
+        """Ask a robot for its description, enslaved or not."""
         return self._count(await self._ask(name, lambda robot: robot.describe()))
 
     async def describe_view(self, name: str) -> ViewDescribed:
@@ -252,19 +252,19 @@ class Fleet:
     async def stop(self, name: str | None, *, on_late: OnLate = lambda _: None) -> Sequence[str]:
         """Protective stop of one robot or of all, at once, down to the hardware.
 
-        It can be given before `start`: then it concerns those who live on this machine.
+        It can be given before `start`: then it concerns the robots of this machine.
 
         Args:
             name: of the robot; None: all.
-            on_late: told, half a second later at most, who has not said a word yet and is waited for.
+            on_late: called, half a second later at most, with the robots that have not answered yet.
 
         Returns:
             The names of those that have confirmed it.
 
         Raises:
             NoSuchRobot: there is none of this name.
-            NotConfirmed: one that lives has not confirmed it, or may have been missed. All others were told
-                before this is raised; it names both, and the processes.
+            NotConfirmed: a robot that lives has not confirmed it, or may have been missed. All others were
+                asked before this is raised; it names both, and the processes.
         """
         order = StopOrder(
             self.directory,
@@ -410,7 +410,7 @@ class Fleet:
 
 
 class _Presence:
-    """How robots see that an operator's program waits for its commands."""
+    """The presence of an operator's program: while it lasts, robots know that the program waits."""
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport

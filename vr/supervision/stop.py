@@ -1,4 +1,4 @@
-"""One protective stop, for one robot or all: it waits for nobody, and says which robots it may have missed.
+"""One protective stop, for one robot or all: no robot delays the others, and what was missed is named.
 
 The robots are read from the record that the machine keeps of what lives, so no search comes first. A robot
 that has not even said that it has the stop is named soon, with its process; one that has it may take as long
@@ -40,14 +40,14 @@ UNLISTED = 0.8
 """[s] for a process without a name to take one: each looks twice a second whether its own is there."""
 
 OnLate = Callable[[str], None]
-"""Takes a sentence that names who has not been heard yet."""
+"""Takes a sentence that names the robots that have not answered yet."""
 
 Counted = Callable[[str, int], None]
 """Takes the key of a robot and how many stops it has counted."""
 
 
 class _Told:
-    """One robot, from the moment when it is told."""
+    """One robot that was asked to stop."""
 
     def __init__(self, address: Address, now: float) -> None:
         self.address, self.since = address, now
@@ -85,8 +85,8 @@ class StopOrder:
             transport: the way to them.
             name: of the robot; None: all.
             reason: for those whose commands it ends.
-            on_late: told who has not been heard for a while and is waited for, each robot once.
-            counted: told how many stops each robot that confirms it has counted.
+            on_late: called with the robots that have not answered for a while, each of them once.
+            counted: called with how many stops each robot that confirms it has counted.
 
         Raises:
             BadName: no robot can have this name.
@@ -100,7 +100,7 @@ class StopOrder:
         self._unlisted: dict[str, tuple[Held, float]] = {}
         """Processes of which nobody knows what they hold, by name, and since when [s]."""
         self._named: set[str] = set()
-        """Those who were named, because nothing was heard of them."""
+        """Keys of the robots and processes that `on_late` has named."""
 
     async def give(self) -> Sequence[str]:
         """Tell all robots that it concerns, also those that appear meanwhile, and wait for what they say.
@@ -126,7 +126,7 @@ class StopOrder:
     # -- telling ----------------------------------------------------------------------------------
 
     async def _look(self) -> None:
-        """See who is there, and tell who has not been told."""
+        """Look which robots are there, and ask those that were not asked before."""
         held = await self._transport.held(self._pattern)
         lost, was = {one.where: one for one in held if not one.key}, self._held
         addresses = ((Address.parse(one.key), one) for one in held)
@@ -146,7 +146,7 @@ class StopOrder:
             self._unlisted.clear()  # the robot that is meant is found
 
     async def _tell(self, told: _Told) -> None:
-        """Tell one robot, until it has answered or its time is over."""
+        """Ask one robot to stop, until it has answered or its time is over."""
         client, until = RobotClient(self._transport, told.address), told.since + CONFIRM
         while (left := until - _now()) > LEAST:
             try:
