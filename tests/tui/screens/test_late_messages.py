@@ -5,6 +5,7 @@ Between two lines without `await` no message is handled: that is the slowest mac
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.vr.address import Address
 from robotree.vr.description import FieldSpec, Listing
+from robotree.vr.requests import ViewDescribed
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -168,6 +170,31 @@ async def test_turning_twice_comes_to_the_camera_after_the_next(
         views.turn()
         await operator.settled()
         assert seen == [1, 2]
+
+
+async def test_a_camera_that_was_chosen_while_the_views_were_asked_stays(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.fleet) as operator:
+        operator.app.main.show_pane("views")
+        cameras = operator.app.main.query_one(ViewsPane).query_one(Cameras)
+        await operator.until(lambda: bool(cameras.all), "cameras")
+        described = await realm.fleet.describe_view("cell")
+        asked, answered = asyncio.Event(), asyncio.Event()
+
+        async def answer(_view: str) -> ViewDescribed:
+            asked.set()
+            await answered.wait()
+            return msgspec.structs.replace(described, cameras=("a", "b", "c"))
+
+        monkeypatch.setattr(operator.app.fleet, "describe_view", answer)
+        cameras.all, cameras.at = [("cell", "a"), ("cell", "b")], 0
+        cameras._ask(("cell",))
+        await asked.wait()
+        cameras.turn()
+        answered.set()
+        await operator.until(lambda: len(cameras.all) == 3, "the answer")
+        assert cameras.at == 1
 
 
 def listing(name: str) -> Listing:

@@ -77,7 +77,6 @@ class Cameras(CachedText):
 
     @work(exclusive=True, exit_on_error=False)
     async def _ask(self, views: tuple[str, ...]) -> None:
-        before = self.all[self.at] if self.all else None
         found: list[tuple[str, str]] = []
         for view in views:
             try:
@@ -86,6 +85,7 @@ class Cameras(CachedText):
                 self.app.tell(str(error), "warning")
                 continue
             found += [(view, camera) for camera in described.cameras or ("",)]
+        before = self.all[self.at] if self.all else None  # a person may have turned meanwhile
         if before and before not in found:
             found.append(before)  # its last picture stays, with its age, until a person turns to another one
         self.all = found

@@ -83,4 +83,5 @@ class ViewsPane(Part, Horizontal):
         except VrError as error:
             self.query_one(Readings).show(Text(str(error), tint(self.app, "error")))
             return
-        self.query_one(Readings).draw(ShownReadings(told.readings, told.units))
+        if cameras.all[cameras.at][0] == view:  # else a person has turned to another one meanwhile
+            self.query_one(Readings).draw(ShownReadings(told.readings, told.units))
