@@ -84,21 +84,21 @@ async def test_an_author_who_prints_does_not_block_the_host() -> None:
     assert (code, json.loads(out)) == (exit_codes.DONE, 3000)
 
 
+async def until_busy(command: str, caller: asyncio.subprocess.Process | None = None) -> None:
+    """Wait until the robot carries a command out, or none; well before it would end by itself."""
+    async with asyncio.timeout(30):
+        while await busy() != command:
+            if caller is not None and caller.returncode is not None:
+                pytest.fail(f"its caller has ended: {await caller.communicate()}")
+
+
 @pytest.mark.usefixtures("crew")
 async def test_a_verb_that_is_told_to_end_takes_its_command_with_it() -> None:
     call = await start("call", "talker.wait")
-    async with asyncio.timeout(60):
-        while await busy() != "wait":
-            pass
+    await until_busy("wait", call)
     call.terminate()
     assert await asyncio.wait_for(call.wait(), 60) == exit_codes.INTERRUPTED
     assert not await busy()
-
-
-async def until_busy(command: str) -> None:
-    async with asyncio.timeout(60):
-        while await busy() != command:
-            pass
 
 
 @pytest.mark.usefixtures("crew")
@@ -107,15 +107,15 @@ async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(pl
     script.write_text("call talker.wait\n")
     for words in (("call", "talker.wait"), ("run", str(script))):
         caller = await start(*words)
-        await until_busy("wait")
+        await until_busy("wait", caller)
         caller.kill()
         await caller.wait()
-        assert not await busy()
+        await until_busy("")
     code, out = await robotree("call", "talker.wait", "--detach")
     assert (code, out.split(";")[0]) == (exit_codes.DONE, "talker.wait has begun and goes on by itself")
-    assert await busy() == "wait"
+    await until_busy("wait")
     await robotree("cancel", "talker")
-    assert not await busy()
+    await until_busy("")
 
 
 @pytest.mark.usefixtures("crew")

@@ -182,9 +182,9 @@ async def test_figure_4_23_the_panel_of_the_lever_is_asked_for(stage: Stage) -> 
 
 async def test_figure_4_24_one_press_of_a_button_works_the_lever(stage: Stage) -> None:
     page = stage.app.screen
-    await stage.run_command(page, "open", within=60)
+    await stage.run_command(page, "open", within=200)
     assert await stage.lever() < -0.75
-    await stage.run_command(page, "close", within=60)
+    await stage.run_command(page, "close", within=200)
 
 
 async def test_figure_4_25_the_lever_is_closed(stage: Stage) -> None:

@@ -19,6 +19,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.exchange import claim
+from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.supervision.fleet import Fleet
@@ -182,6 +183,10 @@ class Cell:
         return file.getvalue()
 
 
+PATIENT = 120.0
+"""[s] Term of all leases: on a busy machine nobody is lost while the screen is drawn."""
+
+
 class Realm:
     """One realm and who is in it."""
 
@@ -205,14 +210,14 @@ class Realm:
 
     async def host(self, name: str = "host-1") -> Host:
         transport = self._join(name)
-        host = Host(transport, name, registrar=self._registrar(transport))
+        host = Host(transport, name, registrar=self._registrar(transport), term=PATIENT)
         await host.start()
         self._stack.push_async_callback(host.close)
         return host
 
     async def robot(self, robot: Robot) -> RobotAgent:
         transport = self._join(robot.name)
-        agent = RobotAgent(robot, transport, registrar=self._registrar(transport))
+        agent = RobotAgent(robot, transport, registrar=self._registrar(transport), term=PATIENT)
         await agent.start()
         self._stack.push_async_callback(agent.close)
         return agent
@@ -236,6 +241,7 @@ class Realm:
 @pytest.fixture
 async def realm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Realm]:
     """A lookup service, a host, an arm, a rover, a view, and a fleet that sees them."""
+    monkeypatch.setattr(registrar, "TERM", PATIENT)
     monkeypatch.setattr(claim, "SETTLE", 0.01)  # in memory an announcement is there at once
     async with AsyncExitStack() as stack:
         found = Realm(stack)

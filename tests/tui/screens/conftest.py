@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Iterable, Sized
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 from textual._xterm_parser import XTermParser
+from textual.css.model import RuleSet
+from textual.css.stylesheet import Stylesheet
 from textual.events import Event
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Input
 
-from robotree.tui.screen import key_guard
+from robotree.tui.screen import key_guard, keys_in_order
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
@@ -28,6 +30,9 @@ KEYS = {
     " ": "space", ".": "full_stop", "_": "underscore", "-": "minus", ":": "colon", "/": "slash",
     "=": "equals_sign", "[": "left_square_bracket", "]": "right_square_bracket", ",": "comma",
 }  # fmt: skip
+
+PATIENCE = 60.0
+"""[s] A busy machine may take that long for one step."""
 
 W = TypeVar("W", bound=Widget)
 S = TypeVar("S", bound="Screen[object]")
@@ -74,7 +79,7 @@ class Operator:
         self.one(Input, "#line").value = text
         await self.press("enter")
 
-    async def until(self, holds: Callable[[], bool], what: str = "it", within: float = 10.0) -> None:
+    async def until(self, holds: Callable[[], bool], what: str = "it", within: float = PATIENCE) -> None:
         """Wait until something holds."""
         try:
             async with asyncio.timeout(within):
@@ -131,10 +136,34 @@ def prompt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("textual.pilot.wait_for_idle", settle)
 
 
+_parsed: dict[tuple[object, ...], list[RuleSet]] = {}
+_parse = Stylesheet._parse_rules
+
+
+def parse_once(sheet: Stylesheet, *source: Any, **more: Any) -> list[RuleSet]:
+    """Return the rules of a source; every app would parse the same ones again."""
+    key = (*source, *more.items(), *sheet._variables.items())
+    if key not in _parsed:
+        _parsed[key] = _parse(sheet, *source, **more)
+    return _parsed[key]
+
+
+@pytest.fixture(autouse=True)
+def parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parse each style sheet once in a process."""
+    monkeypatch.setattr(Stylesheet, "_parse_rules", parse_once)
+
+
 @pytest.fixture(autouse=True)
 def calm(monkeypatch: pytest.MonkeyPatch) -> None:
     """No animations: they only cost time."""
     monkeypatch.setattr("textual.constants.TEXTUAL_ANIMATIONS", "none")
+
+
+@pytest.fixture(autouse=True)
+def in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have no key overtake the one before it because the machine is busy."""
+    monkeypatch.setattr(keys_in_order, "LIMIT", PATIENCE)
 
 
 @pytest.fixture(autouse=True)

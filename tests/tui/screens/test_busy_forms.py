@@ -115,9 +115,9 @@ async def test_quick_keys_after_create_make_no_other_robots(
 async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
     realm: Realm, operate: Operate, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(key_guard, "LOOK", 0.5)
     async with operate(realm.fleet) as operator:
         await create_finisher(operator)
+        monkeypatch.setattr(key_guard, "LOOK", 60.0)
         slow_host.set()
         await operator.at(MainPage)
         operator.burst("n")

@@ -31,12 +31,6 @@ TAB, BACK_TAB, ENTER, BACKSPACE, CTRL_R, CTRL_U, CTRL_S = "\t", "\x1b[Z", "\r", 
 LEFT, RIGHT, DOWN, HOME, TOP, DELETE = "\x1b[D", "\x1b[C", "\x1b[B", "\x1b[H", "\x1b[1;5H", "\x1b[3~"
 
 
-@pytest.fixture(autouse=True)
-def no_key_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Order is what these tests are about; how long a key may take is another story, told at the end."""
-    monkeypatch.setattr(keys_in_order, "LIMIT", 60.0)
-
-
 async def listed(operator: Operator, *names: str) -> None:
     """Wait until robots are in the list, and described."""
     wanted = {"arm-1", "rover-1", *names}
