@@ -58,6 +58,8 @@ SHOULDER, EYES = (-0.03, 0.225, 1.02), 1.28
 """[m] of the left shoulder in the body's frame, and the height of the eyes above the floor."""
 AHEAD, ASIDE = 0.45, 0.20
 """[m] where a hand works best: before the body, and to the side of its shoulder."""
+BESIDE = 0.06
+"""[m] further aside: there a hand that holds a cup does not hide an open hand before it from the eyes."""
 CUP = 0.11
 """[m] height of a cup; its tag tells its middle."""
 HOLDS = 0.02
@@ -289,7 +291,7 @@ class Companion(RolePlayer):
         side = self.full_hand()
         hand, sign = self.hand(side), 1.0 if side == "left" else -1.0
         self.approach(who, 1.15)
-        self.carry(hand.reach, x=AHEAD - 0.05, y=sign * ASIDE, z=1.08, hand="forward", speed=BRISK)
+        self.carry(hand.reach, x=AHEAD - 0.05, y=sign * (ASIDE + BESIDE), z=1.08, hand="forward", speed=BRISK)
         palm = self.palm_of(who)
         self.stand_at(palm[0], palm[1], sign, heading=self.heading_to(*self.point_of(who)[:2]))
         x, y, z = self.palm_of(who)
