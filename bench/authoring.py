@@ -43,7 +43,6 @@ RATE = 20.0
 WATCHED = 10.0
 """[s] for which the processor time is measured, with and without."""
 KIT = "from robotree.testing import Fake, cell, rehearse, rehearse_seeds"
-TICK = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 def page_lines(path: Path) -> int:
@@ -72,12 +71,12 @@ def imports(code: str, rounds: int) -> float:
 
 
 def used(members: list[Member]) -> float:
-    """Return the processor time [s] that processes have used, threads included."""
-    total = 0.0
+    """Return the processor time [s] that the threads of processes have used, more exact than in ticks."""
+    total = 0
     for member in members:
-        words = Path(f"/proc/{member.pid}/stat").read_text().rpartition(")")[2].split()
-        total += (int(words[11]) + int(words[12])) * TICK
-    return total
+        for thread in Path(f"/proc/{member.pid}/task").iterdir():
+            total += int((thread / "schedstat").read_text().split()[0])
+    return total / 1e9
 
 
 async def timed(work: Callable[[], Any]) -> float:

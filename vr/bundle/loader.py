@@ -30,7 +30,7 @@ from robotree.vr.child import Slotted
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
-from robotree.vr.running.page_trace import authors_file, file_in_tracebacks
+from robotree.vr.running.page_trace import authors_file, file_in_tracebacks, words_of
 from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0
@@ -259,7 +259,7 @@ def _reason(error: BaseException, file: str, limit: float) -> str:
     if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
         line = line_of("".join(linecache.getlines(file)), str(error))
         return f"{f'line {line}: ' if line else where}{error}"
-    return f"{where}{_no_slot(error, file) or f'{type(error).__name__}: {error}'.removesuffix(': ')}"
+    return f"{where}{_no_slot(error, file) or words_of(error)}"
 
 
 def _no_slot(error: BaseException, file: str) -> str:

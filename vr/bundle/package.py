@@ -24,8 +24,9 @@ from typing import Any
 
 from robotree.files import overwrite
 from robotree.vr.errors import BrokenSource
+from robotree.vr.running.page_trace import PRIVATE_FOLDER, PRIVATE_MODULE
 
-PREFIX = "robotree_bundle_"
+PREFIX = PRIVATE_MODULE
 """Names of private modules begin with it."""
 
 _packages: dict[str, Package] = {}
@@ -54,7 +55,7 @@ class Package:
             BrokenSource: a file's path leads elsewhere.
         """
         self.name, self.path, self.files = module.__name__, path, files
-        self.folder = Path(tempfile.mkdtemp(prefix="robotree-page-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=PRIVATE_FOLDER))
         self._source_of = source_of
         self.sources: dict[str, str] = {}
         """Name in tracebacks of each module that was loaded, and its path from the page's folder."""

@@ -27,6 +27,9 @@ MOST_CAUSES = 8
 LONGEST_LINE = 160
 """Characters of a line of a page."""
 _VERSION = re.compile(r"@[0-9a-f]{8}\Z")
+PRIVATE_MODULE, PRIVATE_FOLDER = "robotree_bundle_", "robotree-page-"
+"""What the names of modules of pages, and of the folders of what lies beside them, begin with."""
+_PRIVATE = re.compile(rf"{PRIVATE_MODULE}\w+\.|[^\s'\"(]*/{PRIVATE_FOLDER}\w+/")
 
 
 def file_in_tracebacks(path: str, digest: str) -> str:
@@ -62,13 +65,16 @@ def trace(error: BaseException) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """Return kind and text of an error; one whose text cannot be written is told by its kind alone."""
+    """Return kind and text of an error; one whose text cannot be written is told by its kind alone.
+
+    Names of private modules and folders are left out: an author knows `helper`, and `map.json` beside it.
+    """
     kind = type(error).__name__
     try:
         text = str(error)
     except Exception:  # noqa: BLE001 # the author's own __str__
         return kind
-    return f"{kind}: {text}" if text else kind
+    return f"{kind}: {_PRIVATE.sub('', text)}" if text else kind
 
 
 class PageLine(NamedTuple):

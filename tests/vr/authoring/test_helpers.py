@@ -159,3 +159,15 @@ def test_what_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "big.json").write_bytes(bytes(4_000_001))
     with pytest.raises(BrokenSource, match=r"big\.json, which belongs to it, cannot be read"):
         Bundle.read(write(tmp_path, page_py="D = __file__ + 'x'\nE = 'big.json'\n"))
+
+
+def test_errors_call_modules_and_data_by_the_names_that_an_author_knows(tmp_path: Path) -> None:
+    page = write(tmp_path, helper_py="import lib.grip\nNAME = 'first'\n")
+    with pytest.raises(BrokenSource) as refused:
+        Bundle.read(page).create("robot")
+    told = str(refused.value)
+    assert "grip.py, line 2: ImportError: cannot import name 'NAME' from partially initialized" in told
+    assert "module 'helper' (most likely due to a circular import) (helper.py)" in told
+    write(tmp_path).with_name("map.json").unlink()
+    with pytest.raises(BrokenSource, match=r"FileNotFoundError: .*: 'map\.json'$"):
+        Bundle.read(page).create("robot")
