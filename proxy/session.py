@@ -276,16 +276,15 @@ class ControllerSession:
     @property
     def due(self) -> float:
         """When to call `tick` next, [s]; every other call of this object may make it earlier."""
-        due = min(self._listener.due, self._goals.due, self._desired.due(link_open=self._open))
-        if self.online:
-            due = min(due, self.heard_at + SILENCE)
+        silent = self.heard_at + SILENCE if self.online else math.inf
+        due = min(self._listener.due, self._goals.due, self._desired.due(link_open=self._open), silent)
         if not self._open:
             return due
-        silence, moving = self._silence_reported(), self._goals.pursuing
-        if self._claim is not None:
-            due = min(due, self._claim.due(silence, moving=moving))
-        beat = self._heartbeats.due_for(silence if moving and not self._granted else math.inf)
-        return min(due, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
+        claim, moving = self._claim, self._goals.pursuing
+        silence = self._silence_reported() if moving else math.inf  # which matters only then
+        claimed = math.inf if claim is None else claim.due(silence, moving=moving)
+        beat = self._heartbeats.due_for(math.inf if claim is not None and claim.granted else silence)
+        return min(due, claimed, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
 
     def tick(self, now: float) -> list[Effect]:
         """Send what is due (heartbeats, repetitions) and notice silence. Call it when it is `due`."""
@@ -431,12 +430,8 @@ class ControllerSession:
 
     def _beats_kept_for(self) -> float:
         """[s] of silence that our heartbeats must not reach; it matters while it moves without a claim."""
-        return self._silence_reported() if self._goals.pursuing and not self._granted else math.inf
-
-    @property
-    def _granted(self) -> bool:
-        """Whether the controller obeys our claim."""
-        return self._claim is not None and self._claim.granted
+        claimed = self._claim is not None and self._claim.granted
+        return self._silence_reported() if self._goals.pursuing and not claimed else math.inf
 
     def _ask_for_rates(self, now: float) -> list[Effect]:
         """Ask for our rates; the controller keeps them for one link and one life."""

@@ -202,7 +202,11 @@ class _Way:
 
     def _arrive(self, connection: int, action: Callable[[], None]) -> None:
         if connection == self.connection:
-            self.target.take(action)
+            target = self.target
+            if target.paused or target.closed:
+                target.take(action)
+            else:
+                action()
 
 
 class MemoryNetwork:
@@ -384,8 +388,9 @@ class MemoryNetwork:
 
     def note(self, source: MemoryTransport, target: MemoryTransport, what: str, body: bytes) -> None:
         """Note a message that arrives."""
-        if self.on_message is not None:
-            self.on_message(source.name, target.name, what, body)
+        told = self.on_message
+        if told is not None:
+            told(source.name, target.name, what, body)
 
     # -- inside -----------------------------------------------------------------------------------
 
