@@ -205,8 +205,11 @@ class Rehearsal:
             known = ", ".join(one.name for one in self.program.hears) or "nothing"
             raise mark.error(f"the script does not hear {told.act!r}; it hears: {known}")
         if heard is not None and told.performative == "inform" and len(told.arguments) != len(heard.parts):
-            takes = ", ".join(name for name, _ in heard.parts) or "nothing"
-            raise mark.error(f"{heard.name} takes {takes}: {line}")
+            takes = ", ".join(name for name, _ in heard.parts) or "none"
+            needs = f"{heard.name} needs {len(heard.parts)} value(s) ({takes})"
+            raise mark.error(
+                f"{needs}, and {len(told.arguments)} stand here; put a text of several words in quotes"
+            )
         return self._played(told, line, mark)
 
     def _played(self, told: Happening, line: str, mark: Mark) -> Played:

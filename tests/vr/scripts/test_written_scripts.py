@@ -253,6 +253,10 @@ def test_a_message_that_no_rule_hears_is_a_mistake_of_a_table() -> None:
     program = read_yaml(rule("- seen: {id: $id}"), "s.yaml")
     with pytest.raises(BrokenScript, match=r"the script does not hear 'sene'; it hears: seen"):
         Rehearsal(program).play("sene anna 1")
+    with pytest.raises(
+        BrokenScript, match=r"seen needs 2 value\(s\) \(id, n\), and 3 stand here; put a text"
+    ):
+        Rehearsal(program).play("seen Mister Li 1")
     free = read_yaml(rule("- message: {act: $a}"), "s.yaml")
     assert Rehearsal(free).play("sene").orders == ("log x",)
 
