@@ -28,13 +28,13 @@ from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
-from robotree.vr.errors import BadArgument, CommandCancelled, NoSuchCommand, VrError
+from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
 from robotree.vr.fields import SET
 from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.heard import Log
 from robotree.vr.running.outcome import raised
-from robotree.vr.running.page_trace import line_at_work
+from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.pending import Listener, PendingCall
 from robotree.vr.running.process import DEEPEST, Frame, Manner, Process, Worker
 from robotree.vr.transport import Transport
@@ -585,7 +585,9 @@ class LiveRobot:
                     value = command.plain_result(value, robot=self.robot.name, name=context.command)
                 return Returned(key=context.key, value=value)
         except Exception as refusal:  # noqa: BLE001 # the author's value may raise anything
-            error = refusal
+            told = refusal.data["detail"] if isinstance(refusal, CommandFailed) else words_of(refusal)
+            place = "" if command is None else f" ({begin_of(command.function)})"
+            error = CommandFailed(robot=self.robot.name, command=context.command, detail=f"{told}{place}")
         self.process.on_raise(self.robot.name, error)
         return raised(self.robot.name, context, error, source=self._source_of(context.command))
 

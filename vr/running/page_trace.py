@@ -12,9 +12,11 @@ because of KeyError: 3
 
 from __future__ import annotations
 
+import inspect
 import linecache
 import re
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
@@ -93,6 +95,12 @@ class PageLine(NamedTuple):
 
     def __str__(self) -> str:
         return f"  {self.place}, in {self.function}: {self.text}"[:LONGEST_LINE].rstrip(": ")
+
+
+def begin_of(function: Callable[..., object]) -> str:
+    """Return where a function of a page begins, its decorators included: `team.py, line 12`."""
+    code = inspect.unwrap(function).__code__
+    return f"{Path(authors_file(code.co_filename)).name}, line {code.co_firstlineno}"
 
 
 def page_lines(error: BaseException, source: str) -> list[PageLine]:

@@ -199,8 +199,8 @@ async def test_a_result_that_is_none_of_those_promised_is_refused_with_its_place
     error = await refusal(realm.client(painter).call("heights", {}))
     assert isinstance(error, CommandFailed)
     assert (
-        "it promises list[float] but returned [0.1, 'far']: Expected `float`, got `str` - at `$[1]`"
-        in str(error)
+        "it promises list[float] but returned [0.1, 'far']: Expected `float`, got `str` - at `$[1]` "
+        "(test_values.py, line " in str(error)
     )
 
 
