@@ -13,6 +13,9 @@ UNMEASURED = 0.2
 TURN = 0.1
 """[s] A robot keeps this much at most for its own turn: its process takes an answer and passes it on."""
 
+FOOT = 20
+"""Shares of the time for the hardware at the foot of a tree, where each level takes one."""
+
 LEAST = 0.001
 """[s] A shorter time is none: the order is carried out, and nobody waits for what follows from it."""
 
@@ -128,8 +131,9 @@ class Budget:
     """How long a robot that has an order waits: for its own hardware, and for those below it.
 
     Of a tree of any depth, the one at the top hears who is late before its own time is over. So each level
-    keeps the measured way to its children and a short turn of its own: an equal part of what the ways below
-    leave, but no more than `TURN`.
+    keeps the measured way to its children and a short turn of its own: one share of what the ways below
+    leave, but no more than `TURN`. Each level below takes one share, too; the hardware at the foot has `FOOT`
+    of them.
     """
 
     def __init__(self, within: float, *, depth: int = 0, ways: float = 0.0) -> None:
@@ -142,7 +146,7 @@ class Budget:
         """
         self.within = within if 0 < within < LONGEST else LONGEST
         """[s] from the arrival of the order until its answer leaves."""
-        self._half_turn = min(TURN, max(self.within - ways, 0.0) / (max(depth, 0) + 2)) / 2
+        self._half_turn = min(TURN, max(self.within - ways, 0.0) / (max(depth, 0) + FOOT)) / 2
         self.wait = self.within - self._half_turn
         """[s] to wait for hardware and for those below."""
 
