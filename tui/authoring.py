@@ -62,7 +62,7 @@ def _findings(bundle: Any, kinds: Kinds) -> list[Finding]:
     except ValueError as error:
         return [Finding(1, str(error), "save the file as text")]
     try:
-        bundle.load()
+        bundle.examine()
     except BundleError as error:
         text = str(error.data.get("reason", error))
         where = _LINE.search(text)

@@ -118,6 +118,9 @@ def test_check_prints_file_line_and_what_to_write(
     Path("page.py").write_text(page.replace("time.sleep(1)", "self.sleep(1)").replace("= 0.1", '= "a"'))
     assert main(["check", "page.py"]) == 1
     assert "a host refuses the page like this" in capsys.readouterr().out
+    Path("page.py").write_text(page + "\n    def __init__(self):\n        super().__init__()\n")
+    assert main(["check", "page.py"]) == 1
+    assert "Page.__init__ must take the robot's name" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("over", [[], ["--over", "arm"]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,17 @@ from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.choice import only_class
-from robotree.vr.bundle.loader import LIMIT, built, forget, keep_with, load_module, make, text_of
+from robotree.vr.bundle.loader import (
+    LIMIT,
+    built,
+    expect_constructor,
+    forget,
+    keep_with,
+    load_module,
+    make,
+    text_of,
+    within,
+)
 from robotree.vr.errors import BrokenSource, NoSuchFile, NoVirtualRobot, OtherKind, SeveralVirtualRobots
 from robotree.vr.fields import Kept, settings_spec
 from robotree.vr.running.page_trace import file_in_tracebacks
@@ -106,6 +117,18 @@ class Bundle(msgspec.Struct, frozen=True):
         except BaseException:
             forget(module.__name__, file_in_tracebacks(self.path, self.hash))
             raise
+
+    def examine(self) -> None:
+        """Load the class, and refuse a constructor that no host could call. No robot is made.
+
+        Raises:
+            BundleError: see `load`.
+        """
+        cls = self.load()
+        try:
+            within(partial(expect_constructor, cls), self.path, text_of(cls), LIMIT)
+        finally:
+            forget(cls.__module__, text_of(cls))
 
     def _script(self) -> type[VirtualRobot]:
         """Make the class of a script; CLIPS is loaded by the first one."""

@@ -129,7 +129,7 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
         BadName: that cannot be a name.
         TypeError: the constructor does not take a name, or makes a child.
     """
-    _expect_constructor(cls)
+    expect_constructor(cls)
     robot = cls.__new__(cls)
     robot.field_values.give(given)
     robot.__init__(name)  # type: ignore[misc] # with its settings in place
@@ -144,7 +144,7 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
     return robot
 
 
-def _expect_constructor(cls: type[VirtualRobot]) -> None:
+def expect_constructor(cls: type[VirtualRobot]) -> None:
     """Refuse a constructor that does not take the name alone.
 
     Raises:
