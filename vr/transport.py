@@ -132,6 +132,19 @@ class Transport(Protocol):
         """
         ...
 
+    def after_reading(self, job: Callable[[], bool]) -> bool:
+        """Have the thread that reads do something which takes long, after what it does now.
+
+        So what a request begins need not be handed to another thread: others read meanwhile.
+
+        Args:
+            job: returns whether the thread can read again; must not raise.
+
+        Returns:
+            False: this thread does not read, or has something to do already; nothing happens.
+        """
+        ...
+
     def publish(self, key: str, body: bytes) -> None:
         """Send a sample to all subscribers; never blocks, a receiver that is too slow misses it."""
         ...

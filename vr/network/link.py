@@ -134,12 +134,17 @@ class Unpacker:
     def feed(self, data: bytes) -> Iterator[Frame]:
         """Take the next piece of the stream; read the iterator to its end.
 
-        Yields:
+        Returns:
             The frames that are complete now, in their order.
 
         Raises:
-            NotAFrame: what came is none; nothing that follows can be read either.
+            NotAFrame: what came is none; nothing that follows can be read either. The iterator may raise it.
         """
+        if not self._rest and int.from_bytes(data[:_LENGTH], "little") == len(data) - _LENGTH:
+            return iter((_read(memoryview(data)[_LENGTH:]),))  # one whole frame, as nearly always
+        return self._cut(data)
+
+    def _cut(self, data: bytes) -> Iterator[Frame]:
         self._rest += data
         begin = 0
         try:
@@ -157,7 +162,7 @@ class Unpacker:
             del self._rest[:begin]
 
 
-def _read(body: bytes) -> Frame:
+def _read(body: bytes | memoryview) -> Frame:
     try:
         return _decoder.decode(body)
     except msgspec.MsgspecError as error:
@@ -197,6 +202,8 @@ class Link:
         self.refused = False
         """Whether the far end is going to give it up for another one, so that nothing it says here counts."""
         self.closed = False
+        self.full = False
+        """Whether the last piece was a whole one, so that more may have come."""
         self._wants_to_write = wants_to_write
         self._unpacker = Unpacker()
         self._lock = threading.Lock()
@@ -286,6 +293,7 @@ class Link:
             data = b""
         if not data:
             raise EOFError
+        self.full = len(data) == PIECE
         return self._unpacker.feed(data)
 
     def close(self) -> None:

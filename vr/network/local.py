@@ -140,6 +140,10 @@ class LocalTransport:
 
             answer(body, urgent, on_reply, end)
 
+    def after_reading(self, job: Callable[[], bool]) -> bool:
+        """See `Transport.after_reading`."""
+        return self.mesh.after_reading(job)
+
     def publish(self, key: str, body: bytes) -> None:
         """See `Transport.publish`."""
         self._check(key)

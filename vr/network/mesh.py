@@ -1,12 +1,13 @@
 """One process among all others of its realm on one machine: presence, requests and samples.
 
-Every process has two Unix stream sockets to every other one, urgent and bulk, and one thread that reads them
-all. There is no server. The kernel names the user of the far end (SO_PEERCRED), and closes its connections
-when its process dies. A process that is stopped or hangs keeps its connections, but its beat in the
-realm's folder stops: after `HANGS` seconds it is *silent*, and present again as soon as it goes on.
+Every process has two Unix stream sockets to every other one, urgent and bulk, and threads that read them all
+(`readers.py`). There is no server. The kernel names the user of the far end (SO_PEERCRED), and closes its
+connections when its process dies. A process that is stopped or hangs keeps its connections, but its beat in
+the realm's folder stops: after `HANGS` seconds it is *silent*, and present again as soon as it goes on.
 
-Every `TICK` seconds the thread compares with the folder: it registers again if its own name is missing, and
-dials those that it does not know. So what broke works again after one tick, a removed folder too.
+Every `TICK` seconds one of the threads compares with the folder: it registers again if its own name is
+missing, and dials those that it does not know. So what broke works again after one tick, even a removed
+folder.
 
 Callbacks are called in the thread that reads, or in the one that made the change, one at a time, and must
 only hand on what they are given. `local.py` hands it to an event loop.
@@ -47,6 +48,7 @@ from robotree.vr.network.link import (
 )
 from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.pattern import Handlers, Keys, matches
+from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
 from robotree.vr.transport import Held, Occupied
 
@@ -122,40 +124,6 @@ class _Peer:
         return len(self.greeted) == len(Channel)
 
 
-class _Sockets:
-    """The sockets that one thread reads (epoll(7)); `selectors` takes 5 us more for each event."""
-
-    def __init__(self) -> None:
-        self._epoll = select.epoll()
-        self._what: dict[int, Link | Callable[[], None]] = {}
-        """What each socket is for, by descriptor: a link, or what is to be done when something has come."""
-
-    def add(self, sock: socket.socket, what: Link | Callable[[], None]) -> None:
-        self._what[sock.fileno()] = what
-        self._epoll.register(sock, select.EPOLLIN)
-
-    def change(self, sock: socket.socket, *, writes: bool) -> None:
-        """Wait for room to write, too, or no longer."""
-        if sock.fileno() in self._what:
-            self._epoll.modify(sock, select.EPOLLIN | (select.EPOLLOUT if writes else 0))
-
-    def remove(self, sock: socket.socket) -> None:
-        if self._what.pop(sock.fileno(), None) is not None:
-            self._epoll.unregister(sock)
-
-    def wait(self, timeout: float) -> list[tuple[Link | Callable[[], None], int]]:
-        """Return what is ready, with its events, after `timeout` [s] at the latest."""
-        what = self._what
-        return [(what[number], events) for number, events in self._epoll.poll(timeout) if number in what]
-
-    def all(self) -> list[Link | Callable[[], None]]:
-        return list(self._what.values())
-
-    def close(self) -> None:
-        self._what.clear()
-        self._epoll.close()
-
-
 class Mesh:
     """See the module. `open` it, then use it from any thread, then `close` it."""
 
@@ -187,12 +155,20 @@ class Mesh:
         self._numbers = itertools.count(1)
         self._to_settle: list[Callable[[], None]] = []
         self._settling = False
-        self._sockets = _Sockets()
+        self._sockets = Sockets()
         self._door: socket.socket | None = None
         self._nudge, self._nudged = socket.socketpair()
         self._to_flush: deque[Link] = deque()
+        self._readers = Readers(
+            self._sockets,
+            serve=self._serve_socket,
+            tick=self._take_time,
+            period=TICK,
+            wake=self._wake,
+            release=self._release,
+        )
+        self.after_reading = self._readers.after_reading
         self._complete = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="mesh", daemon=True)
         self._takers: dict[type[Frame], Callable[[Link, Any], None]] = {
             Hello: self._take_greeting,
             News: self._take_news,
@@ -205,8 +181,6 @@ class Mesh:
         self._ended_all: Future[None] = Future()
         self._ticked = 0.0
         """[s] When the last tick was."""
-        self._due = 0.0
-        """[s] When the next one is to be."""
 
     # -- coming and leaving
 
@@ -234,7 +208,7 @@ class Mesh:
             if self.closed:
                 self._release()
             raise
-        self._thread.start()
+        self._readers.start()
         if self.closed:
             self.place.leave()
         self._check_complete()
@@ -264,6 +238,7 @@ class Mesh:
             end.setblocking(False)
         self._sockets.add(self._nudged, self._take_nudges)
         self._ticked = time.monotonic()
+        self._readers.due = self._ticked + TICK
         self._register()
         self._dial_all()
 
@@ -280,7 +255,7 @@ class Mesh:
             self.place.leave()
             if not opened:
                 self._release()
-            self._wake()
+            self._readers.close()
         return self._ended_all
 
     # -- what others can ask and see
@@ -421,7 +396,7 @@ class Mesh:
             others = sorted(living | self._peers.keys())
             found = _held(os.getpid(), own) + [one for tag in others for one in self._held_by(tag, pattern)]
         if unknown:
-            self._due = 0.0
+            self._readers.due = 0.0
             self._wake()
         return found
 
@@ -647,7 +622,7 @@ class Mesh:
             if peer.tag not in self._peers or exchange.void_at <= now:
                 self._end_exchange(peer, number)
             else:
-                self._due = min(self._due, exchange.void_at)
+                self._readers.due = min(self._readers.due, exchange.void_at)
 
     def _lose(self, peer: _Peer) -> None:
         """A connection to a process has ended, and with it all. Under the lock."""
@@ -695,53 +670,42 @@ class Mesh:
         if topic is Topic.HOLDS:
             self._count(key, there=there)
 
-    # -- the thread
+    # -- what has come
 
-    def _run(self) -> None:
-        self._due = self._ticked + TICK
-        while not self.closed:
-            ready = self._sockets.wait(max(0.0, self._due - time.monotonic()))
-            if len(ready) > 1:  # what is urgent first
-                ready.sort(key=lambda one: isinstance(one[0], Link) and one[0].channel is Channel.BULK)
-            for what, events in ready:
-                try:
-                    self._serve_socket(what, events)
-                except Exception:  # noqa: BLE001 # what one process says must not end the talk with all others
-                    _log.exception("the mesh could not handle what a socket brought")
-            while self._to_flush:
-                self._flush(self._to_flush.popleft())
-            if (now := time.monotonic()) >= self._due:
-                self._due = now + TICK
-                try:
-                    self._tick(now)
-                except (OSError, RealmUnusable) as error:
-                    _log.warning("realm %s: %s", self.place.realm, error)
-        self._release()
-
-    def _serve_socket(self, what: Link | Callable[[], None], events: int) -> None:
+    def _serve_socket(self, what: What, events: int) -> bool:
+        """Do what a socket is ready for; returns whether more may have come."""
         if not isinstance(what, Link):
             what()
-            return
+            return False
         if events & select.EPOLLOUT:
             self._flush(what)
-        if events & ~select.EPOLLOUT:  # something has come, or the far end has closed
-            self._read(what)
+        # something has come, or the far end has closed
+        return bool(events & ~select.EPOLLOUT) and self._read(what)
 
     def _take_nudges(self) -> None:
         with contextlib.suppress(BlockingIOError):
             while self._nudged.recv(4096):
                 pass
+        while self._to_flush:
+            self._flush(self._to_flush.popleft())
 
-    def _read(self, link: Link) -> None:
+    def _take_time(self) -> None:
+        try:
+            self._tick(time.monotonic())
+        except (OSError, RealmUnusable) as error:
+            _log.warning("realm %s: %s", self.place.realm, error)
+
+    def _read(self, link: Link) -> bool:
+        """Read once; returns whether more may have come."""
         if link.closed:
-            return
+            return False
         try:
             for frame in link.receive():
                 self._take(link, frame)
                 if link.closed:
-                    return
+                    return False
         except BlockingIOError:
-            pass
+            return False
         except EOFError:
             self._ended(link)
         except NotAFrame as error:
@@ -749,6 +713,7 @@ class Mesh:
             if link.member:
                 self._strangers.add(link.member)
             self._ended(link)
+        return not link.closed and link.full
 
     def _ended(self, link: Link) -> None:
         """The far end has closed. What it said before on the other channel counts."""

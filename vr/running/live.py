@@ -43,6 +43,9 @@ from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""
 
+LATE = 0.001
+"""[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
+
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
@@ -251,18 +254,19 @@ class LiveRobot:
         return effects, 0 if self._journal is None else self._journal.append(self.key, now, event)
 
     def _remind_at(self, due: float) -> None:
-        """Have the watchdog look when something is due; a later time than the one it knows waits for that."""
-        if due == math.inf:
-            self._reminder = math.inf
-            self._unremind()
-        elif due < self._reminder:
+        """Have the watchdog look when something is due; a later time than the one it knows waits for that.
+
+        So calls that end before their deadlines, one after the other, share one timer.
+        """
+        if due < self._reminder - LATE:
             self._unremind()
             self._reminder = due
             self._unremind = self.process.at(due, self._remind)
 
     def _remind(self) -> None:
         self._reminder = math.inf
-        self.pass_time()
+        if self.core.due <= self._runner.now():
+            self.pass_time()
         self._remind_at(self.core.due)
 
     def _carry_out(self, effects: list[Effect], *, shows: bool) -> None:
@@ -270,7 +274,9 @@ class LiveRobot:
             if isinstance(effect, Begin):
                 turn = self._turns.pop(effect.key, None)
                 run = partial(self._run, effect.key)
-                if turn is None or not turn.give_turn(run):
+                if turn is not None and turn.give_turn(run):
+                    continue
+                if not self._transport.after_reading(partial(self.process.carry_out, run)):
                     self.process.work(run)
             elif isinstance(effect, Settled):
                 self._turns.pop(effect.key, None)
@@ -482,14 +488,14 @@ class LiveRobot:
 
     def takes_units(self, call: Call) -> bool:
         """Whether an argument is a text where a number is wanted, so that units have to be looked up."""
-        if command := self._commands.get(call.command):
-            numbers = (
-                field for field in command.spec.parameters if field.nested or field.type in {"float", "int"}
+        typed = [name for name, value in call.arguments.items() if isinstance(value, (str, list, dict))]
+        command = self._commands.get(call.command)
+        if not typed or command is None:
+            return call.command in self._exposures and any(
+                isinstance(call.arguments[name], str) for name in typed
             )
-            return any(isinstance(call.arguments.get(one.name), str | list | dict) for one in numbers)
-        return call.command in self._exposures and any(
-            isinstance(value, str) for value in call.arguments.values()
-        )
+        fields = [field for name in typed if (field := command.spec.by_name.get(name))]
+        return any(field.nested or field.type in {"float", "int"} for field in fields)
 
     def specs(self) -> tuple[CommandSpec, ...]:
         """Describe all commands as they are now."""

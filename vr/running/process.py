@@ -788,6 +788,8 @@ class Process:
         """Told what the commands of each robot raise, as it was raised: over the wire go only words."""
         self.closed = False
         self._idle: list[Worker] = []
+        self._lent: dict[int, Worker] = {}
+        """The workers of threads that are not workers' own, by thread: see `carry_out`."""
         self._lock = self.runner.lock()
         self._order = itertools.count()
         self._timers: list[_Timer] = []
@@ -815,6 +817,18 @@ class Process:
         else:
             worker.jobs.append(job)
             worker.waiter.wake()
+
+    def carry_out(self, job: Callable[[Worker], None]) -> bool:
+        """Do something in this thread, which is not a worker's; returns whether it can still be used."""
+        here = self.runner.here()
+        worker = self._lent.get(here)
+        if worker is None:
+            worker = self._lent[here] = Worker(self)
+            worker.thread = here
+        job(worker)
+        if worker.dead:
+            del self._lent[here]
+        return not worker.dead
 
     def wait_for_job(self, worker: Worker) -> bool:
         """Wait in a worker's thread until it has something to do; False: it is to end."""

@@ -530,6 +530,11 @@ class MemoryTransport:
 
         network.inside(lambda: self._ask(key, packed, void_at, told, urgent=urgent))
 
+    def after_reading(self, job: Callable[[], bool]) -> bool:
+        """See `Transport.after_reading`: no thread reads here."""
+        del job
+        return False
+
     def _ask(self, key: str, body: bytes, void_at: float, on_reply: OnReply, *, urgent: bool) -> None:
         if self.closed:
             on_reply(None)

@@ -18,6 +18,7 @@ import pytest
 from robotree.vr.errors import BadName, RealmUnusable
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import TICK, Mesh
+from robotree.vr.network.readers import What
 from robotree.vr.network.rendezvous import Rendezvous, realm_name, runtime_directory
 
 
@@ -237,8 +238,7 @@ def test_a_process_that_leaves_while_it_enters_leaves_nothing_behind(tmp_path: P
 
     mesh._dial_all = leave_meanwhile  # type: ignore[method-assign]
     mesh.open()
-    mesh._thread.join(10.0)
-    assert mesh.close().done()
+    mesh.close().result(10.0)
     assert names(mesh.place) == set()
 
 
@@ -250,6 +250,8 @@ class ByHand(Mesh):
         self.place.tag = f"1-{tag:0>8}"
         self.met: list[bool] = []
         """Each change of whether the other one is there."""
+        self.waiting: list[tuple[What, int]] = []
+        """What is ready and was not done yet."""
         self.watch("robot/*/*", lambda _, there: self.met.append(there))
 
     def enter(self) -> None:
@@ -266,7 +268,13 @@ class ByHand(Mesh):
         """What this one could do next, each in any order."""
         while self._to_flush:
             self._flush(self._to_flush.popleft())
-        return [partial(self._serve_socket, what, events) for what, events in self._sockets.wait(0)]
+        self.waiting += self._sockets.wait(0)
+        return [partial(self._do, one) for one in self.waiting]
+
+    def _do(self, one: tuple[What, int]) -> None:
+        if one in self.waiting:  # else it was done when the far end was seen to have closed
+            self.waiting.remove(one)
+            self._serve_socket(*one)
 
     def end(self) -> None:
         self.place.leave()
