@@ -215,7 +215,7 @@ class ControllerSession:
             self._claim.opened()
         self.trouble = self.rejection or "nothing was heard from its controller yet"
         self._heartbeats.hurry()
-        self._goals.hurry()
+        self._goals.opened()
         return self.tick(now)
 
     def closed(self, trouble: str) -> list[Effect]:
@@ -248,6 +248,7 @@ class ControllerSession:
             self.twin.update(message, now)
             effects += self._hear(frame, message, now)
         if not self.online and self._open and self._is_introduced():
+            self._goals.meet()
             effects += self._set_online(online=True, trouble="") + self._ask_for_rates(now)
         return effects
 
@@ -453,6 +454,7 @@ class ControllerSession:
             effects += self._goals.restarted(mode.life)
             self._note_former_life(before.life, mode.life, now)
         self._goals.life = mode.life
+        self._goals.meet()
         if self._claim is not None:
             self._claim.meet(mode.life, mode.epoch)
             effects += self._keep_claim(now)

@@ -121,6 +121,8 @@ class GoalClient:
         self.life = 0
         """Of the controller, as reported; 0: not reported."""
         self._pursuits: dict[int, _Pursuit] = {}
+        self._met = True
+        """Whether the controller has told on this link how it is, so that a restart would be known."""
 
     @property
     def pursued(self) -> list[int]:
@@ -184,8 +186,22 @@ class GoalClient:
                 effects.append(GoalEnded(key, GoalState.UNKNOWN, Reason.OTHER_LIFE, ""))
         return effects
 
-    def hurry(self) -> None:
-        """Ask about every goal at the next tick: on a new link, the controller must hear who wants it."""
+    def opened(self) -> None:
+        """There is a new link. Ask about every goal at the next tick: the controller must hear who wants it.
+
+        A goal that names no life and was not answered waits until the controller is met: if it has begun it,
+        and has restarted meanwhile, it would begin it again.
+        """
+        self._met = False
+        self._hurry()
+
+    def meet(self) -> None:
+        """The controller has told on this link how it is; a restart was reported before."""
+        if not self._met:
+            self._met = True
+            self._hurry()
+
+    def _hurry(self) -> None:
         for pursuit in self._pursuits.values():
             pursuit.asked = -inf
 
@@ -255,6 +271,8 @@ class GoalClient:
             return [Send(cancel, self.via)]
         if pursuit.acknowledged or pursuit.silent:
             goal = msgspec.structs.replace(goal, verb=Verb.STATUS)
+        elif not (self._met or goal.life or pursuit.repeatable):
+            return []
         else:
             goal = msgspec.structs.replace(goal, ttl_ms=_milliseconds(pursuit.deadline - now))
         return [Send(goal, self.via)]

@@ -68,6 +68,26 @@ def test_what_adds_up_begins_once_though_its_status_is_lost_and_the_controller_r
     assert [(each.state, each.reason) for each in ends] == [(GoalState.UNKNOWN, Reason.OTHER_LIFE)]
 
 
+def test_a_new_link_repeats_no_goal_before_a_controller_without_lives_has_told_how_it_is(
+    make_talk: type[Talk],
+) -> None:
+    """It has begun the goal, and restarted before its answer came: a repetition would begin it once more."""
+    talk = make_talk()
+    talk.wait(3.0)
+    talk.start()
+    talk.controller.mute = True
+    talk.wait(0.1)
+    assert len(talk.controller.begun) == 1
+    talk.cut()
+    talk.controller.restart()
+    talk.controller.mute = False
+    talk.connect()
+    talk.wait(5.0)
+    assert len(talk.controller.begun) == 1
+    ends = [each for each in talk.events if isinstance(each, GoalEnded)]
+    assert [(each.state, each.reason) for each in ends] == [(GoalState.UNKNOWN, Reason.OTHER_LIFE)]
+
+
 def test_what_ends_the_same_and_was_never_answered_is_asked_for_again_in_the_new_life(claimed: Talk) -> None:
     claimed.start(repeatable=True)
     claimed.controller.mute = True
