@@ -272,10 +272,12 @@ class Rendezvous:
         """Return the tags of all other processes of the realm that have not ended, entering ones included.
 
         Somebody may have removed the files of a process; the kernel still knows that it listens. The kernel
-        is asked first: what comes into the folder meanwhile is found there.
+        is asked first: what comes into the folder meanwhile is found there. What only has the name of a
+        socket is nobody.
         """
         listen = {found[1] for name in listening(self.directory) if (found := _HIDDEN.fullmatch(name))}
-        return {tag for tag in listen.union(self.others()) - {self.tag} if alive(process_of(tag))}
+        seen = {tag for tag in self.others() if (self.directory / f"{tag}{_SOCKET}").is_socket()}
+        return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag))}
 
     # -- inside
 
