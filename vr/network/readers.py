@@ -202,6 +202,7 @@ class Readers:
     def _read(self, what: What, events: int) -> None:
         if self._serve_one(what, events):
             self._enter([(what, select.EPOLLIN)])
+            self._enter(self._sockets.wait(0.0))  # what is urgent goes ahead of the rest of a flood
 
     def _one_too_many(self) -> bool:
         """Leave if nothing has come for a while and enough others remain."""
