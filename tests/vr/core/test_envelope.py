@@ -90,7 +90,9 @@ async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
     """Let an agent find a request in its socket."""
     transport: Any = agent.transport
     answers: list[bytes] = []
-    await transport.served[agent.address.key](body, answers.append)
+    takes_time = transport.served[agent.address.key](body, answers.append)
+    if takes_time is not None:
+        await takes_time
     return [decode_reply(answer, key="it") for answer in answers]
 
 
