@@ -202,6 +202,9 @@ class VirtualRunner:
                 with contextlib.suppress(BaseException):
                     one.throw(GreenletExit)
         self._all.clear()
+        if self._hub and self._hub is not getcurrent():  # else all that its frames know would stay for ever
+            self._hub.parent = getcurrent()
+            self._hub.throw(GreenletExit)
 
     def enter(self, loop: Any) -> None:
         """Let asyncio take an event loop for the running one, until another one is entered.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import random
+import weakref
 
 import pytest
 
@@ -117,3 +119,20 @@ def test_what_is_asked_of_a_process_from_outside_is_noted() -> None:
         world.runner.at(1.0, lambda: process.do(lambda: process.transport.present("**"), "present"))
         world.run(2.0)
         assert (1.0, "idle", "present done", "[]") in world.trace
+
+
+def test_a_world_that_has_ended_can_be_forgotten() -> None:
+    """A greenlet that was never ended would keep all that its frames know, for ever."""
+
+    async def main(_: SimulatedProcess) -> None:
+        await asyncio.sleep(1.0)
+
+    def play() -> weakref.ref[World]:
+        with World(1) as world:
+            world.start("one", main)
+            world.run(2.0)
+        return weakref.ref(world)
+
+    forgotten = play()
+    gc.collect()
+    assert forgotten() is None
