@@ -79,7 +79,11 @@ class TcpLink(asyncio.Protocol):
                 self._end(overrun, self._transport)
 
     def close(self) -> None:
-        """End the connection; what asyncio has of us already may still be read, for `POLITE` seconds."""
+        """End the connection; what asyncio has of us already may still be read, for `POLITE` seconds.
+
+        We read on meanwhile, to no purpose but one: a socket that is closed with unread bytes resets the
+        connection (RFC 9293, 3.10.4), and the far end loses what it has not read.
+        """
         if self._transport is not None and self._reason is None:
             self._end(LinkClosed(self.address, by_us=True), self._transport)
 
@@ -88,7 +92,8 @@ class TcpLink(asyncio.Protocol):
         if self._paused:  # nobody reads: a polite end would wait for ever
             transport.abort()
         else:
-            transport.close()
+            transport.resume_reading()
+            transport.write_eof()  # the far end closes when it has read all
             self._patience = asyncio.get_running_loop().call_later(POLITE, transport.abort)
 
     def give_up(self) -> None:

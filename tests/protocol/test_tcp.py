@@ -40,15 +40,17 @@ class Silent:
         self.socket.setblocking(False)
 
     def read(self) -> bytes:
+        """Read what is there; at the end of the connection close it, as clients do."""
         data = b""
-        while True:
+        while self.socket.fileno() >= 0:
             try:
                 piece = self.socket.recv(65536)
             except BlockingIOError:
-                return data
+                break
             if not piece:
-                return data
+                self.socket.close()
             data += piece
+        return data
 
 
 class Server:
@@ -189,6 +191,27 @@ async def test_an_end_waits_for_a_client_that_reads_on_and_not_for_one_that_neve
     assert [type(reason) for reason in server.reasons] == [LinkClosed, LinkClosed]
     for client in clients:
         client.socket.close()
+
+
+async def test_what_is_said_last_is_read_by_a_client_that_speaks_meanwhile() -> None:
+    """A socket that is closed with unread bytes resets the connection, and what was not read is lost."""
+    server = Server()
+    listener = await listen("tcp:0", server.accept)
+    client = Silent(listener.address)
+    await until(lambda: bool(server.endpoints))
+    (link,) = (endpoint.link for endpoint in server.endpoints)
+    client.socket.send(b"unread")
+    for number in range(100):
+        link.send(b"%4d" % number)
+    link.close()
+    client.socket.send(b"nor this")
+    read = b""
+    while client.socket.fileno() >= 0:
+        read += client.read()
+        await settle()
+    assert read == b"".join(b"%4d" % number for number in range(100))
+    await until(lambda: bool(server.reasons))
+    await listener.close()
 
 
 async def test_a_port_where_nobody_listens_is_refused_in_one_sentence() -> None:
