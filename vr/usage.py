@@ -27,6 +27,8 @@ def used_commands(cls: type[Any], slots: Collection[str], groups: Collection[str
         groups: names of its groups.
     """
     used: dict[str, set[str]] = {name: set() for name in (*slots, *groups)}
+    if not used:
+        return used
     for code in _codes(cls):
         for slot, command in _uses(code, slots, groups):
             used[slot].add(command)
