@@ -47,7 +47,7 @@ class TcpLink(asyncio.Protocol):
         self._outbox = Outbox(bound)
         self._paused = False
         self._reason: LinkError | None = None
-        self._patience: asyncio.TimerHandle | None = None
+        self._last_words: object = None
         self.address = address
         """The far end's; who was dialled may have reset the connection before the system can tell."""
 
@@ -79,11 +79,7 @@ class TcpLink(asyncio.Protocol):
                 self._end(overrun, self._transport)
 
     def close(self) -> None:
-        """End the connection; what asyncio has of us already may still be read, for `POLITE` seconds.
-
-        We read on meanwhile, to no purpose but one: a socket that is closed with unread bytes resets the
-        connection (RFC 9293, 3.10.4), and the far end loses what it has not read.
-        """
+        """End the connection; what asyncio has of us already may still be read, for `POLITE` seconds."""
         if self._transport is not None and self._reason is None:
             self._end(LinkClosed(self.address, by_us=True), self._transport)
 
@@ -92,9 +88,20 @@ class TcpLink(asyncio.Protocol):
         if self._paused:  # nobody reads: a polite end would wait for ever
             transport.abort()
         else:
-            transport.resume_reading()
-            transport.write_eof()  # the far end closes when it has read all
-            self._patience = asyncio.get_running_loop().call_later(POLITE, transport.abort)
+            self._wait_to_be_read(transport)
+
+    def _wait_to_be_read(self, transport: asyncio.Transport) -> None:
+        """End our half of the connection; the far end ends the other half when it has read all.
+
+        We read on meanwhile, to no purpose but one: a socket that is closed with unread bytes resets the
+        connection (RFC 9293, 3.10.4), and the far end loses what it has not read. The wait is a task, for a
+        program that ends cancels its tasks: it does not wait.
+        """
+        transport.resume_reading()
+        transport.write_eof()
+        wait = asyncio.ensure_future(asyncio.wait([self.over], timeout=POLITE))
+        wait.add_done_callback(lambda _: transport.abort())
+        self._last_words = wait  # asyncio itself holds its tasks weakly
 
     def give_up(self) -> None:
         """Wait no longer for what was said before the end to be read."""
@@ -154,8 +161,6 @@ class TcpLink(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self._transport = None
-        if self._patience is not None:
-            self._patience.cancel()
         if self._links is not None:
             self._links.discard(self)
         if self._reason is None:

@@ -44,18 +44,21 @@ class Listeners:
         """Nobody yet."""
         self._here, self._security = here, security
         self.links: dict[Link, Signer | None] = {}
-        self.somebody = asyncio.Event()
+        self.somebody, self.nobody = asyncio.Event(), asyncio.Event()
+        self.nobody.set()
 
     def accept(self, link: Link) -> _Deaf:
         """Somebody has come."""
         self.links[link] = self._security.signer_pair(link.address)["signer"]
         self.somebody.set()
+        self.nobody.clear()
         return _Deaf(self, link)
 
     def gone(self, link: Link, reason: LinkError) -> None:
         """Somebody has left; with the last one the replay ends."""
         self.links.pop(link, None)
         if not self.links:
+            self.nobody.set()
             self._here.end(reason)
 
     def send(self, data: bytes) -> None:
@@ -151,6 +154,7 @@ async def _replay(line: Line, moments: Iterable[tuple[float, bytes]], filter_: R
         here.end()
         for link in [*crowd.links]:
             link.close()
+        await crowd.nobody.wait()  # until the last frame was read, or the link waits no longer for that
         if listener is not None:
             await listener.close()
     withheld = f"; {filter_.withheld} with keys were left out" if filter_.withheld else ""
