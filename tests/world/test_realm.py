@@ -78,6 +78,11 @@ def test_the_deadline_of_a_call_begins_when_a_paused_program_goes_on() -> None:
     assert played(177).broken == []
 
 
+def test_a_cancelled_command_is_not_waited_for_where_nothing_can_interrupt_it() -> None:
+    """In 2236 a command is cancelled between two of its steps, where threads would be interrupted."""
+    assert played(2236).broken == []
+
+
 @pytest.mark.parametrize("safeguard", CAUGHT)
 def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str) -> None:
     seed = CAUGHT[safeguard]

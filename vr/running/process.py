@@ -637,8 +637,7 @@ class Worker:
         """Interrupt the author's code of the topmost frame, now or when it next asks us. From any thread."""
         with self.guard:
             if self._armed is not None and self.stack and self._armed is self.stack[-1]:
-                self._struck = True
-                self.process.runner.interrupt(self.thread, Interrupted)
+                self._struck = self.process.runner.interrupt(self.thread, Interrupted)
             else:
                 self._interrupt_next = True
         self.waiter.wake()

@@ -80,8 +80,8 @@ class Runner(Protocol):
         """Name this thread, for people who look at threads."""
         ...
 
-    def interrupt(self, thread: int, error: type[BaseException]) -> None:
-        """Raise an error in a thread, between two of its bytecodes; nothing happens in a simulation."""
+    def interrupt(self, thread: int, error: type[BaseException]) -> bool:
+        """Raise an error in a thread, between two of its bytecodes; False: a simulation, nothing happens."""
         ...
 
     def stack_of(self, thread: int) -> FrameType | None:
@@ -133,9 +133,10 @@ class Threads:
         """See `Runner.name_thread`."""
         threading.current_thread().name = name
 
-    def interrupt(self, thread: int, error: type[BaseException]) -> None:
+    def interrupt(self, thread: int, error: type[BaseException]) -> bool:
         """See `Runner.interrupt` (CPython: `PyThreadState_SetAsyncExc`)."""
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
+        return True
 
     def stack_of(self, thread: int) -> FrameType | None:
         """See `Runner.stack_of`."""

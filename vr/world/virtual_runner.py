@@ -135,8 +135,10 @@ class VirtualRunner:
     def name_thread(self, name: str) -> None:
         """See `Runner.name_thread`: greenlets have no names."""
 
-    def interrupt(self, thread: int, error: type[BaseException]) -> None:
+    def interrupt(self, thread: int, error: type[BaseException]) -> bool:
         """See `Runner.interrupt`: nobody computes without end here."""
+        del thread, error
+        return False
 
     def stack_of(self, thread: int) -> None:
         """See `Runner.stack_of`."""
