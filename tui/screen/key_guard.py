@@ -53,7 +53,7 @@ class KeyGuard(BusyForms[ReturnType]):
         front.call_after_refresh(self._wait_for_a_look)  # on a busy machine it is drawn later
 
     def _wait_for_a_look(self) -> None:
-        self._seen = self.now() + LOOK
+        self._seen = max(self._seen, self.now() + LOOK)
 
     @property
     def line_keys(self) -> set[str]:
