@@ -15,9 +15,9 @@ import msgspec
 from robotree.vr.command import Command, commands_of
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
 from robotree.vr.kind import Kind as Interface
-from robotree.vr.kind import promises_of
+from robotree.vr.kind import Promised, promises_of
 from robotree.vr.robot import Robot
-from robotree.vr.signature import returned_by
+from robotree.vr.signature import signature_of
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 Source = type[Any] | RobotDescription | str | Path
@@ -92,9 +92,13 @@ def _from_interface(cls: type[Interface]) -> Kind:
         (*names, Robot.__name__),
         (cls.__doc__ or "").strip(),
         {spec.name: spec for spec in promises},
-        {spec.name: returned_by(getattr(cls, spec.name).function) for spec in promises},
+        {spec.name: _returned_by(getattr(cls, spec.name)) for spec in promises},
         {},
     )
+
+
+def _returned_by(promise: Promised[..., Any]) -> Any:
+    return signature_of(promise.function, promise.effect).returns
 
 
 def _exposed_by(cls: type[VirtualRobot]) -> Iterator[tuple[str, CommandSpec]]:

@@ -20,8 +20,8 @@ from robotree.vr.description import Arguments, CommandSpec, Effect
 from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.fields import SET, settings_spec
 from robotree.vr.plain import READY, to_plain
-from robotree.vr.robot import Robot
-from robotree.vr.signature import built_for, returned_by, spec_of
+from robotree.vr.robot import Robot, attributes_of
+from robotree.vr.signature import signature_of
 from robotree.vr.units import shorten
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -143,19 +143,18 @@ def give_commands(cls: type[Any], commands: Mapping[str, Command]) -> None:
 
 def _collect(cls: type[Any]) -> dict[str, Command]:
     found: dict[str, Command] = {}
-    for base in reversed(cls.__mro__):
-        for name, value in vars(base).items():
-            if wrapper := _wrapper(value):
-                raise TypeError(f"{cls.__name__}.{name}: a command is a plain method; take @{wrapper} away")
-            effect: Effect | None = getattr(value, _MARK, None)
-            if effect is None:
-                found.pop(name, None)
-            elif name.startswith("_") or hasattr(Robot, name):
-                raise TypeError(
-                    f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
-                )
-            else:
-                found[name] = Command(spec_of(value, effect), value, returned_by(value), built_for(value))
+    for name, value in attributes_of(cls).items():
+        if isinstance(value, _HIDING) and (wrapper := _wrapper(value)):
+            raise TypeError(f"{cls.__name__}.{name}: a command is a plain method; take @{wrapper} away")
+        effect: Effect | None = getattr(value, _MARK, None)
+        if effect is None:
+            continue
+        if name.startswith("_") or hasattr(Robot, name):
+            raise TypeError(
+                f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
+            )
+        signature = signature_of(value, effect)
+        found[name] = Command(signature.spec, value, signature.returns, signature.builds)
     spec = settings_spec(cls)
     if spec.parameters:
         if SET in found:
@@ -168,8 +167,6 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
 
 def _wrapper(value: object) -> str:
     """Return the decorator that hides a command from its callers; empty: there is none."""
-    if not isinstance(value, _HIDING):
-        return ""
     inner = getattr(value, "fget", None) or getattr(value, "__func__", None)
     return type(value).__name__ if hasattr(inner, _MARK) else ""
 

@@ -35,7 +35,7 @@ from robotree.vr.context import activity_here
 from robotree.vr.description import CommandSpec, FieldSpec
 from robotree.vr.errors import BadArgument
 from robotree.vr.plain import to_plain
-from robotree.vr.robot import Robot
+from robotree.vr.robot import Robot, attributes_of
 from robotree.vr.signature import field_with_default
 from robotree.vr.units import Range, Unit, shorten
 
@@ -363,14 +363,7 @@ def _evaluated(annotation: Any, cls: type[Any], where: str) -> Any:
 
 def fields_of(cls: type[Any]) -> dict[str, Field]:
     """Return the settings and the state that a class and its bases declare, by name, in their order."""
-    found: dict[str, Field] = {}
-    for base in reversed(cls.__mro__):
-        for name, value in vars(base).items():
-            if isinstance(value, Field):
-                found[name] = value
-            elif name in found:
-                del found[name]
-    return found
+    return {name: value for name, value in attributes_of(cls).items() if isinstance(value, Field)}
 
 
 def settings_spec(cls: type[Any]) -> CommandSpec:

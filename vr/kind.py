@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
 from robotree.vr.description import CommandSpec, Effect
-from robotree.vr.signature import spec_of
+from robotree.vr.signature import signature_of
 
 if TYPE_CHECKING:
     from robotree.vr.context import CallFuture
@@ -73,7 +73,7 @@ class Promised(Generic[P, R]):
         Raises:
             TypeError: an annotation is missing, or of a type that cannot travel.
         """
-        return spec_of(self.function, self.effect)
+        return signature_of(self.function, self.effect).spec
 
 
 @overload

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Mapping
 from contextlib import AbstractContextManager
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from robotree.vr.address import check_name
 from robotree.vr.context import CommandContext, Race, Together, running
@@ -160,3 +160,11 @@ class Robot:
             text: a word about it.
         """
         running().progress(fraction, text)
+
+
+def attributes_of(cls: type[Any]) -> dict[str, Any]:
+    """Return the attributes that a class and its bases declare, by name, as they are written there."""
+    found: dict[str, Any] = {}
+    for base in reversed(cls.__mro__):
+        found.update(vars(base))
+    return found

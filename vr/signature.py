@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import types
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, get_args, get_type_hints
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 
@@ -23,8 +23,19 @@ _FIRST = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEY
 _EFFECTS = ", ".join(map(repr, get_args(Effect)))
 
 
-def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
-    """Return how a method looks to its callers.
+class Signature(NamedTuple):
+    """What a method takes and returns."""
+
+    spec: CommandSpec
+    """How it looks to its callers."""
+    returns: Any
+    """Annotation of the result; `Any` where there is none."""
+    builds: Mapping[str, Any]
+    """Annotations of those parameters that the author's code takes in a form of its own."""
+
+
+def signature_of(function: Callable[..., Any], effect: Effect) -> Signature:
+    """Read a method as its callers see it.
 
     Args:
         function: the undecorated method, `self` first.
@@ -38,13 +49,15 @@ def spec_of(function: Callable[..., Any], effect: Effect) -> CommandSpec:
     parameters = _expect_method(function, hints)
     if effect not in get_args(Effect):
         raise TypeError(f"{function.__qualname__}: no effect {effect!r}; write one of {_EFFECTS}")
-    return CommandSpec(
+    spec = CommandSpec(
         name=function.__name__,
         doc=inspect.cleandoc(function.__doc__ or ""),
         effect=effect,
         parameters=tuple(_parameter(function, parameter, hints) for parameter in parameters),
         result=tuple(_result(hints.get("return", types.NoneType), function.__qualname__)),
     )
+    builds = {name: hint for name, hint in hints.items() if name != "return" and needs_building(hint)}
+    return Signature(spec, hints.get("return", Any), builds)
 
 
 def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> list[inspect.Parameter]:
@@ -67,25 +80,6 @@ def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> li
             f"{name}: the first parameter of a command is self; write def {function.__name__}(self, …)"
         )
     return parameters[1:]
-
-
-def returned_by(function: Callable[..., Any]) -> Any:
-    """Return the annotation of a command's result; `Any` where there is none.
-
-    Raises:
-        TypeError: it names something that is not there.
-    """
-    return _hints(function).get("return", Any)
-
-
-def built_for(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of those parameters that the author's code takes in a form of its own.
-
-    Raises:
-        TypeError: one names something that is not there.
-    """
-    hints = _hints(function)
-    return {name: hint for name, hint in hints.items() if name != "return" and needs_building(hint)}
 
 
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:

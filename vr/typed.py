@@ -41,6 +41,7 @@ _SIMPLE: dict[object, ParameterType] = {float: "float", int: "int", bool: "bool"
 _SETS = (set, frozenset, collections.abc.Set)
 _LISTS = frozenset({list, collections.abc.Sequence})
 _DICTS = frozenset({dict, collections.abc.Mapping})
+_PLAIN, _ANY = Unit(""), Range()
 
 
 class Part(NamedTuple):
@@ -76,10 +77,10 @@ def field_of(
     kind, items, choices = _content(annotation, where, above, (*measures, *own))
     if kind not in {"float", "int", "list", "tuple", "dict"} and (own or measures):
         raise TypeError(f"{where}: only numbers have a unit or a range")
-    unit, limits = "", Range()
+    unit, limits = "", _ANY
     if kind in {"float", "int"}:
-        unit = _last(Unit, (*measures, *own), Unit("")).symbol
-        limits = _last(Range, (*measures, *own), Range())
+        unit = _last(Unit, (*measures, *own), _PLAIN).symbol
+        limits = _last(Range, (*measures, *own), _ANY)
     return FieldSpec(
         name=name,
         type=kind,

@@ -13,7 +13,7 @@ from robotree.vr.child import Child, Children, Exposed, Slotted
 from robotree.vr.core.bonds import Slots
 from robotree.vr.description import SlotSpec
 from robotree.vr.fields import Kept, declare
-from robotree.vr.robot import Robot
+from robotree.vr.robot import Robot, attributes_of
 from robotree.vr.units import Unit
 from robotree.vr.usage import used_commands
 
@@ -102,7 +102,7 @@ class VirtualRobot(Robot):
 
 def slots_of(cls: type[Any]) -> dict[str, Slotted]:
     """Return the slots and groups of slots that a class and its bases declare, by name."""
-    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Slotted)}
+    return {name: value for name, value in attributes_of(cls).items() if isinstance(value, Slotted)}
 
 
 def slot_specs(cls: type[Any]) -> tuple[SlotSpec, ...]:
@@ -127,7 +127,7 @@ def _specs(cls: type[Any]) -> Iterator[SlotSpec]:
 
 def exposures_of(cls: type[Any]) -> dict[str, Exposed]:
     """Return the children's commands that a class and its bases let through, by their names here."""
-    return {name: value for name, value in _attributes(cls).items() if isinstance(value, Exposed)}
+    return {name: value for name, value in attributes_of(cls).items() if isinstance(value, Exposed)}
 
 
 def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
@@ -149,7 +149,3 @@ def _listed(value: object) -> list[str]:
         return []
     parts = cast("Iterable[object]", value.values() if isinstance(value, dict) else value)
     return [part.kind for part in parts if isinstance(part, Child)]
-
-
-def _attributes(cls: type[Any]) -> dict[str, Any]:
-    return {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}

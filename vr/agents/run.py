@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import sys
 from collections.abc import Callable
 
@@ -53,6 +54,7 @@ async def run_host(
     """
     check_name(name)
     sys.setswitchinterval(TURN)
+    gc.freeze()  # what is imported never goes: no collection needs to look at it again
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         transport = await join(realm)
