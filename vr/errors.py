@@ -7,7 +7,7 @@ that a caller on the far side of the network catches the same class with the sam
       AddressError    BadName · DuplicateName · NameInSilence · Hanging · NoSuchRobot · NoSuchHost · NoHost
                       NoSuchView
       CommandError    NoSuchCommand · NoSettings · BadArgument · CommandFailed (Failed) · CommandCancelled
-                      ChildCancelled · DeadlineExceeded · Busy · CommandInDoubt · Stopped
+                      ChildCancelled · DeadlineExceeded · Busy · UnderWay · CommandInDoubt · Stopped
                       StillRunning · KeyReused
       LeaseError      LeaseDenied · StaleEpoch · Retracted · CycleOfBonds · NotInControl
       BondError       NoSuchSlot · SlotOccupied · SlotHeld · SlotEmpty · GroupFull · WrongKind · DoesNotFit
@@ -285,6 +285,14 @@ class Busy(CommandError):
 
     sentence = (
         "{robot} already has {waiting} commands waiting; wait, or cancel them with `robotree stop {robot}`"
+    )
+
+
+class UnderWay(CommandError):
+    """The command runs once at a time, and it runs or waits for its turn already."""
+
+    sentence = (
+        "{robot}.{command} is under way already, for {caller}; end that first with `robotree cancel {robot}`"
     )
 
 

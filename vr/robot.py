@@ -18,10 +18,13 @@ class Robot:
 
     begins: ClassVar[str] = ""
     """Command that its host calls when the robot has been made; empty: none."""
+    one_at_a_time: frozenset[str] = frozenset()
+    """Commands of which a second call is refused while one is under way, where others wait for their turn."""
     online: bool = True
     """False while what stands behind this robot cannot be reached: its readings are stale."""
     reading_units: ClassVar[Mapping[str, str]] = {}
-    """Symbol of the unit of each reading, by its name; what is not here is a plain number."""
+    """Symbol of the unit of each reading, by its name; what is not here is a plain number.
+    `count` for whole numbers."""
     isolated: bool = False
     """Whether its commands may get stuck in code that nobody can interrupt, such as a driver's: then they
     never run on the thread of the command that calls them."""

@@ -56,7 +56,7 @@ _LONGEST = 80
 _USUAL = {
     "", "m", "cm", "mm", "km", "in", "m/s", "mm/s", "m/s**2", "m/s^2", "rad", "deg", "°", "rad/s", "deg/s",
     "°/s", "s", "ms", "min", "h", "N", "N*m", "N m", "kg", "g", "l", "Hz", "V", "A", "W", "K", "°C", "Pa",
-    "bar", "%",
+    "bar", "%", "count",
 }  # fmt: skip
 """Known without `pint`, which takes 0.4 s to load."""
 _WORDS = {

@@ -21,7 +21,7 @@ _CACHE = "__robotree_slots__"
 _OWN = frozenset(
     {
         *("name", "attributes", "slots_now", "field_values", "child_slots", "kinds", "begins", "online"),
-        *("isolated", "halted", "reading_units", "readings", "safe_stop", "resume"),
+        *("isolated", "halted", "reading_units", "readings", "safe_stop", "resume", "one_at_a_time"),
     }
 )
 """What the agent of each robot uses of it, so that no slot can have this name."""

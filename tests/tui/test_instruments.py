@@ -47,7 +47,11 @@ def test_an_age_is_shown_only_when_it_matters(age: float, old: bool, shown: bool
     assert ("age" in "".join(lines({"x": 1.0, "age": age}, old=old))) == shown
 
 
-@given(value=st.floats(-1e4, 1e4), unit=st.sampled_from(["m", "rad", "N", "s", "", "furlong"]))
+def test_what_is_counted_has_neither_decimals_nor_a_unit() -> None:
+    assert figure(3.0, "count") == ("3", "")
+
+
+@given(value=st.floats(-1e4, 1e4), unit=st.sampled_from(["m", "rad", "N", "s", "", "count", "furlong"]))
 def test_the_decimals_of_a_unit_never_change(value: float, unit: str) -> None:
     text, told = figure(value, unit)
     assert len(text.partition(".")[2]) == instruments.DECIMALS.get(unit, instruments.OTHER)

@@ -11,6 +11,7 @@ from robotree.tui.seen.angles import IN_DEGREES
 
 DECIMALS: Mapping[str, int] = {
     "m": 3, "mm": 0, "m/s": 2, "rad": 1, "°": 1, "rad/s": 1, "N": 1, "N m": 2, "s": 1, "V": 1, "A": 2, "%": 0,
+    "count": 0,
 }  # fmt: skip
 """Digits behind the point, by unit: what an arm can tell apart, and no more. Another unit has `OTHER`."""
 
@@ -66,14 +67,15 @@ def figure(value: float, unit: str) -> tuple[str, str]:
         unit: as the robot says it.
 
     Returns:
-        The number and its unit as shown: angles in degrees. What rounds to zero has no sign.
+        The number and its unit as shown: angles in degrees, counts without a unit. What rounds to zero has
+        no sign.
     """
     if unit in IN_DEGREES:
         value = degrees(value)
     text = f"{value:.{DECIMALS.get(unit, OTHER)}f}" if abs(value) < LARGE else f"{value:.4g}"
     if not text.strip("-0."):
         text = text.removeprefix("-")
-    return text, IN_DEGREES.get(unit, unit)
+    return text, "" if unit == "count" else IN_DEGREES.get(unit, unit)
 
 
 def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float | None:

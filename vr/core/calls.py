@@ -179,6 +179,10 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- queries ----------------------------------------------------------------------------------
 
+    def of(self, command: str) -> AcceptedCall | None:
+        """Return the oldest live call of a command that nobody has asked to end; None: there is none."""
+        return next((one for one in self.live.values() if (one.command, one.cause) == (command, None)), None)
+
     def beside_abandoned(self, robot: str, home: str) -> VrError | None:
         """Return why nothing that moves may begin while abandoned code runs; None: there is none."""
         for key, command in self.abandoned.items():

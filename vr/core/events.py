@@ -31,6 +31,8 @@ class Invoke(_Value, frozen=True, kw_only=True):
     reads: bool = False
     stops_seen: int = -1
     """Stops that the robot had been told of when the call came; -1: no matter."""
+    alone: bool = False
+    """It is refused while another call of the same command runs or waits."""
 
 
 class Finish(_Value, frozen=True, kw_only=True):

@@ -5,7 +5,8 @@ the state; who carries them out does so after the state has changed (and, with a
 written).
 
 The order in which a call is examined: the caller's right (epoch), whether the call is known (the same key is
-carried out once), stops, a rival controller, abandoned code, its deadline, room in the queue.
+carried out once), stops, a rival controller, another call of a command that runs once at a time, abandoned
+code, its deadline, room in the queue.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ from robotree.vr.errors import (
     DeadlineExceeded,
     NotConfirmed,
     Stopped,
+    UnderWay,
 )
 from robotree.vr.requests import Raised, Returned
 
@@ -151,6 +153,8 @@ class RobotCore:
                 f"{name} to take it over, or end that proxy and start this one again",
             )
         calls = self.state.calls
+        if event.alone and (other := calls.of(event.call.command)):
+            raise UnderWay(robot=name, command=other.command, caller=other.caller or "somebody")
         if calls.abandoned and (refusal := calls.beside_abandoned(name, self.state.home)):
             raise refusal
 

@@ -366,6 +366,7 @@ class LiveRobot:
                 deadline_at=deadline_at,
                 reads=spec.effect == "read" or spec.beside,
                 stops_seen=stops,
+                alone=call.command in self.robot.one_at_a_time,
             ),
             listener=listener,
             turn=turn,

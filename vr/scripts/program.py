@@ -248,6 +248,7 @@ TAKEN = frozenset(
         "reading_units",
         "condition",
         "begins",
+        "one_at_a_time",
     }
 )
 """Names that the script's robot uses itself."""

@@ -36,7 +36,7 @@ class Script(VirtualRobot):
     """Rules that lead partners."""
 
     program: ClassVar[Program]
-    reading_units: ClassVar[Mapping[str, str]] = {}
+    reading_units: ClassVar[Mapping[str, str]] = dict.fromkeys(("heard", "fired", "acts"), "count")
 
     def __init__(self, name: str, attributes: Mapping[str, str] | None = None) -> None:
         """Name the script; it is not started. See `VirtualRobot`."""
@@ -44,6 +44,7 @@ class Script(VirtualRobot):
         self._run: ScriptRun | None = None
         self._numbers = 0
         self._ended = ""
+        self.one_at_a_time = frozenset({"start"})
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -82,7 +83,7 @@ class Script(VirtualRobot):
             run = ScriptRun(self, self.program, parameters, running())
         except ScriptError as error:
             raise self._failed("start", str(error)) from None
-        self._run = run
+        self._run, self.one_at_a_time = run, frozenset({"start"})
         try:
             said = run.whole()
         except VrError as error:
@@ -92,7 +93,12 @@ class Script(VirtualRobot):
             self._ended = said or "a rule ended it"
             return said
         finally:
+            self._end()
             self._run = None
+
+    def _end(self) -> None:
+        """Let a further `start` wait: this one is about to end."""
+        self.one_at_a_time = frozenset()
 
     def hear(self, act: str, values: tuple[Scalar, ...]) -> None:
         """Take a message of a caller in."""
@@ -104,6 +110,7 @@ class Script(VirtualRobot):
     def finish(self) -> None:
         """End the script; what it has begun is cancelled."""
         self._deliver(Happening(act="finish", sender=self._sender))
+        self._end()
 
     @command(effect="read")
     def message(

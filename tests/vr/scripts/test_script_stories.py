@@ -7,7 +7,15 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import BadArgument, BrokenScript, CommandCancelled, CommandFailed, NoRoles, NoSuchRole
+from robotree.vr.errors import (
+    BadArgument,
+    BrokenScript,
+    CommandCancelled,
+    CommandFailed,
+    NoRoles,
+    NoSuchRole,
+    UnderWay,
+)
 from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
@@ -50,6 +58,18 @@ async def test_a_message_goes_through_the_rules_to_the_robot_and_its_end_comes_b
     await stage.call("guide", "finish")
     assert await running == "finished on request"
     assert script.condition == "ready"
+
+
+async def test_a_script_that_leads_is_not_started_twice(stage: Stage) -> None:
+    _, script, running = await led(stage)
+    with pytest.raises(UnderWay, match=r"guide.start is under way already, for operator; end that first"):
+        await stage.call("guide", "start")
+    await stage.call("guide", "finish")
+    stage.begin("guide")  # it waits for the end of the first one
+    assert await running == "finished on request"
+    await stage.until(lambda: script._run is not None and script._run.engine.happened >= 2)
+    with pytest.raises(UnderWay):
+        await stage.call("guide", "start")
 
 
 async def test_a_script_is_listed_described_and_commanded_like_any_robot(stage: Stage) -> None:
