@@ -197,8 +197,8 @@ class Engine:
         ]
 
     def agenda(self) -> list[str]:
-        """Return the rules that would fire next, with the numbers of their facts."""
-        return [" ".join(str(one).split()) for one in self._env.activations()]
+        """Return the names of the rules that would fire next."""
+        return [str(one).split()[1].removesuffix(":") for one in self._env.activations()]
 
     def matches(self, rule: str) -> list[str]:
         """Return what CLIPS tells of how far the conditions of a rule are met."""

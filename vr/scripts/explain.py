@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
+from itertools import pairwise
 
-from robotree.vr.scripts.engine import Engine
-from robotree.vr.scripts.happening import said, spell
-from robotree.vr.scripts.program import MESSAGE, Condition, Rule
+from robotree.vr.scripts.engine import Engine, Firing
+from robotree.vr.scripts.happening import said
+from robotree.vr.scripts.program import MESSAGE, PARAMETER, Condition, Program, Rule
+from robotree.vr.scripts.shown import in_words
 
 MOST = 40
 """Lines of facts that are shown; the newest."""
@@ -20,7 +21,7 @@ def state(engine: Engine, condition: str = "") -> str:
     lines = [condition] if condition else []
     lines += [f"facts ({len(facts)}):"]
     lines += [f"  … {len(facts) - MOST} more"] if len(facts) > MOST else []
-    lines += [f"  {fact}" for fact in facts[-MOST:]]
+    lines += [f"  {in_words(fact, engine.program)}" for fact in facts[-MOST:]]
     agenda = engine.agenda()
     lines += [f"next ({len(agenda)}):", *(f"  {one}" for one in agenda[:MOST])]
     latest = list(engine.firings)[-LATEST:]
@@ -45,77 +46,88 @@ def why(engine: Engine, name: str) -> str:
     lines: list[str] = []
     if fired is not None:
         lines.append(f"{name} fired last at happening {fired.number} of {engine.happened}, because of")
-        lines += [f"  {fact if fact != '*' else 'something that is not there'}" for fact in fired.because]
+        lines += [f"  {one}" for one in _because(fired, rule, engine.program)]
         lines += [f"  → {said(order)}" for order in fired.orders]
-    return "\n".join([*lines, why_not(engine, rule)])
+    return "\n".join([*lines, *_why_not(engine, rule, fired)])
 
 
-def why_not(engine: Engine, rule: Rule) -> str:
-    """Tell which condition of a rule lacks which fact."""
+def _because(fired: Firing, rule: Rule, program: Program) -> list[str]:
+    """Return the facts that met the conditions of a rule; for the others, what was not there."""
+    absent = [_words(one, program) for one in rule.conditions if one.negated]
+    if len(absent) != fired.because.count("*"):
+        absent = ["what must not be there is not"] * fired.because.count("*")
+    given = iter(absent)
+    facts = (one.partition(" ")[2] if one.startswith("f-") else one for one in fired.because)
+    return [next(given) if one == "*" else in_words(one, program) for one in facts if one]
+
+
+def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
+    """Return which conditions of a rule lack which facts, in lines."""
+    alone, together = _matched(engine.matches(rule.name))
+    wanted = [one for one in rule.conditions if one.template]
+    lacks = [
+        (one, lack)
+        for at, (one, fits) in enumerate(zip(wanted, alone, strict=False))
+        if (lack := _lack(engine, one, fits=fits, first=not at))
+    ]
+    tests = [one for one in rule.conditions if not one.template]
+    if len(alone) != len(wanted):  # CLIPS has made several rules of it, or nested conditions
+        lacks = [(one, "this, or another condition, is not met") for one in wanted[:1]]
+    elif not lacks and not all(together):
+        at = together.index(False) + 1
+        one, above = wanted[at], [other for other in wanted[:at] if other.template != PARAMETER]
+        lack = "no fact fits this together with the conditions above it"
+        if one.negated or not above:
+            lack = _lack(engine, one, fits=one.negated, first=True)
+        lacks = [(one, f"{lack}{'; or an `if` is not true' if tests else ''}")]
+    elif not lacks and tests and fired is None:
+        lacks = [(one, "this is not true") for one in tests[:1]]
+    if not lacks:
+        return [f"{rule.name} has fired for all that fits, or waits for its turn"]
     lines = [f"{rule.name} does not fire now:"]
-    alone = True
-    for condition in rule.conditions:
-        told = _lack(engine, condition)
-        if told:
-            alone = False
-            lines.append(f"  line {condition.mark.line}: {told}")
-    if alone:
-        together = _together(engine, rule)
-        if together is None:
-            return f"{rule.name} has fired for all that fits, or waits for its turn"
-        lines.append(f"  {together}")
-    return "\n".join(lines)
+    for one, lack in lacks:
+        lines += [f"  line {one.mark.line}: {_words(one, engine.program)}", f"    {lack}"]
+    return lines
 
 
-def _lack(engine: Engine, condition: Condition) -> str:
+def _matched(lines: list[str]) -> tuple[list[bool], list[bool]]:
+    """Return what fits each pattern of a rule alone, and the first two, three … together."""
+    alone: list[bool] = []
+    together: list[bool] = []
+    for line, after in pairwise([*lines, ""]):
+        if line.startswith("Matches for Pattern"):
+            alone.append("None" not in after)
+        elif line.startswith("Partial matches for CEs"):
+            together.append("None" not in after)
+    return alone, together
+
+
+def _lack(engine: Engine, condition: Condition, *, fits: bool, first: bool) -> str:
     """Return what keeps one condition from being met by itself; empty: nothing does."""
-    facts = list(engine.facts_of(condition.template)) if condition.template else []
-    fit = [slots for _, slots in facts if _fits(slots, condition)]
-    if not condition.template or bool(fit) != condition.negated:
-        return ""
     if condition.negated:
-        return "" if "?" in condition.text else f"there is a fact {_words(condition)}, and there must be none"
+        certain = first or "?" not in condition.text
+        return "there is such a fact, and there must be none" if fits and certain else ""
+    if fits or condition.template == PARAMETER:
+        return ""
     if condition.template == MESSAGE:
-        return f"nothing has just happened that fits {_words(condition)}"
-    return _nearest(facts, condition) if facts else f"there is no fact {condition.template}"
+        return "this has not just happened"
+    facts = [fact for fact in engine.facts() if fact.startswith(f"({condition.template} ")]
+    if not facts:
+        return f"there is no fact {condition.template}"
+    equal = [
+        sum(
+            f"({slot} {text})" in fact or f'({slot} "{text}")' in fact
+            for slot, text in condition.wanted.items()
+        )
+        for fact in facts
+    ]
+    nearest = max(range(len(facts)), key=lambda at: (equal[at], at))
+    return f"no fact fits; the nearest is {in_words(facts[nearest], engine.program)}"
 
 
-def _nearest(facts: list[tuple[int, dict[str, object]]], condition: Condition) -> str:
-    def differences(slots: dict[str, object]) -> list[str]:
-        return [
-            f"{key} is {_text(slots.get(key))}, wanted {_text(value)}"
-            for key, value in condition.wanted.items()
-            if _text(slots.get(key)) != _text(value)
-        ]
-
-    number, slots = min(facts, key=lambda fact: len(differences(fact[1])))
-    told = "; ".join(differences(slots)) or "other values"
-    return f"no fact fits {_words(condition)}; the nearest is f-{number}: {told}"
-
-
-def _fits(slots: dict[str, object], condition: Condition) -> bool:
-    return all(_text(slots.get(key)) == _text(value) for key, value in condition.wanted.items())
-
-
-def _text(value: object) -> str:
-    if isinstance(value, bool):
-        return "TRUE" if value else "FALSE"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _words(condition: Condition) -> str:
-    parts = [f"{key}: {spell(value)}" for key, value in condition.wanted.items()]
-    return f"{condition.template} {{{', '.join(parts)}}}" if parts else condition.template
-
-
-def _together(engine: Engine, rule: Rule) -> str | None:
-    """Return which conditions do not fit together; None: they do, or there is only one."""
-    last = 0
-    for line, after in zip(lines := engine.matches(rule.name), [*lines[1:], ""], strict=False):
-        found = re.match(r"Partial matches for CEs 1 - (\d+)", line.strip())
-        if found and "None" in after:
-            last = int(found.group(1))
-            break
-    if not last:
-        return None
-    return f"its conditions hold one by one, but no facts meet the first {last} together: see their variables"
+def _words(condition: Condition, program: Program) -> str:
+    """Return a condition as its author wrote it."""
+    if program.for_experts:
+        return f"(not {condition.text})" if condition.negated else condition.text
+    line = program.source.splitlines()[condition.mark.line - 1]
+    return line.strip().removeprefix("- ")

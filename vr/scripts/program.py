@@ -139,6 +139,11 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         """SHA-256 of the source, in hex."""
         return hashlib.sha256(self.source.encode()).hexdigest()
 
+    @property
+    def for_experts(self) -> bool:
+        """Whether it is written in CLIPS, and not as when and then."""
+        return self.path.lower().endswith(".clp")
+
     def template(self, name: str) -> Template | None:
         """Return a kind of fact that it declares or that every script has."""
         return next((one for one in (*self.templates, *SYSTEM) if one.name == name), None)

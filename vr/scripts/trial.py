@@ -12,7 +12,7 @@
               - do robot say text="Hello, Anna"
           - when: done robot say as Anna
             then: do robot go_to place=kitchen
-            facts: (visitor (id Anna) (place kitchen) (stage guided))
+            facts: {visitor: {id: Anna, stage: guided}}
 
 A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `failed PARTNER ACT reason`,
 `progress PARTNER ACT share`, `timer NAME`, `lost PARTNER`, `found PARTNER ROBOT`, `start`; at its end
@@ -21,16 +21,19 @@ A happening in one line: `MESSAGE value …`, `done PARTNER ACT result …`, `fa
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import msgspec
 
+from robotree.vr.errors import BrokenScript
 from robotree.vr.scripts.engine import Engine, ScriptError
+from robotree.vr.scripts.expression import show
 from robotree.vr.scripts.happening import Happening, said
 from robotree.vr.scripts.program import Program
+from robotree.vr.scripts.shown import in_words, parts
+from robotree.vr.scripts.when_then import new_fact
 from robotree.vr.written import Entries, Mark, Scalar, Word, Written, entries, items, read, value_of, word
 
 HAPPENINGS = ("start", "finish", "done", "failed", "progress", "timer", "lost", "found")
@@ -119,11 +122,19 @@ def _step(given: Written) -> Step:
     return Step(
         when=word(step.get("when"), "`when: …`", given.mark).text,
         then=None if then is None else lines,
-        facts=tuple(
-            word(one, "a fact", given.mark).text for one in items(step.get("facts"), given.mark).items
-        ),
+        facts=tuple(_wanted_fact(one) for one in items(step.get("facts"), given.mark).items),
         mark=given.mark,
     )
+
+
+def _wanted_fact(given: Written) -> str:
+    """Return a fact as CLIPS writes it, also of one that is written as `NAME: {slot: value}`."""
+    text = given.text if isinstance(given, Word) else show(new_fact(given, "a fact"))
+    try:
+        parts(text)
+    except (BrokenScript, ValueError):
+        raise given.mark.error("a fact is written as `NAME: {slot: value}`") from None
+    return text
 
 
 def happening(line: str, mark: Mark = Mark()) -> Happening:  # noqa: B008 # frozen
@@ -248,7 +259,7 @@ def run(program: Program, trial: Trial) -> Iterator[Played]:
     rehearsal = Rehearsal(program, trial.parameters, trial.missing)
     for step in trial.steps:
         played = rehearsal.play(step.when, step.mark)
-        fault = played.fault or _differs(step, played) or _lacks(step, rehearsal.engine.facts())
+        fault = played.fault or _differs(step, played) or _lacks(step, rehearsal.engine.facts(), program)
         yield msgspec.structs.replace(played, fault=fault)
         if fault:
             return
@@ -260,19 +271,12 @@ def _differs(step: Step, played: Played) -> str:
     return f"orders: {'; '.join(played.orders) or 'nothing'}; expected: {'; '.join(step.then) or 'nothing'}"
 
 
-def _lacks(step: Step, facts: Sequence[str]) -> str:
+def _lacks(step: Step, facts: Sequence[str], program: Program) -> str:
     """Say which wanted fact is not there; one that names some slots only is met whatever the others hold."""
-    parts = [_parts(fact) for fact in facts]
     for wanted in step.facts:
-        head, slots = _parts(wanted)
-        same = [(fact, held) for fact, (kind, held) in zip(facts, parts, strict=True) if kind == head]
-        if not any(slots <= held for _, held in same):
-            there = f"; there are: {' '.join(fact for fact, _ in same)}" if same else ""
-            return f"there is no fact {wanted}{there}"
+        head, slots = parts(wanted)
+        same = [fact for fact in facts if fact.startswith((f"({head} ", f"({head})"))]
+        if not any(slots.items() <= parts(fact)[1].items() for fact in same):
+            there = f"; there are: {' '.join(in_words(fact, program) for fact in same)}" if same else ""
+            return f"there is no fact {in_words(wanted, program)}{there}"
     return ""
-
-
-def _parts(fact: str) -> tuple[str, frozenset[str]]:
-    """Return kind and slots of a fact as CLIPS writes it: `(visitor (id Anna) (stage served))`."""
-    head, _, slots = fact.strip().removeprefix("(").removesuffix(")").partition(" ")
-    return head, frozenset(re.findall(r'\((?:[^()"]|"(?:[^"\\]|\\.)*")*\)', slots))

@@ -183,11 +183,15 @@ def _template(key: Word, given: Written) -> Template:
 
 
 def _first(given: Written, program: Program) -> Form:
-    return first_fact(_fact(given, "a fact"), program)
+    return first_fact(new_fact(given, "a fact"), program)
 
 
-def _fact(given: Written, what: str) -> Form:
-    """Return a new fact: `{visitor: {id: Anna}}`."""
+def new_fact(given: Written, what: str) -> Form:
+    """Return a new fact: `{visitor: {id: Anna}}`.
+
+    Raises:
+        BrokenScript: it is written in another way.
+    """
     one = entries(given, what, given.mark)
     if len(one.entries) != 1:
         raise given.mark.error(f"{what} is written as `NAME: {{slot: value}}`")
@@ -453,7 +457,9 @@ class _Rule:
                 made = [self._do(mark, value, one)]
             case "remember":
                 facts = entries(value, "a fact", mark)
-                made = [form("assert", _fact(Entries((fact,), mark), "a fact"), mark=mark) for fact in facts]
+                made = [
+                    form("assert", new_fact(Entries((fact,), mark), "a fact"), mark=mark) for fact in facts
+                ]
             case "forget":
                 made = [form("retract", *map(self._named, items(value, mark).items), mark=mark)]
             case "wait":

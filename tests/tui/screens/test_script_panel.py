@@ -70,9 +70,9 @@ async def test_the_panel_of_a_script_shows_its_facts_and_firings_live(
         await open_panel(operator, "doorman")
         await operator.sees("rules", "ready", "it is not started")
         await realm.fleet.tell("doorman", "start", {}, deadline=60.0)
-        await operator.sees("active", "(count (guests 0))", "fired (0)")
+        await operator.sees("active", "count: {guests: 0}", "fired (0)")
         await realm.fleet.call("doorman", "bell", {"who": "Anna"})
-        await operator.sees("(count (guests 1))", "greet")
+        await operator.sees("count: {guests: 1}", "greet")
         await realm.fleet.release("doorman", "robot")
         await operator.sees("it is not started; it ended", "(it was released)")
 

@@ -244,9 +244,17 @@ def test_a_table_names_the_slots_that_matter_and_shows_what_is_there_instead() -
         return played.fault
 
     assert not fault("(cup (n 2))")
+    assert not fault("{cup: {n: 2}}")
+    assert not fault("[{cup: {id: anna}}, {cup: {colours: []}}]")
     assert not fault("(cup (id anna) (n 2) (colours))")
-    assert fault("(cup (n 3))") == "there is no fact (cup (n 3)); there are: (cup (id anna) (n 2) (colours))"
-    assert fault("(cat (n 2))") == "there is no fact (cat (n 2))"
+    assert (
+        fault("{cup: {n: 3}}")
+        == "there is no fact cup: {n: 3}; there are: cup: {id: anna, n: 2, colours: []}"
+    )
+    assert fault("(cat (n 2))") == "there is no fact cat: {n: 2}"
+    for wrong in ("cup", "(cup (n 2)", "(cup) (cup)", "{cup: {n: 2}, cat: {}}"):
+        with pytest.raises(BrokenScript, match=r"t.yaml:\d+:\d+: a fact is written as `NAME: {slot: value}`"):
+            fault(wrong)
 
 
 def test_a_message_that_no_rule_hears_is_a_mistake_of_a_table() -> None:
