@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from robotree.tui.seen import matching
+from robotree.tui.seen import matching, status
 from robotree.tui.seen.rails import rails
 from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, listed, natural, row
 from robotree.tui.seen.store import Store
@@ -120,7 +120,7 @@ def test_whoever_commands_whom_each_robot_is_listed_once(links: dict[str, list[s
     [
         ("name", ["arm-1", "lever", "mover", "rover-2", "rover-10"]),
         ("kind", ["arm-1", "mover", "lever", "rover-2", "rover-10"]),
-        ("state", ["arm-1", "mover", "lever", "rover-2", "rover-10"]),
+        ("state", ["arm-1", "lever", "mover", "rover-2", "rover-10"]),
         ("by", ["mover", "arm-1", "lever", "rover-2", "rover-10"]),
         ("host", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
     ],
@@ -137,7 +137,7 @@ def test_the_list_is_sorted_by_any_column(order: Order, wanted: list[str]) -> No
         ("ROVER", ["rover-2", "rover-10"]),
         ("!rover !openclose", ["mover", "arm-1"]),
         ("kind:arm", ["arm-1"]),
-        ("state:needs", ["mover"]),
+        ("state:needs", ["lever", "mover"]),
         ("by:lever", ["mover"]),
         ("host:host-1 !kind:open", ["mover"]),
         ("! kind: ", ["lever", "mover", "arm-1", "rover-2", "rover-10"]),
@@ -195,6 +195,27 @@ def test_a_slot_that_is_empty_is_what_the_robot_needs() -> None:
     store = store_of(robot("pick", {"arm": ""}))
     made = row(store, family(store)[0], 2.0)
     assert (made.status, made.state) == ("needs", "needs arm: Arm")
+
+
+def test_a_robot_needs_what_the_robots_below_it_need() -> None:
+    store = store_of(
+        robot("boss", {"lever": "lever"}),
+        robot("lever", {"mover": "mover"}, parent="boss"),
+        robot("mover", {"arm": ""}, parent="lever"),
+    )
+    rows = [row(store, one, 2.0) for one in family(store)]
+    assert [(one.status, one.state) for one in rows] == [
+        ("needs", "needs mover.arm: Arm"),
+        ("needs", "needs mover.arm: Arm"),
+        ("needs", "needs arm: Arm"),
+    ]
+    told = store.descriptions
+    assert status.text(told["boss"], told.get) == "needs mover.arm: Arm"
+
+
+def test_a_circle_of_parents_ends_what_they_need() -> None:
+    store = store_of(robot("a", {"arm": "b"}), robot("b", {"arm": "a", "spare": ""}))
+    assert [row(store, one, 2.0).state for one in family(store)] == ["needs b.spare: Arm", "needs spare: Arm"]
 
 
 def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed() -> None:

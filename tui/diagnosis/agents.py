@@ -10,7 +10,6 @@ from robotree.tui.diagnosis import meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.processes.realm import joined
 from robotree.tui.seen import status
-from robotree.vr.description import lacking
 
 if TYPE_CHECKING:
     from robotree.vr.description import RobotDescription
@@ -39,7 +38,8 @@ async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> lis
 
 def condition(robot: RobotDescription) -> Iterator[Finding]:
     """Say how a robot is, and what to do where it cannot be commanded."""
-    kind = status.status_of(robot, robot.slots)
+    lacks = status.lacks_of(robot)
+    kind = status.status_of(robot, lacks)
     told = f"{robot.name} ({robot.kind}) is {status.words(robot)}"
     match kind:
         case "offline":
@@ -53,10 +53,10 @@ def condition(robot: RobotDescription) -> Iterator[Finding]:
             remedy = f"code of {', '.join(robot.abandoned)} was ended and still runs: restart {host}"
             yield Finding("robots", "bad", told, remedy)
         case "needs":
-            slot, wanted, _ = lacking(robot.slots)[0]
+            slot, wanted, _ = lacks[0]
             remedy = f"robotree enslave {robot.name}.{slot} NAME, of a robot of kind {wanted}"
             yield Finding(
-                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {status.needs(robot.slots)}", remedy
+                "robots", "doubt", f"{robot.name} ({robot.kind}) needs {status.needs(lacks)}", remedy
             )
         case _:
             yield Finding("robots", "good", told)

@@ -90,7 +90,8 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     if what == "view":
         return _listed(found, what, doubt)
     hanging = await _hanging(fleet)
-    told = {robot.name: status.text(robot) for robot in await fleet.tree()}
+    answering = {robot.name: robot for robot in await fleet.tree()}
+    told = {name: status.text(robot, answering.get) for name, robot in answering.items()}
     told |= {name: f"HANGS ({where})" for name, (where, _) in hanging.items()}
     known = {one.name for one in found}
     found = [*found, *(_unknown(name) for name in hanging if name not in known)]

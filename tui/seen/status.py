@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import RobotDescription, SlotSpec
+    from robotree.vr.description import Lack, RobotDescription
 
 Status = Literal[
     "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
@@ -65,8 +65,8 @@ class Condition(Protocol):
         ...
 
 
-def status_of(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Status:
-    """Return how a robot says it is, in one word; one of its slots may be empty."""
+def status_of(robot: Condition, lacks: Sequence[Lack] = ()) -> Status:
+    """Return how a robot is, in one word: what it says of itself, and what it lacks (`lacks_of`)."""
     if not robot.online:
         return "offline"
     if robot.stopped:
@@ -75,21 +75,41 @@ def status_of(robot: Condition, slots: Iterable[SlotSpec] = ()) -> Status:
         return "abandoned"
     if robot.busy:
         return "busy"
-    if needs(slots):
+    if lacks:
         return "needs"
     return "enslaved" if robot.bond is not None else "free"
 
 
-def needs(slots: Iterable[SlotSpec]) -> str:
-    """Return what must be enslaved before all commands can be used: `arm: Arm`; empty: nothing."""
-    slots = tuple(slots)
-    if not slots:
-        return ""
+Described = Callable[[str], "RobotDescription | None"]
+"""Returns how a robot of this name describes itself; None: it is not known."""
+
+
+def lacks_of(
+    robot: RobotDescription, described: Described = lambda _: None, above: tuple[str, ...] = ()
+) -> list[Lack]:
+    """Return the children that must be enslaved before all commands of a robot can be used.
+
+    Args:
+        robot: with slots.
+        described: of the robots below it, whose slots count, too: `mover.arm`, as `enslave` wants it.
+        above: the robots on the way down to this one; the first one's slots have no name before them.
+    """
+    if not robot.slots:
+        return []
     from robotree.vr.description import lacking  # help must not wait for the agents
 
+    lead, path = f"{robot.name}." if above else "", (*above, robot.name)
+    found = [lack._replace(slot=f"{lead}{lack.slot}") for lack in lacking(robot.slots)]
+    for slot in robot.slots:
+        if slot.child and slot.child.name not in path and (child := described(slot.child.name)):
+            found += lacks_of(child, described, path)
+    return found
+
+
+def needs(lacks: Sequence[Lack]) -> str:
+    """Write what must be enslaved: `arm: Arm, rovers: Rover x 2`; empty: nothing."""
     return ", ".join(
-        f"{lack.slot}: {lack.kind}" + (f" x {lack.number}" if lack.number > 1 else "")
-        for lack in lacking(slots)
+        f"{lack.slot}: {lack.kind}" + (f" x {lack.number}" if lack.number > 1 else "") for lack in lacks
     )
 
 
@@ -110,7 +130,7 @@ def doing(
     robot: Condition,
     share: float | None = None,
     *,
-    slots: Iterable[SlotSpec] = (),
+    lacks: Sequence[Lack] = (),
     seconds: float = 0.0,
     note: str = "",
 ) -> str:
@@ -119,12 +139,11 @@ def doing(
     Args:
         robot: what it reports of itself.
         share: of the running command that is done, 0 to 1; None or not finite: it does not say.
-        slots: of a virtual robot: an empty one is what it needs.
+        lacks: what must be enslaved before all its commands can be used.
         seconds: for which the command has been running, as far as that was seen.
         note: what the command says itself of how far it is.
     """
-    slots = tuple(slots)
-    match status_of(robot, slots):
+    match status_of(robot, lacks):
         case "abandoned":
             return f"ABANDONED: {', '.join(robot.abandoned)} still runs"
         case "busy":
@@ -137,26 +156,25 @@ def doing(
             ]
             return " ".join(filter(None, parts))
         case "needs":
-            return f"needs {needs(slots)}"
+            return f"needs {needs(lacks)}"
         case calm:
             return calm
 
 
-def text(robot: RobotDescription) -> str:
-    """Return how a robot is; a script has a condition of its own: `inactive: needs robot (Arm)`."""
-    condition = robot.attributes.get(CONDITION, "")
+def text(robot: RobotDescription, described: Described = lambda _: None) -> str:
+    """Return how a robot is, and what those below it lack that are described; a script has a condition of its own: `inactive: needs robot (Arm)`."""
+    condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described)
     if not condition or not robot.online or robot.stopped or robot.abandoned:
-        return words(robot, robot.slots)
-    return condition if condition != "ready" else words(robot, robot.slots)
+        return words(robot, lacks)
+    return condition if condition != "ready" else words(robot, lacks)
 
 
-def words(robot: Condition, slots: Iterable[SlotSpec] = ()) -> str:
+def words(robot: Condition, lacks: Sequence[Lack] = ()) -> str:
     """Return how it is where no sign stands beside: `busy: go_to +2`."""
-    slots = tuple(slots)
-    match status_of(robot, slots):
+    match status_of(robot, lacks):
         case "busy":
             return f"busy: {doing(robot)}"
         case "stopped":
             return "STOPPED"
         case _:
-            return doing(robot, slots=slots)
+            return doing(robot, lacks=lacks)

@@ -17,7 +17,7 @@ from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
-from robotree.vr.description import Listing, RobotDescription, SlotSpec
+from robotree.vr.description import Lack, Listing, RobotDescription
 from robotree.vr.requests import State
 from robotree.vr.transport import Held
 
@@ -518,7 +518,7 @@ class Store:
         if self._silent(name, now) or name in self._unexplained:
             return "silent"
         told = self._told(name)
-        return status.status_of(told, self._slots(name)) if told else "free"
+        return status.status_of(told, self._lacks(name)) if told else "free"
 
     def doing(self, name: str, now: float) -> str:
         """Return how a robot is, in words."""
@@ -531,10 +531,10 @@ class Store:
         told, heard = self._told(name), self._heard.get(name)
         if told is None:
             return "free"
-        if told.bond is not None and status.status_of(told, self._slots(name)) == "enslaved":
+        if told.bond is not None and status.status_of(told, self._lacks(name)) == "enslaved":
             return f"under {self.by(name)}"
         seconds, note = (now - heard.since, heard.state.note) if heard else (0.0, "")
-        return status.doing(told, self.progress(name), slots=self._slots(name), seconds=seconds, note=note)
+        return status.doing(told, self.progress(name), lacks=self._lacks(name), seconds=seconds, note=note)
 
     def by(self, name: str) -> str:
         """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""
@@ -556,9 +556,9 @@ class Store:
         """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""
         return self.status(name, now) in OLD
 
-    def _slots(self, name: str) -> tuple[SlotSpec, ...]:
+    def _lacks(self, name: str) -> list[Lack]:
         robot = self.described(name)
-        return robot.slots if robot else ()
+        return status.lacks_of(robot, self.described) if robot else []
 
     def attend(self, name: str) -> None:
         """Remember the forces of this robot from now on."""

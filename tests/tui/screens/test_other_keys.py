@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.tui.screen.keymap import read
+from textual.widgets._footer import FooterKey
+
+from robotree.tui.screen.keymap import Keymap, read
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.place import Place
+from robotree.tui.screen.widgets.key_line import KeyLine
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -38,6 +41,20 @@ async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm,
         await operator.sees("U resumes")
         await operator.press("U")
         await operator.at(Confirm)
+
+
+async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, operate: Operate) -> None:
+    await realm.create("move_to.py", "mover")
+
+    async def footer(keymap: Keymap) -> list[str]:
+        async with operate(realm.fleet, keymap=keymap) as operator:
+            await operator.sees("Help", "Filter")
+            return [key.description for key in operator.one(KeyLine).query(FooterKey)]
+
+    changed = read('[keys]\ncreate = "f2"\nfilter = "f3"\nhelp = "f4"', "keys.toml")
+    usual = await footer(Keymap())
+    assert {"New", "Filter", "Help"} <= {*usual}
+    assert await footer(changed) == usual
 
 
 async def test_a_form_runs_by_its_other_key_and_says_so(realm: Realm, operate: Operate) -> None:

@@ -64,7 +64,7 @@ async def team(realm: Realm, rovers: int) -> tuple[Any, ...]:
 
 async def test_a_line_binds_several_rovers_and_the_team_is_ready(realm: Realm) -> None:
     boss, *_ = await team(realm, 3)
-    assert status.words(boss.description(), boss.description().slots) == "needs rovers: Rover x 2"
+    assert status.words(boss.description(), status.lacks_of(boss.description())) == "needs rovers: Rover x 2"
     said = await typed(realm, "enslave team.rovers rover-1 rover-2")
     assert said.text == "team.rovers commands rover-1, rover-2"
     assert lacking(boss.description().slots) == ()
@@ -76,7 +76,7 @@ async def test_a_team_of_one_says_what_it_still_needs(realm: Realm) -> None:
     boss, *_ = await team(realm, 1)
     await typed(realm, "enslave team.rovers rover-1")
     description = boss.description()
-    assert status.needs(description.slots) == "rovers: Rover"
+    assert status.needs(status.lacks_of(description)) == "rovers: Rover"
     assert [slot.name for slot in description.slots] == ["rovers[0]", "rovers[1]", "scout"]
     assert forest.drawing(forest.forest([description])).splitlines()[2:] == [
         "├─ rovers[1]: empty (takes Rover)",

@@ -42,8 +42,8 @@ def openings(store: Store, name: str) -> list[Opening]:
 
     Args:
         store: what is known.
-        name: a robot. With empty slots of its own: those. Without: the empty slots of others that take it.
-            Without such: those of the robots below it.
+        name: a robot. With empty slots of its own: those.
+            Without: those of the robots below it, then those of others that take it.
     """
     every = [
         Opening(robot.name, slot.name, slot.kind, slot.doc, slot.commands)
@@ -53,8 +53,9 @@ def openings(store: Store, name: str) -> list[Opening]:
     ]
     own = [one for one in every if one.parent == name]
     kinds = store.robots[name].kinds if name in store.robots else ()
-    others = [one for one in every if one.kind in kinds and name not in store.lineage(one.parent)]
-    return own or others or [one for one in every if name in store.lineage(one.parent)]
+    below = [one for one in every if name in store.lineage(one.parent)]
+    others = [one for one in every if one.kind in kinds and one not in below]
+    return own or [*below, *others]
 
 
 class EnslaveDialog(Modal[Line | None]):

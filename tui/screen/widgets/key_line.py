@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.cells import cell_len
 from textual.app import ComposeResult
@@ -14,6 +14,7 @@ from textual.widgets._footer import FooterKey
 
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.keys import spell
+from robotree.tui.screen.keymap import default_keys
 from robotree.tui.screen.part import Part
 
 HELP = BY_VERB["help"]
@@ -31,7 +32,7 @@ class KeyLine(Part, Footer):
 
     def compose(self) -> ComposeResult:
         """Yield the keys that have room."""
-        keys = list(super().compose())
+        keys = self._as_listed(super().compose())
         if keys and not any(map(_is_help, keys)):
             keys.append(self._help())
         widths = [_width(key) for key in keys]
@@ -39,6 +40,23 @@ class KeyLine(Part, Footer):
         kept = fitting(widths, self.screen.size.width, last)
         self.styles.grid_size_columns = len(kept)
         yield from (keys[place] for place in kept)
+
+    def _as_listed(self, keys: Iterable[Widget]) -> list[Widget]:
+        """Return keys in the order of the registry, those of each widget together.
+
+        Textual (8.2.8, `BindingsMap.apply_keymap`) puts a key that the operator has changed behind all others.
+        """
+        order, active = list(default_keys()), self.screen.active_bindings
+        nodes = list(dict.fromkeys(id(one.node) for one in active.values()))
+
+        def place(key: Widget) -> tuple[int, int]:
+            bound = active.get(key.key) if isinstance(key, FooterKey) else None
+            if bound is None:
+                return len(nodes), 0
+            name = bound.binding.id or ""
+            return nodes.index(id(bound.node)), order.index(name) if name in order else -1
+
+        return sorted(keys, key=place)
 
     def bindings_changed(self, screen: Screen[object]) -> None:
         """Draw the keys again, also in a terminal that has no focus, such as a detached one of tmux."""
