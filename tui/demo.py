@@ -20,6 +20,7 @@ from robotree.files import own_folder
 from robotree.tui import exit_codes
 from robotree.tui.errors import DemoRuns, MemberFailed
 from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import chosen
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
 from robotree.vr.address import ROLES
@@ -84,8 +85,8 @@ async def demo(
     Args:
         story: which.
         headless: play the story instead of showing the supervisor.
-        realm: where; empty: the default realm for a person, so that a second terminal sees the demo, and
-            a realm of its own for the script.
+        realm: where; empty: for a person that of the environment or the default one, so that a second
+            terminal sees the demo, and for the script a realm of its own.
         pictures: folder for pictures; empty: `robotree-demo` in the current one.
         wire: between controllers and proxies.
         speedup: seconds of the simulated world in a second.
@@ -95,7 +96,7 @@ async def demo(
     Returns:
         The exit code.
     """
-    realm = realm or (f"demo-{os.getpid()}" if headless else "default")
+    realm = realm or (f"demo-{os.getpid()}" if headless else chosen(""))
     folder = Path(pictures or "robotree-demo")
     try:
         if headless:

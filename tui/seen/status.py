@@ -162,7 +162,12 @@ def doing(
 
 
 def text(robot: RobotDescription, described: Described = lambda _: None) -> str:
-    """Return how a robot is, and what those below it lack that are described; a script has a condition of its own: `inactive: needs robot (Arm)`."""
+    """Return how a robot is; a script has a condition of its own: `inactive: needs robot (Arm)`.
+
+    Args:
+        robot: which.
+        described: of the robots below it (`lacks_of`).
+    """
     condition, lacks = robot.attributes.get(CONDITION, ""), lacks_of(robot, described)
     if not condition or not robot.online or robot.stopped or robot.abandoned:
         return words(robot, lacks)

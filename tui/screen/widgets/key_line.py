@@ -44,7 +44,7 @@ class KeyLine(Part, Footer):
     def _as_listed(self, keys: Iterable[Widget]) -> list[Widget]:
         """Return keys in the order of the registry, those of each widget together.
 
-        Textual (8.2.8, `BindingsMap.apply_keymap`) puts a key that the operator has changed behind all others.
+        Textual (8.2.8, `BindingsMap.apply_keymap`) puts a key that the operator changed behind all others.
         """
         order, active = list(default_keys()), self.screen.active_bindings
         nodes = list(dict.fromkeys(id(one.node) for one in active.values()))

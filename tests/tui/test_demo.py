@@ -1,0 +1,44 @@
+"""A demo is in the realm that other verbs of the same shell would see."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from robotree.tui import demo
+from robotree.tui.errors import MemberFailed
+from robotree.tui.exit_codes import REFUSED
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from robotree.tui.processes.crew import Crew
+
+
+class Unlucky:
+    """A demo whose first program does not start."""
+
+    names = ()
+
+    def __init__(self) -> None:
+        self.realm = ""
+
+    async def cast(self, crew: Crew, *, wire: demo.Wire, speedup: str) -> None:
+        del wire, speedup
+        self.realm = crew.realm
+        raise MemberFailed(["sim"], "did not start", "")
+
+    async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
+        del realm, folder, readonly
+        raise AssertionError
+
+
+@pytest.mark.parametrize(("given", "wanted"), [("", "mine"), ("other", "other")])
+async def test_a_demo_for_a_person_is_in_the_realm_of_the_environment(
+    monkeypatch: pytest.MonkeyPatch, given: str, wanted: str
+) -> None:
+    monkeypatch.setenv("ROBOTREE_REALM", "mine")
+    story = Unlucky()
+    assert await demo.demo(story, headless=False, realm=given, key="none") == REFUSED
+    assert story.realm == wanted
