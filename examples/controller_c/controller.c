@@ -72,7 +72,7 @@ static void say_position(void) { /* NED: y to the right, z down; 0 - y, since -0
     say(&message);
 }
 
-/* -- its socket: several may listen; everything is said to everybody, and a status names whom it is for */
+/* -- its socket: several may listen; everything is said to everybody, and a status names its reader */
 
 static struct {
     int fd;    /* -1: free */
@@ -116,7 +116,7 @@ static void read_from(int i) {
     }
 }
 
-static void welcome(int listener) { /* in a free place, else in that of whoever is silent for longest */
+static void welcome(int listener) { /* in a free place, else in that of the one that is silent for longest */
     int fd = accept(listener, NULL, NULL), place = 0, yes = 1;
     if (fd < 0) return;
     for (int i = 1; i < CLIENTS && clients[place].fd >= 0; i++)
