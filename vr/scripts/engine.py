@@ -27,6 +27,7 @@ from robotree.vr.scripts.program import (
     PARAMETER,
     PARTNER,
     ROLE,
+    SYSTEM,
     Program,
     template_form,
 )
@@ -187,15 +188,6 @@ class Engine:
         with self._unheard():
             return [self._memory.text(fact) for fact in self._memory.each()]
 
-    def facts_of(self, template: str) -> list[tuple[int, dict[str, Any]]]:
-        """Return number and slots of each fact of a kind."""
-        found = [(self._memory.number(fact), *self._memory.slots(fact)) for fact in self._memory.each()]
-        return [
-            (number, {name: out(value) for name, value in slots.items()})
-            for number, kind, slots in found
-            if kind == template
-        ]
-
     def agenda(self) -> list[str]:
         """Return the names of the rules that would fire next."""
         return [str(one).split()[1].removesuffix(":") for one in self._env.activations()]
@@ -301,8 +293,6 @@ class Engine:
             raise ScriptError(f"{self.program.name}, {where}: {reason}")
 
     def _build(self) -> None:
-        from robotree.vr.scripts.program import SYSTEM
-
         self._env.eval("(set-dynamic-constraint-checking TRUE)")
         for template in (*SYSTEM, *self.program.templates):
             self._env.build(template_form(template))

@@ -121,7 +121,7 @@ class Guard:
         Raises:
             BrokenScript: something in it may not be said.
         """
-        name, doc, rest = _named(rule, "a rule")
+        name, doc, rest = named(rule, "a rule")
         parts: list[Node] = [name]
         if rest and isinstance(rest[0], Form) and rest[0].head == "declare":
             parts.append(_salience(rest[0]))
@@ -382,7 +382,7 @@ def _is(node: Node, text: str) -> bool:
     return isinstance(node, Atom) and node.sort == "symbol" and node.text == text
 
 
-def _named(construct: Form, what: str) -> tuple[Atom, str, tuple[Node, ...]]:
+def named(construct: Form, what: str) -> tuple[Atom, str, tuple[Node, ...]]:
     """Return the name, the text of explanation and the rest of a construct."""
     name = construct.rest[0] if construct.rest else None
     if not isinstance(name, Atom) or name.sort != "symbol":
@@ -409,6 +409,3 @@ def _salience(declare: Form) -> Form:
 def _not_known(head: str, what: str) -> str:
     instead = f"; use {INSTEAD[head]}" if head in INSTEAD else ""
     return f"({head or '…'} …) is {what}{instead}"
-
-
-named = _named

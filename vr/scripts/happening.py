@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
+from robotree.vr.scripts.expression import is_word
 from robotree.vr.written import Scalar
 
 
@@ -107,6 +108,4 @@ def spell(value: Scalar) -> str:
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return f"{value:g}" if isinstance(value, float) else str(value)
-    from robotree.vr.scripts.expression import is_word
-
     return value if is_word(value) else '"' + value.replace('"', '\\"') + '"'

@@ -11,7 +11,7 @@ import re
 
 import msgspec
 
-from robotree.vr.scripts.expression import Form, Node, show
+from robotree.vr.scripts.expression import Atom, Form, Node, plain, show
 from robotree.vr.written import Mark, Scalar
 
 LONGEST_LIST = 64
@@ -191,71 +191,17 @@ SYSTEM = (
 )
 """The facts of every script; a message: performative, sender, act, arguments, conversation, reply-by."""
 
-RESERVED = frozenset(
-    {
-        "and",
-        "or",
-        "not",
-        "test",
-        "exists",
-        "forall",
-        "logical",
-        "object",
-        "declare",
-        "if",
-        "then",
-        "else",
-        "while",
-        "is-a",
-        "initial-fact",
-        "do",
-        "do-as",
-        "reply",
-        "cancel",
-        "play",
-        "wait",
-        "log",
-        "end",
-        "fail",
-        "remember",
-        "forget",
-        "update",
-        "slot",
-        "multislot",
-        "default",
-    }
-)
-TAKEN = frozenset(
-    {
-        "start",
-        "finish",
-        "message",
-        "facts",
-        "why",
-        "whynot",
-        "play",
-        "name",
-        "attributes",
-        "online",
-        "halted",
-        "readings",
-        "safe_stop",
-        "resume",
-        "context",
-        "cancelled",
-        "check",
-        "sleep",
-        "progress",
-        "kinds",
-        "child_slots",
-        "slots_now",
-        "program",
-        "reading_units",
-        "condition",
-        "begins",
-        "one_at_a_time",
-    }
-)
+RESERVED = frozenset({
+    "and", "or", "not", "test", "exists", "forall", "logical", "object", "declare", "if", "then",
+    "else", "while", "is-a", "initial-fact", "do", "do-as", "reply", "cancel", "play", "wait", "log",
+    "end", "fail", "remember", "forget", "update", "slot", "multislot", "default",
+})  # fmt: skip
+TAKEN = frozenset({
+    "attributes", "begins", "cancelled", "check", "child_slots", "cleanup", "condition", "context",
+    "facts", "finish", "halted", "hear", "isolated", "kinds", "lead", "learn_role", "message", "name",
+    "one_at_a_time", "online", "play", "program", "progress", "reading_units", "readings", "resume",
+    "safe_stop", "sleep", "slots_now", "start", "why",
+})  # fmt: skip
 """Names that the script's robot uses itself."""
 
 
@@ -273,8 +219,6 @@ def template_form(template: Template) -> str:
 
 def literal(value: Scalar, mark: Mark = Mark()) -> Node:  # noqa: B008 # frozen
     """Return a plain value as it stands in a rule."""
-    from robotree.vr.scripts.expression import Atom, plain
-
     if isinstance(value, bool):
         return Atom("symbol", "TRUE" if value else "FALSE", mark)
     if isinstance(value, int | float):

@@ -42,6 +42,8 @@ class Script(VirtualRobot):
         """Name the script; it is not started. See `VirtualRobot`."""
         super().__init__(name, attributes)
         self._run: ScriptRun | None = None
+        self._latest: ScriptRun | None = None
+        """The one that runs, or else the last one: what it knew at its end can be asked for."""
         self._numbers = 0
         self._ended = ""
         self.one_at_a_time = frozenset({"start"})
@@ -83,7 +85,8 @@ class Script(VirtualRobot):
             run = ScriptRun(self, self.program, parameters, running())
         except ScriptError as error:
             raise self._failed("start", str(error)) from None
-        self._run, self.one_at_a_time = run, frozenset({"start"})
+        self._run = self._latest = run
+        self.one_at_a_time = frozenset({"start"})
         try:
             said = run.whole()
         except VrError as error:
@@ -140,18 +143,18 @@ class Script(VirtualRobot):
 
     @command(effect="read")
     def facts(self) -> str:
-        """Show what the rules know now, and which of them would fire next."""
-        run = self._run
+        """Show what the rules know now, or knew at their end, and which of them would fire next."""
+        run = self._latest
         if run is None:
-            last = f"; it ended last: {self._ended}" if self._ended else ""
-            return f"{self.condition}\n(no facts: it is not started{last})"
+            return f"{self.condition}\n(no facts: it is not started)"
+        over = "" if run is self._run else f"\nit has ended: {self._ended}"
         with run.lock:
-            return explain.state(run.engine, self.condition)
+            return explain.state(run.engine, self.condition + over)
 
     @command(effect="read")
     def why(self, rule: Annotated[str, "name of a rule; empty: the latest firings of all"] = "") -> str:
         """Tell why a rule fired, or why it does not: which condition lacks which fact."""
-        run = self._run
+        run = self._latest
         if run is None:
             raise self._failed("why", self._not_started)
         with run.lock:

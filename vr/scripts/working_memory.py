@@ -49,11 +49,6 @@ class WorkingMemory:
         lib.ReleaseFact(fact)
 
     @staticmethod
-    def exists(fact: Any) -> bool:
-        """Whether a fact that is held has not been retracted."""
-        return bool(lib.FactExistp(fact))
-
-    @staticmethod
     def number(fact: Any) -> int:
         """Return the number of a fact, as CLIPS shows it: `f-12`."""
         return int(lib.FactIndex(fact))
@@ -68,12 +63,6 @@ class WorkingMemory:
         while fact != ffi.NULL:
             yield fact
             fact = lib.GetNextFact(self._raw, fact)
-
-    def slots(self, fact: Any) -> tuple[str, dict[str, Any]]:
-        """Return the kind of a fact and its slots."""
-        wrapped = clips.facts.TemplateFact(self._raw, fact)
-        lib.ReleaseFact(fact)  # the wrapper has retained it
-        return wrapped.template.name, dict(wrapped)
 
     def learn(self) -> None:
         """Take note of the facts that are new, so that they can be told of when they are asked for."""

@@ -74,7 +74,7 @@ async def test_the_panel_of_a_script_shows_its_facts_and_firings_live(
         await realm.fleet.call("doorman", "bell", {"who": "Anna"})
         await operator.sees("count: {guests: 1}", "greet")
         await realm.fleet.release("doorman", "robot")
-        await operator.sees("it is not started; it ended", "(it was released)")
+        await operator.sees("it has ended", "released")
 
 
 async def choose_role(operator: Operator, name: str) -> RoleDialog:

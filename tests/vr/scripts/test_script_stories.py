@@ -72,6 +72,19 @@ async def test_a_script_that_leads_is_not_started_twice(stage: Stage) -> None:
         await stage.call("guide", "start")
 
 
+async def test_a_script_that_failed_can_still_be_asked_why(stage: Stage) -> None:
+    robot, script, running = await led(stage)
+    robot.fails = "go_to"
+    await stage.call("guide", "go", place="hall")
+    with pytest.raises(CommandFailed, match="a motor is hot"):
+        await running
+    await stage.until(lambda: script.condition == "ready")
+    assert "  go: {place: hall, from: operator" in await stage.call("guide", "why", rule="go")
+    told = await stage.call("guide", "facts")
+    assert "a motor is hot" in told
+    assert "partner: {name: robot, robot: c1, state: here}" in told
+
+
 async def test_a_script_is_listed_described_and_commanded_like_any_robot(stage: Stage) -> None:
     await stage.script(GUIDE)
     robot = stage.agents["guide"].description()

@@ -11,7 +11,8 @@ import yaml
 from robotree.vr.errors import BrokenScript
 from robotree.vr.scripts.engine import Engine
 from robotree.vr.scripts.happening import Happening, said
-from robotree.vr.scripts.script import read_program
+from robotree.vr.scripts.program import TAKEN
+from robotree.vr.scripts.script import Script, read_program
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
 from robotree.vr.scripts.when_then import read_yaml
 from tests.vr.scripts.stage import EXAMPLES
@@ -334,3 +335,12 @@ def test_a_script_does_not_grow_with_its_messages() -> None:
 
     before = some(1000)
     assert some(3000) < before + 50_000
+
+
+def test_no_part_of_a_script_takes_the_place_of_what_every_script_has() -> None:
+    for_pages = {"first", "now", "random", "together"}  # no script uses them: a partner may be called so
+    assert {name for name in dir(Script) if not name.startswith("_")} - for_pages <= TAKEN
+    with pytest.raises(
+        BrokenScript, match=r"s.yaml:2:12: 'lead' cannot be the name of a partner: every script"
+    ):
+        read_yaml("script: s\npartners: {lead: Companion}\n", "s.yaml")
