@@ -7,6 +7,7 @@ Anchors, aliases, tags and a second document are refused: they are what YAML is 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 
@@ -167,11 +168,10 @@ def value_of(word: Word) -> Scalar:
     if word.text.lower() in _TRUTH:
         return _TRUTH[word.text.lower()]
     if _NUMBER.match(word.text):
-        whole = word.text.lstrip("+-").isdigit()
-        number: int | float = int(word.text) if whole else float(word.text)
-        if (abs(number) >= 2**63 and isinstance(number, int)) or number in {float("inf"), float("-inf")}:
-            raise word.mark.error(f"{word.text} is too large a number")
-        return number
+        number, whole = float(word.text), word.text.lstrip("+-").isdigit()
+        if math.isinf(number) or (whole and (len(word.text) > 20 or abs(int(word.text)) >= 2**63)):
+            raise word.mark.error(f"{word.text[:24]}{'…' * (len(word.text) > 24)} is too large a number")
+        return int(word.text) if whole else number
     return word.text
 
 

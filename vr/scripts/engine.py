@@ -50,6 +50,15 @@ _TOLD = 100
 """Firings of one happening whose facts are remembered."""
 _GLANCE = 16
 """Firings between two looks at the clock."""
+_RULE = re.compile(r"in rule (\S+)")
+_PLAIN = (
+    (re.compile(r"Attempt to divide by zero.*"), "it divides by zero"),
+    (
+        re.compile(r"Function '(.+)' expected argument #\d+ to be of type integer or float\."),
+        r"\1 takes numbers only",
+    ),
+)
+"""What CLIPS says, and how it is said here."""
 _FACT = re.compile(r"f-(\d+)")
 
 
@@ -288,6 +297,8 @@ class Engine:
         told = "".join(self._told).strip()
         if self._error or told:
             reason = self._error or _sentence(told)
+            if (found := _RULE.search(told)) and not self._error:
+                where = f"in rule {found.group(1)}"
             self._error = ""
             self._told.clear()
             raise ScriptError(f"{self.program.name}, {where}: {reason}")
@@ -478,4 +489,7 @@ def _first(happening: Happening) -> str:
 def _sentence(told: str) -> str:
     """Return the first thing that CLIPS said, without its code."""
     line = next((line for line in told.splitlines() if line.strip()), "CLIPS gives no reason")
-    return re.sub(r"^\[\w+\]\s*(WARNING:\s*)?", "", line.strip())
+    line = re.sub(r"^\[\w+\]\s*(WARNING:\s*)?", "", line.strip())
+    for pattern, words in _PLAIN:
+        line = pattern.sub(words, line)
+    return line

@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from robotree.vr.written import Mark, Scalar
+from robotree.vr.written import Mark, Scalar, Word, value_of
 
 DEEPEST = 32
 """Levels of brackets. CLIPS reads them by recursion in C: thousands of them would end the process."""
@@ -129,8 +129,8 @@ def _atom(sort: str, text: str, mark: Mark) -> Atom:
         return Atom("string", re.sub(r"\\(.)", r"\1", text[1:-1], flags=re.DOTALL), mark)
     if sort in {"arrow", "compare", "symbol"}:
         return Atom("symbol", text, mark)
-    if sort == "number" and text.lstrip("+-").isdigit() and abs(int(text)) >= 2**63:
-        raise mark.error(f"{text} is too large a number")
+    if sort == "number":
+        value_of(Word(text, mark))  # it says whether it is too large
     if sort in {"mark", "variable", "number"}:
         return Atom(sort, text, mark)  # type: ignore[arg-type] # mypy does not narrow a str to literals
     raise mark.error(f"{text!r} cannot be read here")

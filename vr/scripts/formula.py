@@ -18,6 +18,8 @@ _TOKEN = re.compile(
 )
 _COMPARE = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "=": "=", "==": "=", "!=": "<>"}
 _DEEPEST = 12
+_LONGEST = 60
+"""Words and signs of one formula: readers and CLIPS go into its parts by recursion."""
 
 
 class _Reader:
@@ -31,6 +33,10 @@ class _Reader:
                 raise mark.error(f"{text[at:].strip()[0]!r} cannot stand in a formula: {text}")
             self._tokens.append((str(found.lastgroup), found.group(str(found.lastgroup))))
             at = found.end()
+            if len(self._tokens) > _LONGEST:
+                raise mark.error(
+                    f"more than {_LONGEST} words and signs in one formula; use several conditions"
+                )
 
     def whole(self) -> Node:
         node = self._either()

@@ -348,8 +348,9 @@ class Guard:
                 and node.text.lstrip("$?") not in self._bound
                 and node.text not in self._facts
             ):
+                name = node.text.lstrip("$?")
                 raise node.mark.error(
-                    f"{node.text} is not known here: no condition before it gives it a value"
+                    f"variable {name} is not known here: no condition before it gives it a value"
                 )
             return node
         head = REWRITTEN.get(node.head, node.head)

@@ -123,7 +123,7 @@ ENDLESS = {
         f"(defrule s {START} => " + " ".join(f"(log {i})" for i in range(100)) + ")",
         "it floods: more than 64 orders for one happening",
     ),
-    "a division by nothing": (f"(defrule s {START} => (log (/ 1 0)))", "divide by zero"),
+    "a division by nothing": (f"(defrule s {START} => (log (/ 1 0)))", "in rule s: it divides by zero"),
     "the smallest number by -1": (
         (
             f"(defrule s {START} => (log (div -9223372036854775807 -1)) "
@@ -174,7 +174,7 @@ def test_no_error_in_a_rule_is_swallowed() -> None:
             "(deftemplate v (slot a)) (defrule r (v (b 1)) => (log x))",
             "1:40: fact v has no slot 'b'; it has: a",
         ),
-        ("(defrule a (msg (act x)) => (log ?y))", "1:34: ?y is not known here"),
+        ("(defrule a (msg (act x)) => (log ?y))", "1:34: variable y is not known here"),
         ("(defrule a (msg (act x)) (log y))", "rule a has no =>"),
         ("(defrule a => (printout t hello))", "(printout …) is no action that a rule may take; use (log …)"),
         ("(defrule a => (log x)) (defrule a => (log y))", "there are two rules named a"),

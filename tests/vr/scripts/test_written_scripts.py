@@ -39,7 +39,13 @@ MISTAKES = {
         "s.yaml:8:15: fact cup has no slot 'size'; it has: id, n, colours",
     ),
     "an unknown part of a message": (rule("- seen: {who: 3}"), "8:16: message seen has no 'who'"),
-    "an unknown variable": (rule("- cup: {}", "- log: $who"), "10:14: ?who is not known here"),
+    "an unknown variable": (rule("- cup: {}", "- log: $who"), "10:14: variable who is not known here"),
+    "a formula of many signs": (rule("- if: " + "not " * 3000 + "yes"), "8:13: more than 60 words and signs"),
+    "a formula of many sums": (
+        rule("- if: 1" + " + 1" * 3000 + " < 2"),
+        "8:13: more than 60 words and signs",
+    ),
+    "a number of many digits": (rule("- cup: {n: " + "9" * 5000 + "}"), "99999… is too large a number"),
     "an unknown action": (
         rule("- cup: {}", "- system: rm"),
         "10:9: there is no action 'system'; there are: do,",
@@ -268,6 +274,15 @@ def test_a_message_that_no_rule_hears_is_a_mistake_of_a_table() -> None:
         Rehearsal(program).play("seen Mister Li 1")
     free = read_yaml(rule("- message: {act: $a}"), "s.yaml")
     assert Rehearsal(free).play("sene").orders == ("log x",)
+
+
+@pytest.mark.parametrize(
+    ("condition", "fault"),
+    [("$n / 0 > 1", "it divides by zero"), ("$id > 1", "> takes numbers only")],
+)
+def test_a_formula_that_cannot_be_computed_names_its_rule(condition: str, fault: str) -> None:
+    program = read_yaml(rule(f"- seen: {{id: $id, n: $n}}\n- if: {condition}"), "s.yaml")
+    assert Rehearsal(program).play("seen anna 1").fault == f"{program.name}, in rule r: {fault}"
 
 
 def test_a_happening_that_is_forgotten_is_handled_by_one_rule_only() -> None:
