@@ -294,6 +294,8 @@ class Said(msgspec.Struct, frozen=True):
     """[s] since 1970, on the clock of its host."""
     level: Level
     text: str
+    command: str = ""
+    """That has ended so; empty: the line is no outcome."""
 
 
 class Logged(_Message, frozen=True, kw_only=True):

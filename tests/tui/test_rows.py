@@ -228,6 +228,7 @@ def test_who_hangs_stays_in_its_place_with_pid_and_remedy_until_it_is_dismissed(
     assert (made.status, made.state, made.old) == ("hangs", "HANGS (pid 4711)", True)
     store.fade(address("mover"), 10.0)
     assert row(store, family(store)[1], 15.0).state == "GONE 5 s"
+    assert store.by("mover") == "", "nobody commands what has gone"
     free = [replace(one, bond=None) if one.name == "arm-1" else one for one in left]
     store.take_descriptions(free, 11.0)
     assert names(store)[0] == "arm-1", "nobody commands what a robot commanded that has gone"

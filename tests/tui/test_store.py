@@ -10,7 +10,7 @@ from robotree.tui.seen import rows
 from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
-from robotree.vr.requests import State
+from robotree.vr.requests import Said, State
 from robotree.vr.transport import Held
 
 
@@ -255,3 +255,28 @@ def test_the_tree_is_looked_at_again_only_when_something_hints_at_a_change(store
     assert store.shape == shape
     store.take_state("arm-1", State(bond=address("mover"), epoch=7), 1.2)
     assert store.shape == shape + 1
+
+
+def test_the_log_tells_why_a_command_failed_that_another_program_asked_for(store: Store) -> None:
+    failed = Said(1, 0.0, "failed", "arm-1.go_to failed: it is out of reach", "go_to")
+    store.take_state("arm-1", State(), 1.0)
+    with store.asking("arm-1"):
+        store.take_state("arm-1", State(busy="go_to"), 2.0)
+    store.take_state("arm-1", State(), 3.0)
+    store.take_line("arm-1", failed, 3.0)
+    assert texts(store) == [], "what was asked for here is told by its result"
+    store.take_state("arm-1", State(busy="go_to"), 4.0)
+    store.take_line("arm-1", Said(2, 0.0, "failed", "arm-1.get_info failed", "get_info"), 4.0)
+    store.take_state("arm-1", State(), 5.0)
+    store.take_line("arm-1", failed, 5.1)
+    store.take_line("arm-1", Said(4, 0.0, "warning", "it is warm"), 6.0)
+    told = [(one.weight, one.text) for one in store.entries]
+    assert told == [
+        ("plain", "arm-1.go_to has begun, asked for elsewhere"),
+        ("plain", "arm-1.go_to has ended, asked for elsewhere, after 1.0 s"),
+        ("error", "arm-1.go_to failed: it is out of reach"),
+        ("warning", "arm-1: it is warm"),
+    ]
+    store.take_state("arm-1", State(busy="go_to", bond=address("mover")), 7.0)
+    store.take_line("arm-1", failed, 8.0)
+    assert len(store.entries) == len(told), "what its parent asks is part of the parent's command"

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
-from robotree.tui.seen.store import Store, Weight
+from robotree.tui.seen.store import Store
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
@@ -27,14 +27,6 @@ PAUSE = 0.4
 
 PATROL = 5.0
 """[s] at most between two looks at the tree, the hosts and the lookup services, hint or no hint."""
-
-WEIGHTS: Mapping[str, Weight] = {
-    "debug": "plain",
-    "info": "plain",
-    "warning": "warning",
-    "error": "error",
-}
-"""How what a robot's code says is shown, by its level."""
 
 log = logging.getLogger(__name__)
 
@@ -95,10 +87,8 @@ class Feed:
             self._hint.set()
 
     def _take_lines(self, name: str, lines: Sequence[Said]) -> None:
-        """Enter what the code of a robot says; how commands ended is known from elsewhere."""
         for line in lines:
-            if line.level in WEIGHTS:
-                self.store.tell(f"{name}: {line.text}", WEIGHTS[line.level], self.clock(), name)
+            self.store.take_line(name, line, self.clock())
 
     def hint(self) -> None:
         """Ask for the tree again soon: it has changed."""

@@ -18,7 +18,7 @@ from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
 from robotree.vr.description import Lack, Listing, RobotDescription
-from robotree.vr.requests import State
+from robotree.vr.requests import Level, Said, State
 from robotree.vr.transport import Held
 
 SILENCE = 4.0
@@ -40,6 +40,12 @@ OLD: frozenset[Status] = frozenset({"hangs", "gone", "silent", "offline"})
 """Statuses in which readings are old."""
 
 Weight = Literal["good", "plain", "warning", "error"]
+
+SAYS: Mapping[Level, Weight] = {"debug": "plain", "info": "plain", "warning": "warning", "error": "error"}
+"""How what a robot's code says is shown, by its level."""
+
+FAILS: Mapping[Level, Weight] = {"cancelled": "warning", "failed": "error"}
+"""How it is shown that a command was not carried out; `done` says no more than that it has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +146,8 @@ class Store:
     _came: dict[str, float] = field(default_factory=dict[str, float])
     _asked: dict[str, int] = field(default_factory=dict[str, int])
     """How many commands of ours a robot has not answered yet."""
-    _elsewhere: set[str] = field(default_factory=set[str])
-    """Robots that carry out what others asked for."""
+    _elsewhere: dict[str, str] = field(default_factory=dict[str, str])
+    """By robot: the command that it began last, if another program asked for it."""
     stop: StopRound | None = None
     """The stop that was asked for here last, until it is resumed."""
     described_at: float = 0.0
@@ -389,17 +395,25 @@ class Store:
 
     def _tell_commands(self, name: str, before: State, after: State, now: float, seconds: float) -> None:
         """Log what other programs ask of a robot; what its parent asks is part of the parent's command."""
-        if before.busy and name in self._elsewhere:
-            self._elsewhere.discard(name)
+        if before.busy and self._elsewhere.get(name) == before.busy:
             self.tell(
                 f"{name}.{before.busy} has ended, asked for elsewhere, after {status.took(seconds)}",
                 "plain",
                 now,
                 name,
             )
+        if after.busy:
+            self._elsewhere.pop(name, None)
         if after.busy and after.bond is None and not self._asked.get(name):
-            self._elsewhere.add(name)
+            self._elsewhere[name] = after.busy
             self.tell(f"{name}.{after.busy} has begun, asked for elsewhere", "plain", now, name)
+
+    def take_line(self, name: str, line: Said, now: float) -> None:
+        """Take a line of a robot's log: what its code says, and why a command of others failed."""
+        if line.level in SAYS:
+            self.tell(f"{name}: {line.text}", SAYS[line.level], now, name)
+        elif line.level in FAILS and self._elsewhere.get(name) == line.command:
+            self.tell(line.text, FAILS[line.level], now, name)
 
     def _tell_change(self, name: str, before: State, after: State, now: float) -> None:
         if before.online and not after.online:
@@ -538,7 +552,9 @@ class Store:
 
     def by(self, name: str) -> str:
         """Return who commands a robot: its parent, or who asked for the command that runs; empty: nobody."""
-        state, robot = self.state(name), self.described(name)
+        state, robot, absent = self.state(name), self.described(name), self.absent.get(name)
+        if absent and not absent.hangs:
+            return ""
         if state:
             return state.bond.name if state.bond else state.caller if state.busy else ""
         return robot.bond.parent.name if robot and robot.bond else ""

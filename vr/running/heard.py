@@ -89,8 +89,8 @@ class Log:
             level: Any = place.rpartition("|")[2]
             self.say(level, self.begun.pop(place))
 
-    def say(self, level: Level, text: str) -> None:
-        """Take a line."""
+    def say(self, level: Level, text: str, command: str = "") -> None:
+        """Take a line; `command`: has ended so."""
         with self._lock:
             now = self._now()
             self._room = min(BURST, self._room + (now - self._at) * RATE)
@@ -101,7 +101,7 @@ class Log:
             self._room -= 1.0
             if self._dropped:
                 self._note_dropped()
-            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…")
+            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…", command)
         self.on_line()
 
     def since(self, number: int) -> list[Said]:
@@ -116,9 +116,9 @@ class Log:
         count, self._dropped = self._dropped, 0
         self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
 
-    def _append(self, level: Level, text: str) -> None:
+    def _append(self, level: Level, text: str, command: str = "") -> None:
         self._number += 1
-        self._lines.append(Said(number=self._number, unix=self._unix(), level=level, text=text))
+        self._lines.append(Said(self._number, self._unix(), level, text, command))
 
 
 # -- who speaks ------------------------------------------------------------------------------------

@@ -456,11 +456,11 @@ class LiveRobot:
             reply = call.cause  # what its caller is told, too, however the code took it
         if isinstance(reply, Returned):
             if not call.reads:
-                self.log.say("done", f"{call.command} is done")
+                self.log.say("done", f"{call.command} is done", call.command)
         elif reply.error in {"CommandCancelled", "ChildCancelled"}:
-            self.log.say("cancelled", str(reply.revive()))
+            self.log.say("cancelled", str(reply.revive()), call.command)
         else:
-            self.log.say("failed", str(reply.revive()))
+            self.log.say("failed", str(reply.revive()), call.command)
 
     # -- what it can do ---------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.feeding import PATROL
-from robotree.vr import Robot
+from robotree.vr import CommandCancelled, Robot
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -288,9 +288,20 @@ async def test_the_log_tells_what_other_terminals_have_robots_do(realm: Realm, o
         await operator.sees(
             "arm-1.go_to has begun, asked for elsewhere", "arm-1.go_to has ended, asked for elsewhere"
         )
+        assert operator.text.count("elsewhere") == 2
+        going = asyncio.create_task(
+            realm.fleet.call("arm-1", "go_to", {"x": 0.3, "y": 0, "z": 0.3, "twist": 0})
+        )
+        store = operator.app.store
+        await operator.until(lambda: bool((told := store.state("arm-1")) and told.busy), "its motion")
+        await realm.fleet.cancel("arm-1")
+        await operator.sees("! arm-1.go_to was cancelled: the operator ended it")
+        with pytest.raises(CommandCancelled):
+            await going
+        await operator.until(lambda: operator.text.count("elsewhere") == 4, "its end")
         await operator.obey("call arm-1.go_to x=0.3 y=0 z=0.3 twist=0")
         await operator.sees("arm-1.go_to is done")
-        assert operator.text.count("elsewhere") == 2, "what was asked for here is told once, by its result"
+        assert operator.text.count("elsewhere") == 4, "what was asked for here is told once, by its result"
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
