@@ -9,6 +9,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import clips
 
@@ -129,7 +130,7 @@ if __name__ == "__main__":
     show("YAML of 100 rules compiled", clocked(tries, lambda _: read_yaml(small, "bench.yaml")), 0.1)
     program = read_yaml(small, "bench.yaml")
     show("CLIPS built of 100 rules", clocked(tries, lambda _: Engine(program)), 0.0)
-    guide = Bundle.read("examples/guide.yaml")
+    guide = Bundle.read(Path(__file__).parents[1] / "examples" / "guide.yaml")
     show(
         "a script (guide.yaml, 7 rules) created and built",
         clocked(tries, lambda _: Engine(guide.create("g").program)),

@@ -202,7 +202,7 @@ class Engine:
         return [str(one).split()[1].removesuffix(":") for one in self._env.activations()]
 
     def matches(self, rule: str) -> list[str]:
-        """Return what CLIPS tells of how far the conditions of a rule are met."""
+        """Return what CLIPS says about how far the conditions of a rule are met."""
         self._told.clear()
         self._env.eval(f"(matches {rule} verbose)")
         text = "".join(self._told)

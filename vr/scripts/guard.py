@@ -29,50 +29,12 @@ from robotree.vr.written import Mark, Scalar
 Find = Callable[[str], Template | None]
 
 CHECK = "robotree-check"
-PURE = frozenset(
-    {
-        "+",
-        "-",
-        "*",
-        "/",
-        "div",
-        "mod",
-        "abs",
-        "min",
-        "max",
-        "round",
-        "integer",
-        "float",
-        "sqrt",
-        "=",
-        "<>",
-        "<",
-        "<=",
-        ">",
-        ">=",
-        "eq",
-        "neq",
-        "and",
-        "or",
-        "not",
-        "numberp",
-        "integerp",
-        "floatp",
-        "lexemep",
-        "stringp",
-        "symbolp",
-        "evenp",
-        "oddp",
-        "length$",
-        "nth$",
-        "member$",
-        "first$",
-        "rest$",
-        "subseq$",
-        "text",
-        "fields",
-    }
-)
+PURE = frozenset({
+    "+", "-", "*", "/", "div", "mod", "abs", "min", "max", "round", "integer", "float", "sqrt", "=",
+    "<>", "<", "<=", ">", ">=", "eq", "neq", "and", "or", "not", "numberp", "integerp", "floatp",
+    "lexemep", "stringp", "symbolp", "evenp", "oddp", "length$", "nth$", "member$", "first$", "rest$",
+    "subseq$", "text", "fields",
+})  # fmt: skip
 """Functions that compute a value and do nothing else."""
 REWRITTEN = {"str-cat": "text", "create$": "fields"}
 """Functions of CLIPS that are replaced by bounded ones of ours."""

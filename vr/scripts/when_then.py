@@ -62,7 +62,7 @@ EVENTS = {
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
 ACTIONS = ("do", "remember", "forget", "update …", "wait", "cancel", "reply", "role", "log", "end", "fail")
 _VARIABLE = re.compile(r"\$([^\W\d]\w*)")
-_TIME = re.compile(r"([\d.]+) *(ms|s|min|h)?\Z")
+_TIME = re.compile(r"(\d+\.?\d*|\.\d+) *(ms|s|min|h)?\Z")
 _SECONDS = {"ms": 0.001, "s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}
 
 

@@ -46,6 +46,10 @@ MISTAKES = {
         "8:13: more than 60 words and signs",
     ),
     "a number of many digits": (rule("- cup: {n: " + "9" * 5000 + "}"), "99999… is too large a number"),
+    "a time of two points": (
+        rule("- cup: {}", "- wait: {name: t, for: 1.2.3 s}"),
+        "'1.2.3 s' is no time: write it as `5 s`",
+    ),
     "an unknown action": (
         rule("- cup: {}", "- system: rm"),
         "10:9: there is no action 'system'; there are: do,",
