@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -16,6 +15,9 @@ import pytest
 
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
+from robotree.tui.processes.realm import joined
+from robotree.vr.supervision.fleet import Fleet
+from tests.command_line import ROBOTREE, within_realm
 
 pytestmark = pytest.mark.e2e
 
@@ -46,22 +48,15 @@ class Talkative(VirtualRobot):
 
 async def start(*words: str) -> asyncio.subprocess.Process:
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", *words, "--realm", REALM),
+        *(*ROBOTREE, *words, "--realm", REALM),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )
 
 
 async def robotree(*words: str) -> tuple[int, str]:
-    process = await start(*words)
-    out, _ = await asyncio.wait_for(process.communicate(), 60)
-    return process.returncode or 0, out.decode()
-
-
-async def busy() -> str:
-    """Return the command that the robot carries out."""
-    _, out = await robotree("show", "talker", "--json")
-    return json.loads(out).get("busy", "")
+    code, out, _ = await within_realm(REALM)(*words)
+    return code, out
 
 
 @pytest.fixture
@@ -78,44 +73,53 @@ async def crew(place: Path) -> AsyncIterator[Crew]:
         yield crew
 
 
+@pytest.fixture
+async def fleet(crew: Crew) -> AsyncIterator[Fleet]:
+    """One who looks on: a process of its own for each look would cost most of these tests' time."""
+    del crew  # there before it, and longer
+    async with joined(REALM) as fleet:
+        yield fleet
+
+
 @pytest.mark.usefixtures("crew")
 async def test_an_author_who_prints_does_not_block_the_host() -> None:
     code, out = await robotree("call", "talker.talk", "--json")
     assert (code, json.loads(out)) == (exit_codes.DONE, 3000)
 
 
-async def until_busy(command: str, caller: asyncio.subprocess.Process | None = None) -> None:
+async def until_busy(fleet: Fleet, command: str, caller: asyncio.subprocess.Process | None = None) -> None:
     """Wait until the robot carries a command out, or none; well before it would end by itself."""
     async with asyncio.timeout(30):
-        while await busy() != command:
+        while (await fleet.describe("talker")).busy != command:
             if caller is not None and caller.returncode is not None:
                 pytest.fail(f"its caller has ended: {await caller.communicate()}")
+            await asyncio.sleep(0.02)
 
 
-@pytest.mark.usefixtures("crew")
-async def test_a_verb_that_is_told_to_end_takes_its_command_with_it() -> None:
+async def test_a_verb_that_is_told_to_end_takes_its_command_with_it(fleet: Fleet) -> None:
     call = await start("call", "talker.wait")
-    await until_busy("wait", call)
+    await until_busy(fleet, "wait", call)
     call.terminate()
     assert await asyncio.wait_for(call.wait(), 60) == exit_codes.INTERRUPTED
-    assert not await busy()
+    assert not (await fleet.describe("talker")).busy
 
 
-@pytest.mark.usefixtures("crew")
-async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(place: Path) -> None:
+async def test_a_killed_verb_takes_its_command_with_it_unless_it_was_detached(
+    fleet: Fleet, place: Path
+) -> None:
     script = place / "a.session"
     script.write_text("call talker.wait\n")
     for words in (("call", "talker.wait"), ("run", str(script))):
         caller = await start(*words)
-        await until_busy("wait", caller)
+        await until_busy(fleet, "wait", caller)
         caller.kill()
         await caller.wait()
-        await until_busy("")
+        await until_busy(fleet, "")
     code, out = await robotree("call", "talker.wait", "--detach")
     assert (code, out.split(";")[0]) == (exit_codes.DONE, "talker.wait has begun and goes on by itself")
-    await until_busy("wait")
+    await until_busy(fleet, "wait")
     await robotree("cancel", "talker")
-    await until_busy("")
+    await until_busy(fleet, "")
 
 
 @pytest.mark.usefixtures("crew")
