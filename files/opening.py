@@ -73,7 +73,7 @@ def text(path: Path, most: int) -> str:
         OSError: it cannot be read, is no ordinary file, is larger, or is no UTF-8 text.
     """
     try:
-        decoded = read(path, most).decode()
+        decoded = read(path, most).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "it is not UTF-8 text", str(path)) from None
     return decoded.replace("\r\n", "\n").replace("\r", "\n")

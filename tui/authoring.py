@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -133,6 +134,8 @@ def new(line: Line, kinds: Kinds) -> int:
     module = name.replace("-", "_")
     if not module.isidentifier():
         raise ValueRefused("NAME", f"{name!r} cannot be the name of a page; begin with a letter")
+    if module in sys.stdlib_module_names:
+        raise ValueRefused("NAME", f"Python has a module {module!r} itself; take another, such as my-{name}")
     kind = _kind(line.text("--over"), kinds)
     written = _files(module, kind, exposes="get_info" in kinds.get(kind, {}))
     present = [

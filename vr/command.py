@@ -117,6 +117,8 @@ def command(function: _F | None = None, /, *, effect: Effect = "once") -> _F | C
     def mark(function: _F) -> _F:
         if isinstance(function, _HIDING):
             raise TypeError(f"a command is a plain method; take @{type(function).__name__} away")
+        if not callable(function):
+            raise TypeError("a command has the name of its method; write @command without a text")
         setattr(function, _MARK, effect)
         return function
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from enum import Enum
 from typing import (
     Annotated,
     Any,
@@ -37,6 +38,7 @@ from robotree.vr.errors import BadArgument
 from robotree.vr.plain import to_plain
 from robotree.vr.robot import Robot, attributes_of
 from robotree.vr.signature import field_with_default
+from robotree.vr.typed import needs_building
 from robotree.vr.units import Range, Unit, shorten
 
 SET = "set"
@@ -114,16 +116,23 @@ class Field:
 
 
 class Setting(Field):
-    """A number, truth, text or choice that people may change while the robot lives."""
+    """A number, truth, text, choice or tuple that people may change while the robot lives."""
 
-    def __init__(self, default: Any, spec: FieldSpec) -> None:
-        """Take what a form and a check need of it."""
+    def __init__(self, default: Any, spec: FieldSpec, annotation: Any) -> None:
+        """Take what a form and a check need of it, and the type that the page reads."""
         super().__init__(default)
         self.spec = spec
+        self._built = annotation if needs_building(annotation) else None
 
     def plain(self, value: Any, robot: str) -> Any:
         """See `Field.plain`: text may name another unit."""
+        if isinstance(value, Enum):
+            value = value.value
         return check_argument(self.spec, value, command=f"{robot}.{SET}" if robot else SET)
+
+    def typed(self, plain: Any) -> Any:
+        """See `Field.typed`: a member of an Enum, or a tuple, is made of what is kept."""
+        return plain if self._built is None else msgspec.convert(plain, self._built)
 
 
 class StateField(Field):
@@ -229,8 +238,8 @@ class Kept:
     def read(self, field: Field) -> Any:
         """Return a value as the page reads it."""
         plain = self.values.get(field.name, field.default)  # a reader of a page that was reloaded meanwhile
-        if type(plain) in _AT_ONCE and isinstance(field, Setting):
-            return plain
+        if isinstance(field, Setting):
+            return field.typed(plain)
         activity = activity_here()
         if activity is None:
             return field.typed(plain)
@@ -311,7 +320,7 @@ def declare(cls: type[Any]) -> None:
             if name not in annotations:
                 raise TypeError(f"{where} needs a type: `{name}: int = state(0)`")
             value.bind(_evaluated(annotations[name], cls, where), where)
-        elif name in annotations and not name.startswith("_") and isinstance(value, _AT_ONCE):
+        elif name in annotations and not name.startswith("_") and isinstance(value, (*_AT_ONCE, Enum, tuple)):
             setting = _setting(cls, name, annotations[name], value)
             if setting is not None:
                 setting.name = name
@@ -334,7 +343,7 @@ def _setting(cls: type[Any], name: str, annotation: Any, default: Any) -> Settin
         if meant:
             raise TypeError(f"{where}: a setting cannot have this name; every robot uses it itself")
         return None
-    return Setting(default, field_with_default(name, annotation, default, where, cls.__name__))
+    return Setting(default, field_with_default(name, annotation, default, where, cls.__name__), annotation)
 
 
 def _simple(annotation: Any) -> bool:
@@ -343,6 +352,13 @@ def _simple(annotation: Any) -> bool:
     if get_origin(annotation) in {Union, type(int | None)}:
         inner = [one for one in get_args(annotation) if one is not type(None)]
         return len(inner) == 1 and (_simple(inner[0]) or get_origin(inner[0]) is Annotated)
+    if get_origin(annotation) is tuple:
+        return all(
+            one is ... or _simple(get_args(one)[0] if get_origin(one) is Annotated else one)
+            for one in get_args(annotation)
+        )
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return all(isinstance(one.value, str) for one in annotation)
     return annotation in _SIMPLE
 
 

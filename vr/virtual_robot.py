@@ -55,6 +55,7 @@ class VirtualRobot(Robot):
                     f"{cls.__name__}.{name} is only annotated; write: {name} = Child(…), with an ="
                 )
         for name, value in vars(cls).items():
+            _expect_called(cls, name, value)
             if isinstance(value, Exposed):
                 _expect_promised(cls, name, value)
             if isinstance(value, Exposed | Slotted) and name in _OWN:
@@ -141,6 +142,20 @@ def _expect_promised(cls: type[Any], name: str, exposed: Exposed) -> None:
     if slot.interface is not None and exposed.command not in known:
         told = f"{slot.name} is of kind {slot.kind}, which has no command {exposed.command!r}"
         raise TypeError(f"{cls.__name__}.{name}: {told}; it has: {', '.join(known)}")
+
+
+def _expect_called(cls: type[Any], name: str, value: object) -> None:
+    """Refuse a slot or an exposed command without its parentheses.
+
+    Raises:
+        TypeError: it is one.
+    """
+    if value is Child or value is Children:
+        kind = cast("type[Slotted]", value).__name__
+        raise TypeError(f'{cls.__name__}.{name} is {kind} without a kind; write: {name} = {kind}("Arm")')
+    if inspect.ismethod(value) and isinstance(slot := value.__self__, Slotted):
+        told = f"{slot.name}.{value.__name__}"
+        raise TypeError(f"{cls.__name__}.{name} is {told} without parentheses; write: {name} = {told}()")
 
 
 def _listed(value: object) -> list[str]:

@@ -57,6 +57,8 @@ def test_an_ordinary_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     path.write_bytes(b"one\r\ntwo\rthree\n")
     assert read(path, 15) == b"one\r\ntwo\rthree\n"
     assert text(path, 15) == path.read_text() == "one\ntwo\nthree\n"
+    (tmp_path / "marked").write_bytes(b"\xef\xbb\xbfone")  # as some editors save UTF-8
+    assert text(tmp_path / "marked", 15) == "one"
     with pytest.raises(OSError, match="larger than 14 bytes"):
         read(path, 14)
     for name in ("a\0b", "\ud800"):

@@ -84,11 +84,17 @@ def test_a_command_that_reads_and_changes_state_is_found() -> None:
         ("get_inf = arm.exposed()", "13: arm is of kind Arm, which has no command 'get_inf'"),
         ('info = arm.exposed("get_inf")', "13: arm is of kind Arm, which has no command 'get_inf'"),
         ('wide: Annotated[float, Unit("metrs")] = 1.0', "13: "),
+        ("slowness: float", "13: slowness has a type and no value, so that it is no setting"),
     ],
 )
 def test_what_the_class_promises_wrongly_is_found(line: str, what: str) -> None:
     (one,) = examine(f"{HEADER}\n    {line}\n", KINDS)
     assert f"{one.line}: {one.what}".startswith(what)
+
+
+def test_a_type_of_what_the_constructor_sets_is_left_alone() -> None:
+    lines = "    low: float\n    def __init__(self, name: str) -> None:\n        self.low = 1.0\n"
+    assert examine(f"{HEADER}\n{lines}", KINDS) == []
 
 
 def test_a_derived_page_knows_what_its_base_declares() -> None:
@@ -143,7 +149,7 @@ def test_a_new_page_passes_its_check_and_nothing_is_overwritten(
     assert Path("my_team.py").read_text() == "mine"
 
 
-@pytest.mark.parametrize("words", [["new", "1st"], ["new", "team", "--over", "whale"]])
+@pytest.mark.parametrize("words", [["new", "1st"], ["new", "wave"], ["new", "team", "--over", "whale"]])
 def test_a_page_that_cannot_be_begun_is_refused(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

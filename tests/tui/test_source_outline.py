@@ -97,3 +97,24 @@ def test_a_suggested_name_can_be_a_name_and_is_free(name: str, taken: set[str]) 
 def test_a_suggested_name_reads_well() -> None:
     assert suggested_name("OpenCloseLever", frozenset()) == "open-close-lever"
     assert suggested_name("MoveTo", frozenset({"move-to"})) == "move-to-2"
+
+
+def test_an_enum_a_tuple_and_a_constant_are_read_without_running_the_source() -> None:
+    source = """
+class Side(Enum):
+    LEFT = "left"
+    RIGHT = "right"
+SLOW = 0.1
+class Team(VirtualRobot):
+    side: Side = Side.RIGHT
+    home: Annotated[tuple[float, float], Unit("m")] = (0.3, 0.1)
+    names: tuple[str, ...] = ()
+    speed: float = SLOW
+"""
+    (team,) = outline(source)
+    assert [(one.name, one.type, one.default, one.choices) for one in team.settings] == [
+        ("side", "choice", "right", ("left", "right")),
+        ("home", "tuple", [0.3, 0.1], ()),
+        ("names", "list", [], ()),
+        ("speed", "float", 0.1, ()),
+    ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import GenericAlias
 from typing import Annotated, Any, Literal, Union
 
 from robotree.vr.description import FieldSpec
@@ -51,6 +52,8 @@ def outline(source: str) -> list[ClassOutline]:
                 }
                 settings |= _settings(node, aliases)
                 found[node.name] = replace(_outlined(node), settings=tuple(settings.values()))
+            case ast.ClassDef() if any(_last_name(base) in {"Enum", "StrEnum"} for base in node.bases):
+                aliases |= _members(node)
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 aliases[name] = value
             case _:
@@ -97,6 +100,17 @@ def _take_call(name: str, call: ast.Call, slots: list[tuple[str, str]], commands
         commands.append(name)
 
 
+def _members(node: ast.ClassDef) -> dict[str, ast.expr]:
+    """Return what an Enum and its members mean: the choice between their values, and each value."""
+    values: dict[str, ast.expr] = {
+        one.targets[0].id: one.value
+        for one in node.body
+        if isinstance(one, ast.Assign) and isinstance(one.targets[0], ast.Name)
+    }
+    choice = ast.Subscript(ast.Name("Literal"), ast.Tuple(list(values.values())))
+    return {node.name: choice, **{f"{node.name}.{name}": value for name, value in values.items()}}
+
+
 # -- settings --------------------------------------------------------------------------------------
 
 _TYPES: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": None}
@@ -111,7 +125,7 @@ def _settings(node: ast.ClassDef, aliases: Mapping[str, ast.expr]) -> dict[str, 
                 not name.startswith("_")
             ):
                 try:
-                    default = ast.literal_eval(value)
+                    default = ast.literal_eval(aliases.get(ast.unparse(value), value))
                     annotation = _annotation(written, aliases)
                     found[name] = field_with_default(name, annotation, default, name, node.name)
                 except (ValueError, TypeError, SyntaxError, RecursionError):
@@ -134,7 +148,9 @@ def _annotation(node: ast.expr, aliases: Mapping[str, ast.expr]) -> Any:
         case ast.Name(id=name) if name in aliases:
             return _annotation(aliases[name], {one: each for one, each in aliases.items() if one != name})
         case ast.Constant(value=text):
-            return None if text is None else _annotation(ast.parse(str(text), mode="eval").body, aliases)
+            if text is None or text is ...:
+                return text
+            return _annotation(ast.parse(str(text), mode="eval").body, aliases)
         case ast.BinOp(left=left, op=ast.BitOr(), right=right):
             return Union[_annotation(left, aliases), _annotation(right, aliases)]  # noqa: UP007 # known at run time
         case ast.Subscript(value=outer, slice=inner):
@@ -150,6 +166,8 @@ def _subscribed(outer: str, parts: list[ast.expr], aliases: Mapping[str, ast.exp
     """Return what `Literal[…]` and `Annotated[…]` mean; errors as those of `_annotation`."""
     if outer == "Literal":
         return Literal[tuple(ast.literal_eval(one) for one in parts)]
+    if outer == "tuple":
+        return GenericAlias(tuple, tuple(_annotation(one, aliases) for one in parts))
     if outer == "Annotated":
         return Annotated[(_annotation(parts[0], aliases), *map(_extra, parts[1:]))]
     raise ValueError(outer)

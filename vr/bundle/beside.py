@@ -97,7 +97,7 @@ class _Collector:
         if str(file) in self.found or str(file) == self.path.name or not self.folder.joinpath(file).is_file():
             return
         data = self._take(file)
-        self._look(data.decode("utf-8", "replace"), file)
+        self._look(data.decode("utf-8-sig", "replace"), file)
 
     def _take_data(self, text: str, folder: PurePosixPath) -> None:
         """Take the files that a text names, if there are any."""

@@ -76,7 +76,7 @@ def examine(source: str, kinds: Mapping[str, Collection[str]]) -> list[Finding]:
     found = [*_of_calls(tree, _imports(tree)), *_of_units(tree)]
     known = {**kinds, **{name: page.commands for name, page in pages.items()}}
     for page in pages.values():
-        found += [*_of_state(page), *_of_children(page, known)]
+        found += [*_of_state(page), *_of_bare(page), *_of_children(page, known)]
     return sorted(set(found), key=lambda one: (one.line, one.what))
 
 
@@ -89,13 +89,18 @@ class _Page:
         self.slots: dict[str, str] = dict(base.slots) if base else {}
         self.declared: set[str] = set(base.declared) if base else set()
         """Settings and state."""
+        self.bare: dict[str, ast.AnnAssign] = {}
+        """Attributes with a type and no value."""
         self.exposed: list[tuple[str, str, int]] = []
         """Slot, command and line."""
         self.commands: set[str] = set(base.commands) if base else set()
         self.commands |= {one.name for one in self.methods if _mark(one) is not None}
         for item in node.body:
-            if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.value:
-                self.declared.add(item.target.id)
+            if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
+                if item.value:
+                    self.declared.add(item.target.id)
+                else:
+                    self.bare[item.target.id] = item
             elif isinstance(item, ast.Assign) and isinstance(item.targets[0], ast.Name):
                 self._take(item.targets[0].id, item.value)
 
@@ -219,6 +224,18 @@ def _of_state(page: _Page) -> Iterator[Finding]:
                     f"self.{name} does not survive a reload or a restart",
                     f"declare it in the class, `{name}: int = state(0)` with its type, or name it _{name}",
                 )
+
+
+def _of_bare(page: _Page) -> Iterator[Finding]:
+    """Find attributes that look like settings and have no value."""
+    given = page.declared.union(*({name for name, _ in _changed(method)} for method in page.methods))
+    for name, item in page.bare.items():
+        if name not in given and not name.startswith("_"):
+            yield Finding(
+                item.lineno,
+                f"{name} has a type and no value, so that it is no setting",
+                f"write its default, too: {name}: {ast.unparse(item.annotation)} = …",
+            )
 
 
 def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:

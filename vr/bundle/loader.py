@@ -117,6 +117,13 @@ def forget(name: str, file: str) -> None:
             linecache.cache.pop(file, None)
 
 
+_CALLED = (
+    *("context", "cancelled", "check", "sleep", "now", "random"),
+    *("together", "first", "cleanup", "progress"),
+)
+"""What commands call on self, so that no method of a page can have this name. (A double in a test may.)"""
+
+
 def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> VirtualRobot:
     """Return a new robot with settings, which its constructor can read already.
 
@@ -145,11 +152,16 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
 
 
 def expect_constructor(cls: type[VirtualRobot]) -> None:
-    """Refuse a constructor that does not take the name alone.
+    """Refuse a constructor that does not take the name alone, and a method that hides one of each robot.
 
     Raises:
         TypeError: says what to write instead.
     """
+    for name in _CALLED:
+        if getattr(cls, name) is not getattr(VirtualRobot, name):
+            raise TypeError(
+                f"{cls.__name__}.{name}: a method cannot have this name; every robot uses it itself"
+            )
     if dataclasses.is_dataclass(cls):
         raise TypeError(
             f"{cls.__name__}.__init__ is that of a dataclass: take @dataclass away; "

@@ -46,6 +46,26 @@ MISTAKES = {
         "    @command\n    def sleep(self) -> None: ...\n",
         "line 9: Team.sleep: a command cannot have this name; every robot uses it itself",
     ),
+    "a helper named like a robot's method": (
+        "    def progress(self) -> None: ...\n",
+        "line 8: Team.progress: a method cannot have this name; every robot uses it itself",
+    ),
+    "a command with a text": (
+        "    @command('go')\n    def go(self) -> None: ...\n",
+        "line 8: a command has the name of its method; write @command without a text",
+    ),
+    "a slot without a kind": (
+        "    other = Child\n",
+        'line 8: Team.other is Child without a kind; write: other = Child("Arm")',
+    ),
+    "exposed without parentheses": (
+        "    go_to = arm.exposed\n",
+        "line 8: Team.go_to is arm.exposed without parentheses; write: go_to = arm.exposed()",
+    ),
+    "a setting with a comma too many": (
+        "    speed: float = 0.1,\n",
+        "line 8: default of Team: speed: [0.1] is not a number",
+    ),
     "a missing annotation": (
         "    @command\n    def go(self,\n        x): ...\n",
         "line 10: Team.go: parameter 'x' needs a type: float, int, bool, str",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from enum import Enum
 from typing import Annotated, Any, Literal
 
 import pytest
 
 from robotree.vr import BadArgument, Child, Range, Robot, Unit, VirtualRobot, command, state
 from robotree.vr.bundle import Bundle
+from robotree.vr.command import commands_of
 from robotree.vr.core.state import decode_state, encode_state
 from robotree.vr.errors import BrokenSource, CommandCancelled, CommandFailed, NotInControl
 from tests.vr.core.conftest import Realm, refusal
@@ -201,3 +203,53 @@ def test_a_robot_without_settings_has_no_command_for_them() -> None:
 
     assert "set" not in commands_of(Plain)
     assert issubclass(Plain, Robot)
+
+
+class Side(Enum):
+    """Of the table."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+class Chooser(VirtualRobot):
+    """Has settings that are more than a number."""
+
+    side: Side = Side.LEFT
+    other: Side | None = None
+    home: Annotated[tuple[float, float], Unit("m"), Range(0, 1)] = (0.3, 0.1)
+    names: tuple[str, ...] = ()
+
+    @command
+    def turn(self, side: Side) -> bool:
+        """Choose the side itself."""
+        self.side = side
+        return self.side is side
+
+
+def test_an_enum_and_a_tuple_are_settings_that_the_page_reads_as_they_are_written() -> None:
+    robot = Chooser("chooser")
+    assert (robot.side, robot.other, robot.home, robot.names) == (Side.LEFT, None, (0.3, 0.1), ())
+    commands_of(Chooser)["set"].function(robot, side="right", other="left", home=[0.5, 1.0], names=["nut"])
+    assert (robot.side, robot.other, robot.home, robot.names) == (Side.RIGHT, Side.LEFT, (0.5, 1.0), ("nut",))
+    robot.side = Side.LEFT
+    assert robot.field_values.values["side"] == "left"
+    with pytest.raises(BadArgument, match="one of left, right"):
+        robot.side = "top"  # type: ignore[assignment] # the mistake of an author
+    with pytest.raises(BadArgument, match="out of range"):
+        robot.home = (0.3, 2.0)
+
+
+async def test_an_enum_is_set_from_outside_and_shown_as_a_choice(realm: Realm) -> None:
+    agent = await realm.start(Chooser("chooser"))
+    client = realm.client(agent)
+    await client.call("set", {"side": "right", "home": "50 cm, 10 cm"})
+    spec = (await client.describe()).command("set")
+    assert spec is not None
+    assert [(one.name, one.choices, one.default) for one in spec.parameters[:3]] == [
+        ("side", ("left", "right"), "right"),
+        ("other", ("left", "right"), None),
+        ("home", (), [0.5, 0.1]),
+    ]
+    assert await client.call("turn", {"side": "left"}) is True
+    assert agent.live.core.state.fields["side"] == "left"
