@@ -41,10 +41,8 @@ def _panel(app: OperatorApp, place: Place) -> None:
     if lost:
         _rebond(app, *lost)
     elif absent:
-        app.tell(
-            f"{name} {'hangs' if absent.hangs else 'has gone'}: {absent.remedy or 'start it again'}",
-            "warning",
-        )
+        what, key = " hangs" if absent.hangs else "", app.keymap.spelled("dismiss")
+        app.tell(f"{name}{what}: {absent.remedy}, or {key} takes it off the list", "warning")
     elif robot is None:
         app.tell(f"{name} has not described itself yet" if name else "no robot is selected", "warning")
     else:

@@ -44,7 +44,7 @@ def _faults(store: Store, name: str, now: float, *, stop: bool = True) -> list[s
     told = store.state(name) or robot
     found: list[str] = []
     if absent := store.absent.get(name):
-        found.append(absent.remedy or "its process has gone: start it again, or D takes it off the list")
+        found.append(absent.remedy)
     elif store.status(name, now) == "silent":
         found.append(f"no state has come from it for {status.span(store.age(name, now) or 0.0)}")
     if told and not told.online:

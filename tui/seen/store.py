@@ -282,7 +282,7 @@ class Store:
         else:
             self.tell(f"{what}: its process has gone", "error", now, address.name)
         if address.role == "robot":
-            remedy = hangs.remedy if hangs else ""
+            remedy = hangs.remedy if hangs else "its process has gone: start it again"
             self.absent[address.name] = Absent(
                 address, kind, who.host if who else "", now, pid, remedy, attributes
             )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from robotree.tui.screen.keymap import read
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
@@ -83,23 +84,28 @@ async def test_when_its_robot_leaves_nobody_commands_the_next_one_by_mistake(
         assert page.robot.name == "rover-1"
 
 
+OTHER = read('[keys]\ndismiss = "X"', "keys.toml")
+
+
 async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.fleet) as operator:
+    async with operate(realm.fleet, keymap=OTHER) as operator:
         await known(operator, "arm-1", "rover-1")
         operator.app.choose("rover-1")
         realm.network.freeze(realm.members["rover-1"])
         await operator.sees("✗ HANGS (pid rover-1)", "its process hangs", "thaw rover-1")
         assert "left the list" not in operator.text
         await operator.press("enter")
-        await operator.sees("rover-1 hangs: thaw rover-1")
+        await operator.sees("rover-1 hangs: thaw rover-1, or X takes it off the list")
         realm.network.thaw(realm.members["rover-1"])
         await operator.sees("rover-1 (Rover) answers again")
         await operator.until(lambda: "HANGS" not in operator.text, "it is as before")
-        await operator.press("D")
+        await operator.press("X")
         await operator.sees("rover-1 answers: only a robot that hangs or has gone can be dismissed")
         realm.network.kill(realm.members["rover-1"])
         await operator.sees("✗ GONE", "its process has gone")
-        await operator.press("D")
+        await operator.press("enter")
+        await operator.sees("its process has gone: start it again, or X takes it off the list")
+        await operator.press("X")
         await operator.sees("rover-1 is off the list")
         await operator.until(lambda: operator.one(RobotTable).names == ["arm-1"], "dismissed")
 
