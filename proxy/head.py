@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
@@ -103,6 +104,7 @@ class Head(RobotProxy):
 
     limits = LIMITS
     readers = HEAD_READERS
+    reading_units: ClassVar[Mapping[str, str]] = {"tags": "count"}
 
     def readings(self) -> dict[str, float]:
         """Return the last known readings; what was heard last is told beside them, as an attribute."""

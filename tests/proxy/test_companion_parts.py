@@ -64,6 +64,7 @@ async def test_each_proxy_commands_its_own_part(parts: dict[str, tuple[RobotProx
         "right": ("Limb", "Arm"),
         "head": ("Head", "RobotProxy"),
     }
+    assert parts["head"][0].reading_units["tags"] == "count"
     await asyncio.gather(
         ask["left"]("posture", {"j1": 0.3, "j2": 0.2, "j3": 0, "j4": 1.6, "j5": 0, "j6": 0, "speed": 0.5}),
         ask["right"]("reach", {"x": 0.4, "y": -0.3, "z": 1.0, "hand": "level", "speed": 0.5}),
