@@ -5,7 +5,7 @@ from __future__ import annotations
 from robotree.vr.errors import BrokenScript
 from robotree.vr.scripts.expression import Form, read, value
 from robotree.vr.scripts.happening import spell
-from robotree.vr.scripts.program import MESSAGE, Program
+from robotree.vr.scripts.program import MESSAGE, PARAMETER, Program
 from robotree.vr.scripts.when_then import EVENTS
 from robotree.vr.written import Scalar
 
@@ -36,6 +36,8 @@ def in_words(fact: str, program: Program) -> str:
         return fact
     if kind == MESSAGE:
         kind, slots = _happening(slots, program)
+    elif kind == PARAMETER:
+        kind, slots = "parameters", {str(slots["name"][0]): slots["value"]}
     told = ", ".join(f"{name}: {_value(values)}" for name, values in slots.items())
     return f"{kind}: {{{told}}}" if told else kind
 

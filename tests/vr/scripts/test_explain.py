@@ -70,7 +70,9 @@ def test_a_rule_that_fired_names_what_made_it_fire() -> None:
         '  person_seen: {who: "Mister Li", place: hall, from: operator}',
         "  no visitor: {id: $who}",
     ]
-    assert 'visitor: {id: "Mister Li", place: hall, stage: greeted}' in explain.state(rehearsal.engine)
+    shown = explain.state(rehearsal.engine)
+    assert 'visitor: {id: "Mister Li", place: hall, stage: greeted}' in shown
+    assert "parameters: {welcome: Welcome}" in shown, "as the head of the script writes it"
 
 
 @pytest.mark.parametrize(
