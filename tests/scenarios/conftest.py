@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextvars
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,7 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr.supervision.fleet import Fleet
-
-
-def shows(text: str, words: Iterable[str]) -> bool:
-    """Whether all words are on a screen; it is read once, for reading costs more than looking."""
-    return all(word in text for word in words)
+from tests.screen import shows, text_of
 
 
 class Stage:
@@ -65,8 +61,7 @@ class Stage:
     @property
     def text(self) -> str:
         """What is on the screen, without colours."""
-        strips = self.app.screen._compositor.render_strips()
-        return "\n".join("".join(segment.text for segment in strip) for strip in strips)
+        return text_of(self.app)
 
     @property
     def listed(self) -> set[str]:

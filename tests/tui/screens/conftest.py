@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable, Iterable, Sized
+from collections.abc import AsyncGenerator, Callable, Sized
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -22,6 +22,7 @@ from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.seen import feeding
 from robotree.vr.agents import publisher, shared
+from tests.screen import shows, text_of
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet
@@ -36,11 +37,6 @@ PATIENCE = 60.0
 
 W = TypeVar("W", bound=Widget)
 S = TypeVar("S", bound="Screen[object]")
-
-
-def shows(text: str, words: Iterable[str]) -> bool:
-    """Whether all words are on a screen; it is read once, for reading costs more than looking."""
-    return all(word in text for word in words)
 
 
 class Operator:
@@ -109,8 +105,7 @@ class Operator:
     @property
     def text(self) -> str:
         """What is on the screen, without colours."""
-        strips = self.app.screen._compositor.render_strips()
-        return "\n".join("".join(segment.text for segment in strip) for strip in strips)
+        return text_of(self.app)
 
 
 Operate = Callable[..., AbstractAsyncContextManager[Operator]]
