@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 class Sockets:
     """The sockets that the readers wait for; `selectors` takes 5 us more for each event.
 
-    What has come is reported once (EPOLLET): whoever takes the report reads until nothing is left.
+    What has come is reported once (EPOLLET): the thread that takes the report reads until nothing is left.
     """
 
     def __init__(self) -> None:
