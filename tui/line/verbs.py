@@ -255,7 +255,8 @@ async def log(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
         raise BadLine("log: NAME is missing", "log NAME [--follow]")
     if not line.flag("--follow"):
         said = await fleet.read_log(name)
-        return Outcome([plain(one) for one in said], "\n".join(map(wording.said, said)))
+        told = "\n".join(map(wording.said, said)) or f"{name} has said nothing"
+        return Outcome([plain(one) for one in said], told)
     last = 0
 
     def tell(_: str, said: Sequence[Said]) -> None:
