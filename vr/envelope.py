@@ -76,7 +76,8 @@ class Sealed(NamedTuple):
 
     body: bytes
     void_at: float
-    """[s] on the asker's clock, when nobody begins with it any more; 0: nothing depends on that."""
+    """[s] on the asker's clock, when nobody begins with it any more; infinite: it is carried out however late
+    it comes; 0: nothing depends on that."""
 
 
 class Received(NamedTuple):
@@ -101,10 +102,10 @@ def seal(request: Request, *, now: float, within: float, sender: str = "") -> Se
         within: [s] for which the asker waits for the first answer.
         sender: key under which the asker is present.
     """
-    begins = isinstance(request, BEGINS)
-    holds = min(within, FRESH) if begins else math.inf if isinstance(request, ENDS) else within
+    begins, ends = isinstance(request, BEGINS), isinstance(request, ENDS)
+    holds = min(within, FRESH) if begins else math.inf if ends else within
     body = _encode(Envelope(request, sender, now, holds, this_clock()))
-    return Sealed(body, now + holds if begins else 0.0)
+    return Sealed(body, now + holds if begins or ends else 0.0)
 
 
 def opened(body: bytes, who: str, now: float) -> Received:

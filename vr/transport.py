@@ -109,6 +109,7 @@ class Transport(Protocol):
             urgent: ahead of everything else (lease renewals, stops, cancels).
             void_at: [s] on the event loop's clock, after which the server does not begin with it any more. If
                 the server's process hangs, the replies do not end before: it may wake and begin. 0: they do.
+                Infinite: they do, and the request is left for the process, which reads it when it wakes.
 
         Raises:
             Unreachable: it ended without a single reply: not served, or its process died or hangs.

@@ -18,6 +18,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import math
 import os
 import select
 import socket
@@ -421,17 +422,36 @@ class Mesh:
             key: as served.
             body: the request.
             void_at: [s, CLOCK_MONOTONIC] after which the other process does not begin with it any more: if it
-                hangs it is waited for until then.
+                hangs it is waited for until then. Infinite: it is not waited for, and reads it when it wakes.
             urgent: ahead of everything else.
             on_reply: takes the replies, and None at the end: at once if nobody serves the key, and when the
                 process that does dies or hangs.
         """
         with self._lock:
             peer = None if self.closed else self._where.get(key)
-        if peer is None:
-            on_reply(None)
-        else:
-            self._ask_peer(peer, key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
+        if peer is not None:
+            waits = 0.0 if void_at == math.inf else void_at
+            self._ask_peer(peer, key, body, void_at=waits, urgent=urgent, on_reply=on_reply)
+            return
+        if void_at == math.inf:
+            self._leave(key, body)
+        on_reply(None)
+
+    def _leave(self, key: str, body: bytes) -> None:
+        """Leave a request in the socket of a process that hangs, or has not said yet who it is.
+
+        It stays there if this process ends first: so a process that missed a stop stops when it wakes.
+        """
+        packed = pack(Ask(next(self._numbers), key, body))
+        with self._lock:
+            asleep = [peer for peer in self._peers.values() if not peer.awake]
+            links = [peer.links[Channel.URGENT] for peer in asleep if key in self._written_by(peer)]
+        for link in links:
+            with contextlib.suppress(Overflow):
+                link.send(packed)
+
+    def _written_by(self, peer: _Peer) -> Iterable[str]:
+        return peer.known[Topic.SERVES] if peer.met else self.place.keys_of(peer.tag) or ()
 
     def _ask_peer(
         self, peer: _Peer, key: str, body: bytes, *, void_at: float, urgent: bool, on_reply: OnReply

@@ -20,6 +20,7 @@ import functools
 import heapq
 import itertools
 import logging
+import math
 import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -544,7 +545,7 @@ class MemoryTransport:
         if server is None:
             network.agenda.at(network.agenda.now(), lambda: on_reply(None))
             return
-        exchange = _Exchange(self, server, on_reply, void_at)
+        exchange = _Exchange(self, server, on_reply, 0.0 if void_at == math.inf else void_at)
         channel = URGENT if urgent else BULK
         arrive = partial(server.asked, self, exchange, key, body, channel)
         if server is self:

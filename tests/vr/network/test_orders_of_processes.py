@@ -119,6 +119,28 @@ async def test_who_comes_after_a_process_froze_knows_whom_its_stop_did_not_reach
     assert list(await fleet.stop(None)) == ["awake", "frozen"]
 
 
+@pytest.mark.parametrize("known", [False, True], ids=["by a newcomer", "by one that knew it before"])
+async def test_a_robot_that_was_frozen_when_all_were_stopped_stops_when_it_wakes(
+    start: Start, look: Look, newcomer: Newcomer, *, known: bool
+) -> None:
+    """The order waits in the socket of its process, also when the one who gave it has ended."""
+    _, frozen = await robots(start, "awake", "frozen")
+    fleet = await look()
+    await until(lambda: len(fleet.directory.present("robot")) == 2, "both are seen")
+    await frozen.freeze()
+    await until(lambda: len(fleet.directory.present("robot")) == 1, "its presence is over")
+    with pytest.raises(NotConfirmed):
+        await (fleet.stop(None) if known else newcomer.stop())
+    frozen.signal(signal.SIGCONT)
+    await until(lambda: len(fleet.directory.present("robot")) == 2, "it is seen again")
+    while not (await fleet.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
+        await asyncio.sleep(0.001)
+    with pytest.raises(Stopped):
+        await fleet.call("frozen", "move", {"x": 1.0})
+    assert list(await fleet.resume(None)) == ["awake", "frozen"]
+    assert await fleet.call("frozen", "move", {"x": 1.0}) == 1.0
+
+
 async def test_whoever_comes_after_a_stop_ends_it_at_once(start: Start, look: Look) -> None:
     await robots(start, "one", "other")
     first = await look()
