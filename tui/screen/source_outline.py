@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from types import GenericAlias
 from typing import Annotated, Any, Literal, Union
 
+from robotree.vr.bundle.syntax import parse, parse_expression
 from robotree.vr.description import FieldSpec
 from robotree.vr.signature import field_with_default
 from robotree.vr.units import Range, Unit
@@ -41,7 +42,7 @@ def outline(source: str) -> list[ClassOutline]:
     """
     found: dict[str, ClassOutline] = {}
     aliases: dict[str, ast.expr] = {}
-    for node in ast.parse(source).body:
+    for node in parse(source).body:
         match node:
             case ast.ClassDef() if any(_leads_to_root(base, found) for base in node.bases):
                 settings = {
@@ -150,7 +151,7 @@ def _annotation(node: ast.expr, aliases: Mapping[str, ast.expr]) -> Any:
         case ast.Constant(value=text):
             if text is None or text is ...:
                 return text
-            return _annotation(ast.parse(str(text), mode="eval").body, aliases)
+            return _annotation(parse_expression(str(text)), aliases)
         case ast.BinOp(left=left, op=ast.BitOr(), right=right):
             return Union[_annotation(left, aliases), _annotation(right, aliases)]  # noqa: UP007 # known at run time
         case ast.Subscript(value=outer, slice=inner):

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from robotree.files import read
+from robotree.vr.bundle.syntax import parse
 from robotree.vr.errors import BrokenSource
 
 LARGEST = 4_000_000
@@ -49,7 +50,7 @@ class _Collector:
     def _look(self, source: str, module: PurePosixPath) -> None:
         """Take what one module imports and names; a mistake in its syntax is told when it is loaded."""
         try:
-            tree = ast.parse(source)
+            tree = parse(source)
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             return
         uses_file = False

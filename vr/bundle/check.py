@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 
 import msgspec
 
+from robotree.vr.bundle.syntax import parse
 from robotree.vr.units import Unit
 
 ROOT = "VirtualRobot"
@@ -71,7 +72,7 @@ def examine(source: str, kinds: Mapping[str, Collection[str]]) -> list[Finding]:
         SyntaxError: it is no Python.
         ValueError: it has null bytes.
     """
-    tree = ast.parse(source)
+    tree = parse(source)
     pages = _pages(tree)
     found = [*_of_calls(tree, _imports(tree)), *_of_units(tree)]
     known = {**kinds, **{name: page.commands for name, page in pages.items()}}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import re
 
+from robotree.vr.bundle.syntax import parse
+
 _ABOUT = re.compile(r"(?:default of )?(\w+)(?:\.|: )(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
 _FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -15,7 +17,7 @@ def line_of(source: str, sentence: str) -> int:
     if about is None:
         return 0
     owner, attribute, parameter = about[1], about[2], about[3] or about[4]
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parse(source)):
         if isinstance(node, ast.ClassDef) and node.name == owner:
             return _line_in(node, attribute, parameter)
     return 0
@@ -24,7 +26,7 @@ def line_of(source: str, sentence: str) -> int:
 def slots_at(source: str, line: int) -> list[str]:
     """Return the slots that the class around a line declares above it."""
     found: list[str] = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parse(source)):
         if isinstance(node, ast.ClassDef) and node.lineno < line <= (node.end_lineno or 0):
             for item in node.body:
                 match item:
