@@ -346,10 +346,10 @@ class Story:
             await asyncio.sleep(pause)
             try:
                 await robot.cancel(key)
-            finally:
                 if not any(ticket == one for _, _, one, _ in self.realm.begun):
                     under_way = 0.1 + self.realm.controllers[name].slowest
                     self.judge.cancelled[ticket] = self.world.runner.now() + under_way
+            finally:
                 await asyncio.wait([calling])
                 calling.exception()
 

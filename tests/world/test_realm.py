@@ -83,6 +83,11 @@ def test_a_cancelled_command_is_not_waited_for_where_nothing_can_interrupt_it() 
     assert played(2236).broken == []
 
 
+def test_a_cancel_that_a_paused_robot_did_not_confirm_promises_nothing() -> None:
+    """In 1185 the operator is told that nobody answers, and the call begins when its process goes on."""
+    assert played(1185).broken == []
+
+
 @pytest.mark.parametrize("safeguard", CAUGHT)
 def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str) -> None:
     seed = CAUGHT[safeguard]
