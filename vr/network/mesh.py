@@ -445,12 +445,14 @@ class Mesh:
         packed = pack(Ask(next(self._numbers), key, body))
         with self._lock:
             asleep = [peer for peer in self._peers.values() if not peer.awake]
-            links = [peer.links[Channel.URGENT] for peer in asleep if key in self._written_by(peer)]
+            links = [peer.links.get(Channel.URGENT) for peer in asleep if key in self._served_by(peer)]
         for link in links:
-            with contextlib.suppress(Overflow):
-                link.send(packed)
+            if link is not None:  # a newcomer may have said hello on the other channel only
+                with contextlib.suppress(Overflow):
+                    link.send(packed)
 
-    def _written_by(self, peer: _Peer) -> Iterable[str]:
+    def _served_by(self, peer: _Peer) -> Iterable[str]:
+        """Return the keys that a process has said it serves, or else those that it has written down."""
         return peer.known[Topic.SERVES] if peer.met else self.place.keys_of(peer.tag) or ()
 
     def _ask_peer(

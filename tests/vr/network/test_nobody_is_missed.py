@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ import pytest
 
 from robotree import files
 from robotree.vr.network import rendezvous
+from robotree.vr.network.link import Channel
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
 
@@ -117,4 +119,22 @@ def test_a_change_of_the_folder_at_any_step_hides_no_process(
         steps.done, steps.at, steps.change = 0, step, lambda: change(frozen)
         found = newcomer.held("robot/*/*")
         assert [one for one in found if one.key in {KEY, ""}], f"missed at step {step} of {most}"
+    newcomer.close()
+
+
+@pytest.mark.parametrize("channel", list(Channel))
+def test_a_stop_is_left_for_a_process_of_which_one_channel_is_known(frozen: Frozen, channel: Channel) -> None:
+    """A newcomer may have said hello on either channel first; only what is urgent comes in order."""
+    newcomer = Mesh(Rendezvous("test", frozen.place.directory.parent))
+    newcomer._dial_all()
+    links = newcomer._peers[frozen.place.tag].links
+    links.pop(channel).close()
+    replies: list[bytes | None] = []
+    newcomer.ask(KEY, b"halt", void_at=math.inf, urgent=True, on_reply=replies.append)
+    assert replies == [None], "nobody waits for it"
+    heard = b""
+    for _ in Channel:
+        with frozen.doors[0].accept()[0] as line:
+            heard += line.recv(65536)
+    assert (b"halt" in heard) == (channel is not Channel.URGENT)
     newcomer.close()
