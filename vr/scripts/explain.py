@@ -1,4 +1,4 @@
-"""Why a rule fired, and why it does not: in the words of the script. No threads, no robots."""
+"""Tells why a rule fired, or why it does not fire, in the words of its script. No threads, no robots."""
 
 from __future__ import annotations
 

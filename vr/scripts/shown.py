@@ -27,7 +27,7 @@ def parts(fact: str) -> tuple[str, Slots]:
 
 
 def in_words(fact: str, program: Program) -> str:
-    """Return a fact as CLIPS writes it in the words of its script: `visitor: {id: Anna, stage: served}`."""
+    """Return a fact of CLIPS in the words of its script: `visitor: {id: Anna, stage: served}`."""
     if program.for_experts:
         return fact
     try:

@@ -1,4 +1,4 @@
-"""Why a rule fired, and why it does not, in the words of its author."""
+"""What is told about a rule that fired, and about one that does not fire, uses the words of its script."""
 
 from __future__ import annotations
 
