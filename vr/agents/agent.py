@@ -24,10 +24,9 @@ from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Slots
-from robotree.vr.core.calls import Calls
 from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
 from robotree.vr.core.lease import DEFAULT_TERM, Lessor
-from robotree.vr.core.state import State
+from robotree.vr.core.machine import Calls, State
 from robotree.vr.core.stop import Stop
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import (
@@ -135,12 +134,11 @@ class RobotAgent:
             describe_child=self._describe_child,
             obeyed=obeyed,
             on_effect=self._take_effect,
-            on_change=self.changed,
         )
         self._hooks = Hooks(robot, self._process.runner, partial(self.live.say, ""))
         self._publisher = Publisher(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
-        self._stops = Stops(self.live, self._hooks, self._children, on_change=self.changed)
+        self._stops = Stops(self.live, self._hooks, self._children)
         self._callers = Callers(self.live, self._shared.presence)
         self._outside = OutsideCalls(
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
@@ -153,8 +151,7 @@ class RobotAgent:
         return self.live.robot
 
     def _new_children(self, term: float) -> Children:
-        presence = self._shared.presence
-        return Children(self.live, self.transport, presence, on_change=self.changed, term=term)
+        return Children(self.live, self.transport, self._shared.presence, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -322,7 +319,7 @@ class RobotAgent:
             notes = await turned
         self._hooks.become(robot)
         self.live.page = page
-        self.changed()
+        self.live.on_change()
         return notes
 
     # -- changes ----------------------------------------------------------------------------------
@@ -331,11 +328,6 @@ class RobotAgent:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
         self.live.look_at_robot()
         self._publisher.changed()
-
-    def changed(self) -> None:
-        """Take note that others may see the robot differently. From any thread."""
-        if self.open:
-            self._publisher.changed()
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""

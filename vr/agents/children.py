@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from robotree.vr.address import Address
 from robotree.vr.agents.shared import Presence, Undo
@@ -56,7 +56,6 @@ class Children:
         transport: Transport,
         presence: Presence,
         *,
-        on_change: Callable[[], None],
         term: float = DEFAULT_TERM,
     ) -> None:
         """Begin without children.
@@ -65,12 +64,11 @@ class Children:
             live: the virtual robot.
             transport: the way to the children.
             presence: shows which of them live.
-            on_change: called when a slot or what is known of its child has changed.
             term: [s] asked of the children.
         """
         self._live, self._transport, self._presence = live, transport, presence
         self._parent: Address = live.core.state.address
-        self._on_change, self._term = on_change, term
+        self._term = term
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
         self._retracting: dict[asyncio.Task[None], None] = {}
@@ -106,7 +104,7 @@ class Children:
             raise
         self._live.post(on.Bind(slot=slot, bond=bond))
         self._watch(slot, child, bond.lease.epoch)
-        self._on_change()
+        self._live.on_change()
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
 
@@ -154,7 +152,7 @@ class Children:
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
-        self._on_change()
+        self._live.on_change()
 
     # -- asking -----------------------------------------------------------------------------------
 
@@ -274,7 +272,7 @@ class Children:
             )
         )
         if granted.robot is not None:
-            self._on_change()
+            self._live.on_change()
 
     async def describe(self, slot: str, command: str) -> RobotDescription:
         """Ask the child in a slot anew who it is.

@@ -89,7 +89,7 @@ class Publisher:
         self._line = 0
         """Number of the line of the log that was published last."""
         self._line_waits = False
-        live.log.on_line = self._new_line
+        live.on_change, live.log.on_line = self.changed, self._new_line
 
     def begin(self) -> None:
         """Publish from now on."""

@@ -6,7 +6,7 @@ What stands behind the robot is asked beside its children, as one more of those 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Sequence
 
 import msgspec
 
@@ -24,18 +24,15 @@ from robotree.vr.running.live import LiveRobot
 class Stops:
     """Stops one robot and releases it. Lives on the event loop."""
 
-    def __init__(
-        self, live: LiveRobot, hooks: Hooks, children: Children | None, *, on_change: Callable[[], None]
-    ) -> None:
+    def __init__(self, live: LiveRobot, hooks: Hooks, children: Children | None) -> None:
         """Begin.
 
         Args:
             live: the robot.
             hooks: of the robot.
             children: of the robot; None: it can have none.
-            on_change: called when it is stopped or released.
         """
-        self._live, self._hooks, self._children, self._on_change = live, hooks, children, on_change
+        self._live, self._hooks, self._children = live, hooks, children
         self._key = live.core.state.address.key
         self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
         """What waits for the answers to stops, by generation."""
@@ -103,7 +100,7 @@ class Stops:
             self._take_own(confirmations, doubt)
             if not doubt:
                 live.post(on.Release(generation=seen))
-                self._on_change()
+                self._live.on_change()
         return Done(confirmed=tuple(confirmations.settle()))
 
     # -- inside -----------------------------------------------------------------------------------
@@ -119,7 +116,7 @@ class Stops:
         generation = max(self._stop.parts)
         self._settling[generation] = asyncio.get_running_loop().create_future()
         confirming = self._hooks.safe_stop(reason)
-        self._on_change()
+        self._live.on_change()
         self._ask(generation, HARDWARE, self._own(confirming, budget))
         if self._children is not None:
             for slot in self._stop.parts[generation]:

@@ -23,9 +23,8 @@ from robotree.vr.child import Exposed
 from robotree.vr.command import Command, commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.core import events as on
-from robotree.vr.core.calls import AcceptedCall
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
-from robotree.vr.core.machine import RobotCore
+from robotree.vr.core.machine import AcceptedCall, RobotCore
 from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
 from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
@@ -85,7 +84,6 @@ class LiveRobot:
         describe_child: Callable[[NotDescribed], None],
         obeyed: Callable[[], int | None],
         on_effect: Callable[[Effect], None],
-        on_change: Callable[[], None],
     ) -> None:
         """Prepare; nothing runs before the first call.
 
@@ -98,7 +96,6 @@ class LiveRobot:
                 `VrError` if it does not answer, or lacks the command.
             obeyed: returns the epoch that what stands behind the robot obeys; None: nothing was heard of it.
             on_effect: carries out what is not about calls. In any thread.
-            on_change: told after each change that others may see. In any thread, very often: must be quick.
 
         Raises:
             TypeError: the robot's class declares a command in a way that cannot be called from afar.
@@ -116,7 +113,9 @@ class LiveRobot:
         self._own: dict[str, tuple[float, str]] = {}  # the same without what their children say
         self.describe_child = describe_child
         self._transport, self._obeyed = transport, obeyed
-        self._on_effect, self._on_change = on_effect, on_change
+        self._on_effect = on_effect
+        self.on_change: Callable[[], None] = _nothing
+        """Called after each change that others may see. In any thread, very often: must be quick."""
         self._journal = process.journal
         self._runner = process.runner
         self._lock = process.runner.lock()
@@ -290,7 +289,7 @@ class LiveRobot:
             else:
                 self._carry_out_other(effect)
         if shows:
-            self._on_change()
+            self.on_change()
 
     def _shows(self, effects: list[Effect]) -> bool:
         """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
@@ -422,7 +421,7 @@ class LiveRobot:
         _log.warning("%s.%s has ended after all; the robot can be used again", self.name, command)
         self.log.say("info", f"{command} has ended after all; the robot can be used again")
         self.post(on.Gone(key=key))
-        self._on_change()
+        self.on_change()
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far a running command is."""
@@ -439,7 +438,7 @@ class LiveRobot:
         self.said[key] = (fraction, text[:LONGEST_NOTE])
         for listener in self._listeners.get(key, ()):
             listener.note(fraction, text)
-        self._on_change()
+        self.on_change()
 
     def say(self, key: str, level: Level, text: str, *, piece: bool = False) -> None:
         """Take what a running command says; empty key: what other code of the robot says."""

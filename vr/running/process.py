@@ -32,8 +32,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.context import CommandContext, enter
 from robotree.vr.core.events import Event
-from robotree.vr.core.machine import RobotCore
-from robotree.vr.core.state import State
+from robotree.vr.core.machine import RobotCore, State
 from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.requests import LONGEST_CLEANUP, Level
 from robotree.vr.running.interruptible import Interrupted
@@ -126,7 +125,7 @@ class Frame:
     cause: VrError | None = None
     """Why it was asked to end."""
     final: bool = False
-    """Whether not even a clean-up may command children any more: see `core.calls.AcceptedCall.final`."""
+    """Whether not even a clean-up may command children any more: see `core.machine.AcceptedCall.final`."""
     raised: int = 0
     """How often it was told."""
     steps: int = 0

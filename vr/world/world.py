@@ -27,8 +27,7 @@ import msgspec
 
 from robotree.vr.core.events import Effect
 from robotree.vr.core.events import Event as CoreEvent
-from robotree.vr.core.machine import RobotCore
-from robotree.vr.core.state import State, decode_state, encode_state
+from robotree.vr.core.machine import RobotCore, State, decode_state, encode_state
 from robotree.vr.envelope import on_clock
 from robotree.vr.errors import VrError
 from robotree.vr.running import chance

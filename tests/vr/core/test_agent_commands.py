@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
-from robotree.vr.core.calls import LONGEST_QUEUE
+from robotree.vr.core.machine import LONGEST_QUEUE
 from robotree.vr.envelope import seal
 from robotree.vr.errors import (
     BadArgument,

@@ -11,7 +11,7 @@ import pytest
 from robotree.vr import BadArgument, Child, Range, Robot, Unit, VirtualRobot, command, state
 from robotree.vr.bundle import Bundle
 from robotree.vr.command import commands_of
-from robotree.vr.core.state import decode_state, encode_state
+from robotree.vr.core.machine import decode_state, encode_state
 from robotree.vr.errors import BrokenSource, CommandCancelled, CommandFailed, NotInControl
 from tests.vr.core.conftest import Realm, refusal
 

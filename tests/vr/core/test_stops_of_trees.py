@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
-from robotree.vr.core.calls import LONGEST_QUEUE
+from robotree.vr.core.machine import LONGEST_QUEUE
 from robotree.vr.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.crew import Driver, Rover, crew
