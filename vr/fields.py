@@ -4,7 +4,7 @@
     picked: int = state(0)                                           declared state
     seen: list[str] = state([])
 
-Both are part of the state of the robot's core (`core/state.py`): they survive what that survives, and are
+Both are part of the state of the robot's core (`core/machine.py`): they survive what that survives, and are
 changed by its event `Set` alone. What is kept are plain values, as they are encoded; a page gets copies. A
 copy of a list, a dict or the like belongs to the command that has read it; what the command changes inside is
 noticed and kept when the command ends, however it ends (`Kept.settle`). Pure.

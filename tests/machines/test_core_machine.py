@@ -12,9 +12,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robotree.vr.address import Address
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, Slots
+from robotree.vr.core.bonds import Bond, Lessee, Lessor, Slots
 from robotree.vr.core.events import Begin, ChildGone, Event, Interrupt, Renew, Settled, StopSettled
-from robotree.vr.core.lease import Lessee, Lessor
 from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, State, decode_state, encode_state
 from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.description import RobotDescription, SlotSpec

@@ -10,7 +10,7 @@ from hypothesis import settings
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, multiple, rule
 
 from robotree.vr.address import Address
-from robotree.vr.core.lease import Lessee, Lessor
+from robotree.vr.core.bonds import Lessee, Lessor
 from robotree.vr.errors import LeaseDenied, Retracted, StaleEpoch
 
 NAMES = ("a", "b")

@@ -12,8 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from robotree.vr import context
 from robotree.vr.address import Address
-from robotree.vr.core.bonds import Bond
-from robotree.vr.core.lease import Lessee
+from robotree.vr.core.bonds import Bond, Lessee
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.errors import CommandFailed, SlotEmpty, VrError
 from robotree.vr.scripts.happening import Happening

@@ -23,7 +23,7 @@ from robotree.proxy.guard import EpochCheck
 from robotree.sim.firmware.watchdog import Watchdog
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.stops import Stops
-from robotree.vr.core.lease import Lessee, Lessor
+from robotree.vr.core.bonds import Lessee, Lessor
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
 from robotree.vr.envelope import Envelope, Received, opened

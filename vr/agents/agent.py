@@ -23,9 +23,8 @@ from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared, Undo
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
 from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
-from robotree.vr.core.lease import DEFAULT_TERM, Lessor
 from robotree.vr.core.machine import Calls, State
 from robotree.vr.core.stop import Stop
 from robotree.vr.description import CommandSpec, RobotDescription
@@ -93,7 +92,7 @@ class RobotAgent:
         registrar: Registrar | None = None,
         term: float = DEFAULT_TERM,
         unix: Callable[[], float] | None = None,
-        obeyed: Callable[[], int | None] = lambda: None,
+        obeyed: Callable[[], int | None] | None = None,
         process: Process | None = None,
         shared: Shared | None = None,
     ) -> None:

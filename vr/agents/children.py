@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from robotree.vr.address import Address
 from robotree.vr.agents.shared import Presence, Undo
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, Slots
+from robotree.vr.core.bonds import DEFAULT_TERM, Bond, Lessee, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
-from robotree.vr.core.lease import DEFAULT_TERM, Lessee
 from robotree.vr.description import CommandSpec, RobotDescription
 from robotree.vr.envelope import seal
 from robotree.vr.errors import (

@@ -18,7 +18,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.core.lease import DEFAULT_TERM
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE
 from robotree.vr.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.answering import answering, not_for

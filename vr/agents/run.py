@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from robotree.vr.address import check_name
 from robotree.vr.agents.host import Host
-from robotree.vr.core.lease import DEFAULT_TERM
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join

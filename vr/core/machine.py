@@ -19,7 +19,7 @@ import msgspec
 
 from robotree.vr.address import Address
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, Slots
+from robotree.vr.core.bonds import Bond, Lessor, Slots, Tenure
 from robotree.vr.core.events import (
     Begin,
     ChildGone,
@@ -33,7 +33,6 @@ from robotree.vr.core.events import (
     Settled,
     StopSettled,
 )
-from robotree.vr.core.lease import Lessor, Tenure
 from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.errors import (
     Busy,

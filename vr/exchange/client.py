@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from robotree.vr.address import Address
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.confirmation import unmeasured
-from robotree.vr.core.lease import DEFAULT_TERM
 from robotree.vr.description import Arguments, CommandSpec, RobotDescription
 from robotree.vr.envelope import seal
 from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError

@@ -10,6 +10,8 @@ from __future__ import annotations
 import inspect
 import logging
 import math
+import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import FrameType
@@ -29,13 +31,12 @@ from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
 from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
 from robotree.vr.fields import SET
-from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
+from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned, Said
 from robotree.vr.robot import Robot
-from robotree.vr.running.heard import Log
+from robotree.vr.running.frame import DEEPEST, Frame, Listener, Manner, PendingCall
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
-from robotree.vr.running.pending import Listener, PendingCall
-from robotree.vr.running.process import DEEPEST, Frame, Manner, Process, Worker
+from robotree.vr.running.process import Process, Worker
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
@@ -44,6 +45,13 @@ LONGEST_NOTE = 80
 
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
+
+KEPT = 500
+"""Lines of each robot's log."""
+LONGEST = 500
+"""Characters of a line."""
+BURST, RATE = 200, 50.0
+"""Lines at once, and lines a second."""
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
@@ -56,6 +64,86 @@ class NotDescribed(Exception):
         """Name both."""
         super().__init__(f"{slot}.{command}")
         self.slot, self.command = slot, command
+
+
+class Log:
+    """What one robot says. Its methods may be called from any thread.
+
+    It keeps the last `KEPT` lines, and takes `BURST` lines at once and `RATE` a second after that; of what
+    comes quicker it says how many lines were dropped.
+    """
+
+    def __init__(self, now: Callable[[], float], unix: Callable[[], float]) -> None:
+        """Begin empty.
+
+        Args:
+            now: returns the time [s] on a monotonic clock.
+            unix: returns the time [s] since 1970.
+        """
+        self.on_line: Callable[[], None] = lambda: None
+        """Called when there are new lines. In any thread, very often: must be quick."""
+        self._now, self._unix = now, unix
+        self._lines: deque[Said] = deque(maxlen=KEPT)
+        self._lock = threading.Lock()
+        self._number = 0
+        self._room, self._at = float(BURST), now()
+        self._dropped = 0
+        self.begun: dict[str, str] = {}
+        """Lines that have no end yet, by command and level."""
+
+    def write(self, key: str, level: Level, text: str) -> None:
+        """Take a piece of text; what has no line break yet waits for it.
+
+        Args:
+            key: of the command that says it; empty: none does.
+            level: how important it is.
+            text: of any length.
+        """
+        place = f"{key}|{level}"
+        *whole, rest = (self.begun.pop(place, "") + text).split("\n")
+        if len(rest) > LONGEST:
+            whole, rest = [*whole, rest], ""
+        if rest:
+            self.begun[place] = rest
+        for line in whole:
+            self.say(level, line)
+
+    def end(self, key: str) -> None:
+        """A command has ended: say what has no line break."""
+        for place in [one for one in self.begun if one.rpartition("|")[0] == key]:
+            level: Any = place.rpartition("|")[2]
+            self.say(level, self.begun.pop(place))
+
+    def say(self, level: Level, text: str, command: str = "") -> None:
+        """Take a line; `command`: has ended so."""
+        with self._lock:
+            now = self._now()
+            self._room = min(BURST, self._room + (now - self._at) * RATE)
+            self._at = now
+            if self._room < 1.0:
+                self._dropped += 1
+                return
+            self._room -= 1.0
+            if self._dropped:
+                self._note_dropped()
+            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…", command)
+        self.on_line()
+
+    def since(self, number: int) -> list[Said]:
+        """Return the lines after the one of a number, the oldest first."""
+        with self._lock:
+            if self._dropped:
+                self._note_dropped()
+            return [line for line in self._lines if line.number > number]
+
+    def _note_dropped(self) -> None:
+        """Say how many lines were dropped."""
+        count, self._dropped = self._dropped, 0
+        self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
+
+    def _append(self, level: Level, text: str, command: str = "") -> None:
+        self._number += 1
+        self._lines.append(Said(self._number, self._unix(), level, text, command))
 
 
 class LiveRobot:
@@ -82,7 +170,7 @@ class LiveRobot:
         *,
         transport: Transport,
         describe_child: Callable[[NotDescribed], None],
-        obeyed: Callable[[], int | None],
+        obeyed: Callable[[], int | None] | None,
         on_effect: Callable[[Effect], None],
     ) -> None:
         """Prepare; nothing runs before the first call.
@@ -94,7 +182,8 @@ class LiveRobot:
             transport: the way to children in other processes.
             describe_child: asks the child in a slot anew who it is; called in a worker's thread. Raises a
                 `VrError` if it does not answer, or lacks the command.
-            obeyed: returns the epoch that what stands behind the robot obeys; None: nothing was heard of it.
+            obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; None:
+                nothing stands behind it.
             on_effect: carries out what is not about calls. In any thread.
 
         Raises:
@@ -318,7 +407,7 @@ class LiveRobot:
 
     def look_at_robot(self) -> None:
         """Take what the robot and the controller behind it say, if it has changed."""
-        halted, obeyed = self.robot.halted, self._obeyed()
+        halted, obeyed = self.robot.halted, None if self._obeyed is None else self._obeyed()
         if halted != self.core.state.stop.halted:
             self.post(on.Halted(reason=halted))
         if obeyed is not None and obeyed != self._last_obeyed:
@@ -555,7 +644,7 @@ class LiveRobot:
             work = partial(self.spec, call.command)
         if not worker.stack:
             self._runner.name_thread(f"{self.robot.name}.{call.command}")
-        value, error = worker.run(frame, work)
+        value, error = frame.run(work)
         del self.frames[key]
         frame.over = True  # from now on a thread that works for it reaches no child
         if frame.started or frame.guests:
@@ -658,7 +747,7 @@ class LiveRobot:
         listener = None if call.oneway else pending
         if not call.oneway:
             pending.withdraw = partial(child.cancel, pending.key)
-            pending.let_go = partial(child.detach, pending.key)
+            pending.detach_at_child = partial(child.detach, pending.key)
         while True:
             try:
                 child.admit(
@@ -683,7 +772,7 @@ class LiveRobot:
         call = msgspec.structs.replace(call, source=source, number=number, lowest=lowest)
         pending.key_of_child, pending.accept_by = key, now + PATIENCE
         pending.withdraw = partial(self._withdraw, key, pending.key, epoch)
-        pending.let_go = partial(self._detach, key, pending.key, epoch)
+        pending.detach_at_child = partial(self._detach, key, pending.key, epoch)
         pending.oneway = call.oneway
         if not call.oneway:
             self._calling.setdefault(pending.slot, {})[pending] = None

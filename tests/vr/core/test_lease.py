@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from robotree.vr.address import Address
-from robotree.vr.core.lease import MOST_RETRACTED, Lessee, Lessor
+from robotree.vr.core.bonds import MOST_RETRACTED, Lessee, Lessor
 from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
 
 LEVER = Address("robot", "lever", "1")

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 from robotree.vr.address import Address
-from robotree.vr.core.bonds import Bond, Slots
-from robotree.vr.core.lease import Lessee
+from robotree.vr.core.bonds import Bond, Lessee, Slots
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
 

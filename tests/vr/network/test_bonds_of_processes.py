@@ -18,7 +18,7 @@ import pytest
 from robotree.vr import Child, VirtualRobot
 from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.core.lease import DEFAULT_TERM
+from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.envelope import seal
 from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
 from robotree.vr.exchange.client import RobotClient, ask
