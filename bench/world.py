@@ -101,6 +101,9 @@ def main() -> int:
     """Do what the command line asks for; returns how much of it failed."""
     logging.disable(logging.CRITICAL)
     words = sys.argv[1:]
+    if not {"-h", "--help"}.isdisjoint(words):
+        print(__doc__)
+        return 0
     if words[:1] == ["traces"]:
         return compare(int(words[1]), float(words[2]), Path(words[3]))
     if words[:1] == ["digests"]:

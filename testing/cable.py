@@ -27,7 +27,7 @@ class CableEnd:
 
     congested = False
 
-    def __init__(self, cable: Cable, name: str, soon: Callable[[Callable[[], object]], object]) -> None:
+    def __init__(self, cable: Cable, name: str, soon: Callable[..., object]) -> None:
         """Made by `Cable`; `soon` calls the handler back where that may be done."""
         self.address = f"cable:{name}"
         self.handler: Handler | None = None
@@ -58,7 +58,7 @@ class CableEnd:
         """Hand over what has arrived."""
         self._received += len(data)
         if self.handler is not None and not self.gone:
-            self._soon(lambda: self._hand_over(data))
+            self._soon(self._hand_over, data)
 
     def _hand_over(self, data: bytes) -> None:
         if self.handler is not None:  # it may have ended meanwhile
@@ -68,7 +68,11 @@ class CableEnd:
         """Say that it has ended."""
         handler, self.handler = self.handler, None
         if handler is not None and not self.gone:
-            self._soon(lambda: handler.closed(reason))
+            self._soon(handler.closed, reason)
+
+
+def _at_once(action: Callable[..., object], *values: object) -> None:
+    action(*values)
 
 
 class Cable:
@@ -88,7 +92,7 @@ class Cable:
         self._pieces: dict[bool, deque[list[bytes]]] = {True: deque(), False: deque()}
         """What is under way from the near end, and from the far one."""
         self.near = CableEnd(self, f"{socket.name} to its proxy", process.loop.call_soon_threadsafe)
-        self.far = CableEnd(self, f"{socket.name} from its proxy", lambda action: action())
+        self.far = CableEnd(self, f"{socket.name} from its proxy", _at_once)
         self.near.other, self.far.other = self.far, self.near
 
         def leave() -> None:

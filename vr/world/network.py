@@ -19,7 +19,6 @@ import contextlib
 import functools
 import heapq
 import itertools
-import logging
 import math
 import threading
 from collections import Counter
@@ -56,7 +55,6 @@ URGENT, BULK = 0, 1
 OnMessage = Callable[[str, str, str, bytes], None]
 """Told of each message that arrives: source, target, what it is, its body."""
 
-_log = logging.getLogger(__name__)
 _T = TypeVar("_T", bound="MemoryTransport")
 
 
@@ -140,9 +138,12 @@ class _Way:
             self.held.append((channel, action))
             return
         network, last = self.network, self.last
-        agenda, jitter, delay = network.agenda, network.weather.jitter, network.delay
-        when = agenda.now() + (delay + jitter * network.chance() if jitter else delay)
-        when = max(when, last[channel])
+        agenda, jitter = network.agenda, network.weather.jitter
+        when = agenda.now() + network.delay
+        if jitter:
+            when += jitter * network.chance()
+        if when < last[channel]:  # noqa: PLR1730 # `max` is a call, and this is done very often
+            when = last[channel]
         last[channel] = when
         agenda.at(when, partial(self._arrive, self.connection, action))
 
@@ -380,7 +381,7 @@ class MemoryNetwork:
         """Return who subscribes to a key."""
         known = self._listeners.get(key)
         if known is None:
-            known = self._listeners[key] = [member for member in self.members if member.hears(key)]
+            known = self._listeners[key] = [member for member in self.members if member.hearing(key)]
         return known
 
     def changed_subscriptions(self) -> None:
@@ -479,6 +480,8 @@ class MemoryTransport:
         self._inbox: list[Callable[[], None]] = []
         """What has arrived while it was paused."""
         self._subscriptions: dict[int, tuple[str, SampleHandler]] = {}
+        self._heard: dict[str, list[int]] = {}
+        """Which of these a key concerns, as far as it was asked."""
         self._watches: dict[int, tuple[str, PresenceHandler]] = {}
         self._cut_off_handlers: dict[int, CutOffHandler] = {}
         self._cut_off = False
@@ -509,12 +512,12 @@ class MemoryTransport:
         replies = Replies(key, timeout)
         self._asking[replies] = None
 
-        def done() -> None:
-            replies.end()
-            self._asking.pop(replies, None)
-
         def on_reply(reply: bytes | None) -> None:
-            self._soon(done if reply is None else partial(replies.feed, reply))
+            if reply is not None:
+                replies.feed(reply)
+            else:
+                replies.end()
+                self._asking.pop(replies, None)
 
         self._ask(key, bytes(memoryview(body)), void_at, on_reply, urgent=urgent)
         return replies
@@ -590,7 +593,7 @@ class MemoryTransport:
         if handler is None:
             end(None)
         elif direct is None or not self._directly(direct, body, respond, end):
-            self._soon(partial(self._answer, handler, key, body, respond, end))
+            self._soon(self._answer, handler, key, body, respond, end)
 
     def _directly(self, direct: DirectHandler, body: bytes, respond: Respond, end: End) -> bool:
         self.network.agenda.outside()
@@ -639,24 +642,30 @@ class MemoryTransport:
         self._check(pattern)
         number = next(self._numbers)
         self._subscriptions[number] = (pattern, handler)
+        self._heard.clear()
         self.network.changed_subscriptions()
 
         def undo() -> None:
             self._subscriptions.pop(number, None)
+            self._heard.clear()
             self.network.changed_subscriptions()
 
         return _Entry(undo)
 
-    def hears(self, key: str) -> bool:
-        """Whether anything here subscribes to a key."""
-        return any(matches(pattern, key) for pattern, _ in self._subscriptions.values())
+    def hearing(self, key: str) -> list[int]:
+        """Return which subscriptions here concern a key."""
+        known = self._heard.get(key)
+        if known is None:
+            known = self._heard[key] = [
+                number for number, (pattern, _) in self._subscriptions.items() if matches(pattern, key)
+            ]
+        return known
 
     def hear(self, source: MemoryTransport, key: str, body: bytes) -> None:
         """Hand a sample to those who subscribed to it."""
         self.network.note(source, self, f"sample {key}", body)
-        for number, (pattern, _) in list(self._subscriptions.items()):
-            if matches(pattern, key):
-                self._soon(partial(self._hand, number, key, body))
+        for number in self.hearing(key):
+            self._soon(self._hand, number, key, body)
 
     def _hand(self, number: int, key: str, body: bytes) -> None:
         _, handler = self._subscriptions.get(number, ("", None))
@@ -794,7 +803,7 @@ class MemoryTransport:
             self._cut_off = cut_off
             reason = "no other process can reach it: its entry is gone" if cut_off else ""
             for handler in self._cut_off_handlers.values():
-                self._soon(partial(handler, reason))
+                self._soon(handler, reason)
 
     def fall(self) -> None:
         """Stop being there: no handler runs any more, what was asked ends."""
@@ -802,6 +811,7 @@ class MemoryTransport:
         self.served.clear()
         self.tokens.clear()
         self._subscriptions.clear()
+        self._heard.clear()
         self._watches.clear()
         self._inbox.clear()
         for task in self._others():
@@ -827,16 +837,10 @@ class MemoryTransport:
         if self.closed:
             raise TransportClosed(key=key)
 
-    def _soon(self, action: Callable[[], object]) -> None:
-        """Do something on the event loop of the member, unless that has ended."""
+    def _soon(self, action: Callable[..., object], *values: object) -> None:
+        """Do something on the event loop of the member, unless that has ended; it says what is raised."""
         if not self.loop.is_closed():
-            self.loop.call_soon_threadsafe(self._on_the_loop, action)
-
-    def _on_the_loop(self, action: Callable[[], object]) -> None:
-        try:
-            action()
-        except Exception:  # noqa: BLE001 # one handler's fault must not hide a sample from the next
-            _log.exception("a handler raised")
+            self.loop.call_soon_threadsafe(action, *values)
 
     def _let_know(self, news: Callable[[MemoryTransport], None]) -> None:
         for member in self.network.members:
@@ -851,7 +855,7 @@ class MemoryTransport:
         if bool(before) != (key in self._holders):
             for number, (pattern, _) in list(self._watches.items()):
                 if matches(pattern, key):
-                    self._soon(partial(self._notify, number, key, there))
+                    self._soon(self._notify, number, key, there)
 
     def _notify(self, number: int, key: str, there: bool) -> None:  # noqa: FBT001 # as the handler takes it
         _, handler = self._watches.get(number, ("", None))

@@ -29,17 +29,22 @@ _set_running_loop = events._set_running_loop  # noqa: SLF001 # asyncio offers no
 
 
 class _Handle(asyncio.Handle):
-    """A callback, made in less time."""
+    """A callback, made in less time: it knows only what is asked for here."""
 
     __slots__ = ()
 
-    def __init__(
-        self, callback: Any, args: tuple[Any, ...], loop: VirtualLoop, context: Context | None
-    ) -> None:
-        self._callback, self._args, self._loop = callback, args, loop
+    def __init__(self, callback: Any, args: tuple[Any, ...], context: Context | None) -> None:
+        self._callback, self._args = callback, args
         self._context = copy_context() if context is None else context
         self._cancelled = False
-        self._repr = self._source_traceback = None
+
+    def cancel(self) -> None:
+        """See `asyncio.Handle.cancel`."""
+        self._cancelled = True
+        self._callback = self._args = None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self._callback!r}>"
 
 
 class _Timer(asyncio.TimerHandle):
@@ -58,7 +63,6 @@ class _Timer(asyncio.TimerHandle):
         self._when, self._callback, self._args, self._loop = when, callback, args, loop
         self._context = copy_context() if context is None else context
         self._cancelled, self._scheduled = False, True
-        self._repr = self._source_traceback = None
 
     def __call__(self) -> None:
         """It is time."""
@@ -68,6 +72,17 @@ class _Timer(asyncio.TimerHandle):
             loop.world.discarded -= 1
         else:
             loop.add(self)
+
+    def cancel(self) -> None:
+        """See `asyncio.TimerHandle.cancel`."""
+        if not self._cancelled:
+            self._cancelled = True
+            self._callback = self._args = None
+            if self._scheduled:
+                loop: Any = self._loop
+                loop.world.discard()
+
+    __repr__ = _Handle.__repr__
 
 
 class VirtualLoop(base_events.BaseEventLoop):
@@ -86,6 +101,7 @@ class VirtualLoop(base_events.BaseEventLoop):
         self.time = runner.now  # type: ignore[method-assign] # [s]; asked for at every step
         self.process = runner if isinstance(runner, VirtualProcess) else None
         self.world = runner.runner if isinstance(runner, VirtualProcess) else runner
+        self._resume = self.world.resume
         self._of_world = None if self.process is None or self.process.exact else self.process.of_world
         self._tasks: set[weakref.ref[asyncio.Task[Any]]] = set()
         """Those that are not gone yet."""
@@ -126,8 +142,9 @@ class VirtualLoop(base_events.BaseEventLoop):
             for _ in range(len(queue)):
                 handle = queue.popleft()
                 if not handle._cancelled:  # noqa: SLF001 # as asyncio does
-                    if world.entered is not self:
-                        world.enter(self)
+                    if world.entered is not self:  # as `enter`
+                        world.entered = self
+                        _set_running_loop(self)
                     try:  # as `Handle._run`, without its call
                         handle._context.run(handle._callback, *handle._args)  # noqa: SLF001 # as above
                     except (SystemExit, KeyboardInterrupt):
@@ -150,7 +167,7 @@ class VirtualLoop(base_events.BaseEventLoop):
     def _be_chosen(self) -> None:
         if not self._chosen:
             self._chosen = True
-            self.world.resume(self)
+            self._resume(self)
 
     # -- what is to be done -----------------------------------------------------------------------
 
@@ -158,7 +175,8 @@ class VirtualLoop(base_events.BaseEventLoop):
         """Do something at the next turn."""
         self._queue.append(handle)
         if not self._chosen:
-            self._be_chosen()
+            self._chosen = True
+            self._resume(self)
 
     def call_soon(  # type: ignore[override] # asyncio's stub ties the arguments to the callback
         self, callback: Callable[..., object], *args: Any, context: Context | None = None
@@ -166,11 +184,11 @@ class VirtualLoop(base_events.BaseEventLoop):
         """See `asyncio.AbstractEventLoop.call_soon`."""
         if self._closed:  # type: ignore[attr-defined] # typeshed hides it
             raise RuntimeError("Event loop is closed")
-        handle = _Handle(callback, args, self, context)
+        handle = _Handle(callback, args, context)
         self._queue.append(handle)
         if not self._chosen:
             self._chosen = True
-            self.world.resume(self)
+            self._resume(self)
         return handle
 
     call_soon_threadsafe = call_soon  # type: ignore[assignment] # as above
@@ -189,7 +207,12 @@ class VirtualLoop(base_events.BaseEventLoop):
         self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
         """See `asyncio.AbstractEventLoop.call_later`."""
-        return self.call_at(self.time() + delay, callback, *args, context=context)
+        if self._closed:  # type: ignore[attr-defined] # typeshed hides it
+            raise RuntimeError("Event loop is closed")
+        when = self.time() + delay
+        timer = _Timer(when, callback, args, self, context)
+        self.world.at(when if self._of_world is None else self._of_world(when), timer)
+        return timer
 
     def create_task(  # type: ignore[override] # typed more loosely than in asyncio
         self, coro: Any, *, name: str | None = None, context: Context | None = None
@@ -198,10 +221,6 @@ class VirtualLoop(base_events.BaseEventLoop):
         task = super().create_task(coro, name=name, context=context)
         self._tasks.add(weakref.ref(task, self._tasks.discard))
         return task
-
-    def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
-        if handle._scheduled:  # type: ignore[attr-defined] # noqa: SLF001 # asyncio offers no other way
-            self.world.discard()
 
     def run_in_executor(  # type: ignore[override] # typed more loosely than in asyncio
         self, executor: Any, func: Callable[..., Any], *args: Any

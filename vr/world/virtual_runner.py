@@ -83,8 +83,8 @@ class VirtualRunner:
         """Locks that are held at the moment: 0 or 1."""
         self._thread = threading.get_ident()
         self._time = 0.0
-        self._order = itertools.count()
-        self._timers: list[tuple[float, int, Callable[[], None]]] = []
+        self._number = itertools.count().__next__
+        self._timers: list[tuple[float, int, Callable[[], object]]] = []
         self.discarded = 0
         """Timers whose action was called off."""
         self._ready: list[greenlet | Turns] = []
@@ -167,11 +167,11 @@ class VirtualRunner:
         self.resume(one)
         return one
 
-    def at(self, when: float, action: Callable[[], None]) -> None:
+    def at(self, when: float, action: Callable[[], object]) -> None:
         """Do something at a virtual time [s], between two greenlets; it must not wait."""
         if when < self._time:  # noqa: PLR1730 # `max` is a call, and this is done very often
             when = self._time
-        heappush(self._timers, (when, next(self._order), action))
+        heappush(self._timers, (when, self._number(), action))
 
     def discard(self) -> None:
         """Note that the action of a timer was called off; it has an attribute `_cancelled` that says so."""
@@ -283,7 +283,7 @@ class VirtualRunner:
         me.parent = self._hub
 
     def _choose(self, me: greenlet) -> None:
-        ready, timers, chance = self._ready, self._timers, self.random
+        ready, timers, chance, main = self._ready, self._timers, self.random, self._main
         moment, switches = self._time, 0
         while True:
             while ready:
@@ -291,14 +291,14 @@ class VirtualRunner:
                     chosen = int(chance() * len(ready))
                     ready[chosen], ready[-1] = ready[-1], ready[chosen]
                 one = ready.pop()
-                process: VirtualProcess | None = getattr(one, "process", None)
+                process: Any = None if one is main else one.process  # type: ignore[union-attr] # a `_Fiber`
                 if process is not None and process.halted:
                     process.keep(one)
                 elif not one.dead:
                     switches += 1
                     self._turning = process
                     if self.entered is not None and isinstance(one, greenlet):
-                        self.outside()
+                        self.enter(None)
                     one.switch()
                     if me is not self._hub:  # a callback of an event loop has waited
                         return
