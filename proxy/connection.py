@@ -109,6 +109,8 @@ class Connection:
         self._endpoint: Endpoint | None = None
         self._heard = False
         """Whether the latest bytes had a frame that the session took."""
+        self._acted = False
+        """Whether anything followed from it; else nothing is due earlier than before."""
         self._failed: asyncio.Future[None]
         """Of the running connection: what a tick has raised."""
         self._ticking: asyncio.TimerHandle | None = None
@@ -273,7 +275,9 @@ class Connection:
         if self._endpoint is not None and (not self._heard or self.session.rejection):
             self._look_at_rejection(self._endpoint)
         self._heard = False
-        self._plan_tick()
+        if self._acted:
+            self._acted = False
+            self._plan_tick()
 
     def _look_at_rejection(self, endpoint: Endpoint) -> None:
         rejection = self._rejection_of(endpoint)
@@ -314,7 +318,9 @@ class Connection:
             self._signed += 1
             return
         self._heard = True
-        self._carry_out(self.session.receive(frame, self.now()))
+        if effects := self.session.receive(frame, self.runner.now()):
+            self._acted = True
+            self._carry_out(effects)
         if self._awaited:
             for kind, since, waiter in tuple(self._awaited):  # threads enter and leave meanwhile
                 if self.session.twin.after(kind, since) is not None:

@@ -151,6 +151,8 @@ class ControllerSession:
         self._desired = DesiredMode(controller)
         self._held_reported = ""
         self._claim = claim
+        self._report: Report | None = None
+        """Of its latest mode."""
         self._lives: dict[int, float] = {}
         """Former lives of the controller, and until when [s] a report of each counts as late."""
         self._same_system: set[int] = set()
@@ -238,11 +240,12 @@ class ControllerSession:
             return effects
         self.heard_at = now
         if isinstance(message, Mode):
-            before, told_at = self.twin.latest(Mode), self.twin.told_at(Mode)
-            if before is not None and self._is_outdated(before, told_at, message, now):
+            last, this = self._report, Report(message.time_boot_ms, now, message.life)
+            if now < self._lives.get(this.life, -math.inf) or (last is not None and is_older(last, this)):
                 return effects  # an older report, about a stop or a release that is over
+            before, self._report = self.twin.latest(Mode), this
             self.twin.update(message, now)
-            effects += self._compare_mode(message, before, told_at, now)
+            effects += self._compare_mode(message, before, last, this)
             effects += self._held_change()
         else:
             self.twin.update(message, now)
@@ -259,7 +262,7 @@ class ControllerSession:
                 self._beats += 1
             case ClaimStatus() if self._claim is not None:
                 claim = self._claim.receive(message, for_us=self._for_us(message))
-                return [*claim, *self._keep_claim(now)]
+                return [*claim, *self._hurry_claim(now)]
             case GoalStatus() if self._for_us(message):
                 return [*self._goals.receive(message, now)]
             case CommandAck() if frame.is_for(SUPERVISOR_SYSTEM, self.component):
@@ -392,18 +395,14 @@ class ControllerSession:
         silence, moving = self._silence_reported(), self._goals.pursuing
         return [*self._claim.tick(now, silence, moving=moving, beats=beats)]
 
+    def _hurry_claim(self, now: float) -> list[Effect]:
+        """Send the claim at once, if a report has shown that it is to be asked for anew."""
+        return [] if self._claim is None or self._claim.granted else self._keep_claim(now)
+
     def _silence_reported(self) -> float:
         """[s] of silence that the controller allows while something moves, as reported."""
         mode = self.twin.latest(Mode)
         return math.inf if mode is None else mode.silence_ms / 1000
-
-    def _is_outdated(self, before: Mode, told_at: float, mode: Mode, now: float) -> bool:
-        """Whether a mode was reported before the one that was received last."""
-        last, this = (
-            Report(before.time_boot_ms, told_at, before.life),
-            Report(mode.time_boot_ms, now, mode.life),
-        )
-        return now < self._lives.get(mode.life, -math.inf) or is_older(last, this)
 
     def _note_same_system(self, frame: Frame) -> None:
         """Note that another program uses a component of our system.
@@ -443,26 +442,27 @@ class ControllerSession:
             effects += _sends(self._commands.send(MavCmd.SET_MESSAGE_INTERVAL, wish, now))
         return effects
 
-    def _compare_mode(self, mode: Mode, before: Mode | None, told_at: float, now: float) -> list[Effect]:
-        """The controller has reported a mode; `told_at` [s] is when the one before arrived."""
-        restarted = before is not None and has_restarted(
-            Report(before.time_boot_ms, told_at, before.life), Report(mode.time_boot_ms, now, mode.life)
-        )
-        was_stopped = before is not None and before.mode == ModeKind.SAFE_STOP
+    def _compare_mode(
+        self, mode: Mode, before: Mode | None, last: Report | None, this: Report
+    ) -> list[Effect]:
+        """The controller has reported a mode, in `this` report; before, it was another one in the `last`."""
+        now, was_stopped = this.heard_at, before is not None and before.mode == ModeKind.SAFE_STOP
+        former = last if last is not None and has_restarted(last, this) else None
         effects: list[Effect] = []
-        if restarted and before is not None:
+        if former is not None:
             effects += self._goals.restarted(mode.life)
-            self._note_former_life(before.life, mode.life, now)
+            self._note_former_life(former.life, mode.life, now)
         self._goals.life = mode.life
         self._goals.meet()
         if self._claim is not None:
             self._claim.meet(mode.life, mode.epoch)
-            effects += self._keep_claim(now)
+            effects += self._hurry_claim(now)
         effects += [
-            *self._desired.receive(mode, restarted=restarted, was_stopped=was_stopped),
+            *self._desired.receive(mode, restarted=former is not None, was_stopped=was_stopped),
             *self._repeat_mode(now),
         ]
-        if restarted and self.online and told_at >= self._opened_at:  # so quickly that it was never offline
+        if former is not None and self.online and former.heard_at >= self._opened_at:
+            # it was so quick that it was never offline
             effects += self._ask_for_rates(now)
         return effects
 
@@ -472,10 +472,10 @@ class ControllerSession:
         self._lives = {each: former[each] for each in list(former)[-FORMER_LIVES:] if each != life}
 
     def _held_change(self) -> list[Effect]:
-        if self.held == self._held_reported:
+        if (held := self.held) == self._held_reported:
             return []
-        self._held_reported = self.held
-        return [HeldChanged(self._held_reported)]
+        self._held_reported = held
+        return [HeldChanged(held)]
 
     def _repeat_mode(self, now: float) -> list[Effect]:
         return [Send(message) for message in self._desired.messages_due(now)] if self._open else []

@@ -7,7 +7,7 @@ with nothing.
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -60,14 +60,16 @@ class Intervals:
         if now < self._next:
             return []
         ready: list[int] = []
+        self._next = inf
         for msgid, beat in self._beats.items():
-            if beat.interval is not None and now >= beat.due:
+            if (interval := beat.interval) is None:
+                continue
+            if now >= beat.due:
                 late = now - beat.due
-                beat.due = now + beat.interval - (late if late < beat.interval else 0.0)
+                beat.due = now + interval - (late if late < interval else 0.0)
                 ready.append(msgid)
-        self._next = min(
-            (beat.due for beat in self._beats.values() if beat.interval is not None), default=float("inf")
-        )
+            if beat.due < self._next:  # noqa: PLR1730 # `min` is a call, and this is done very often
+                self._next = beat.due
         return ready
 
     def set(self, msgid: int, interval_us: float, now: float) -> bool:

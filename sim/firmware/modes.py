@@ -89,7 +89,11 @@ class Modes:
 
     def tick(self, now: int) -> list[Outgoing]:
         """End what may not go on: its speaker is silent, or somebody else took control."""
-        return self._watch(now) + self._control(now) + self.news(now)
+        silence = self._movement.fall_silent(now)
+        out = self._desert(silence, now) if silence else []
+        if now / 1000 >= self._rights.control.due:
+            out += self._control(now)
+        return out + self.news(now)
 
     def news(self, now: int) -> list[Outgoing]:
         """Tell all when mode, epoch or patience has changed."""
@@ -137,9 +141,6 @@ class Modes:
         """A link has ended: what is commanded over it ends, too; what others command goes on."""
         return self._desert(self._movement.lose_link(via), now)
 
-    def _watch(self, now: int) -> list[Outgoing]:
-        return self._desert(self._movement.fall_silent(now), now)
-
     def _desert(self, text: str, now: int) -> list[Outgoing]:
         """End what runs, for its commander is gone; `text` says why, empty: it is not."""
         if not text:
@@ -149,8 +150,6 @@ class Modes:
 
     def _control(self, now: int) -> list[Outgoing]:
         """Tell who is in control; what others move ends when somebody takes it."""
-        if now / 1000 < self._rights.control.due:
-            return []
         out, owner = self._rights.tick(now)
         job = self._movement.job
         if owner is None or job is None or job.speaker == owner:

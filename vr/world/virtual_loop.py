@@ -41,7 +41,7 @@ class _Handle(asyncio.Handle):
     def cancel(self) -> None:
         """See `asyncio.Handle.cancel`."""
         self._cancelled = True
-        self._callback = self._args = None
+        self._callback, self._args = None, ()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self._callback!r}>"
@@ -77,7 +77,7 @@ class _Timer(asyncio.TimerHandle):
         """See `asyncio.TimerHandle.cancel`."""
         if not self._cancelled:
             self._cancelled = True
-            self._callback = self._args = None
+            self._callback, self._args = None, ()
             if self._scheduled:
                 loop: Any = self._loop
                 loop.world.discard()

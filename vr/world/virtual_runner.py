@@ -283,21 +283,21 @@ class VirtualRunner:
         me.parent = self._hub
 
     def _choose(self, me: greenlet) -> None:
-        ready, timers, chance, main = self._ready, self._timers, self.random, self._main
+        timers, chance, main = self._timers, self.random, self._main
+        ready: list[Any] = self._ready
         moment, switches = self._time, 0
         while True:
             while ready:
-                if len(ready) > 1:
-                    chosen = int(chance() * len(ready))
-                    ready[chosen], ready[-1] = ready[-1], ready[chosen]
                 one = ready.pop()
-                process: Any = None if one is main else one.process  # type: ignore[union-attr] # a `_Fiber`
+                if ready and (chosen := int(chance() * (len(ready) + 1))) < len(ready):
+                    ready[chosen], one = one, ready[chosen]
+                process: VirtualProcess | None = None if one is main else one.process
                 if process is not None and process.halted:
                     process.keep(one)
                 elif not one.dead:
                     switches += 1
                     self._turning = process
-                    if self.entered is not None and isinstance(one, greenlet):
+                    if self.entered is not None and (one is main or one.__class__ is _Fiber):
                         self.enter(None)
                     one.switch()
                     if me is not self._hub:  # a callback of an event loop has waited
