@@ -546,6 +546,8 @@ class MemoryTransport:
         network = self.network
         server = self if key in self.served else self._where.get(key)
         if server is None:
+            if void_at == math.inf:
+                self._leave(key, body)
             network.agenda.at(network.agenda.now(), lambda: on_reply(None))
             return
         exchange = _Exchange(self, server, on_reply, 0.0 if void_at == math.inf else void_at)
@@ -560,6 +562,13 @@ class MemoryTransport:
             way.send(arrive, channel)
             if network.weather.duplication and network.chance() < network.weather.duplication:
                 way.send(partial(server.asked, self, None, key, body, channel), channel)
+
+    def _leave(self, key: str, body: bytes) -> None:
+        """Leave a request with a process that is not seen, which reads it when it wakes: see `Mesh.ask`."""
+        for other in self.network.members:
+            way = self.network.way(self, other)
+            if way is not None and other not in self._known and key in other.served:
+                way.send(partial(other.asked, self, None, key, body, URGENT), URGENT)
 
     def asked(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import random
 
 import pytest
@@ -60,6 +61,24 @@ async def test_a_paused_process_reads_what_waits_when_it_goes_on() -> None:
     await asyncio.sleep(0.1)
     assert seen[2:] == [(KEY, True)]
     assert server.asked == [b"late"]
+
+
+@pytest.mark.parametrize("who_asks_ends", [False, True])
+@in_virtual_time
+async def test_what_ends_something_is_left_in_the_socket_of_a_paused_process(*, who_asks_ends: bool) -> None:
+    network, server, caller, seen = await pair()
+    network.pause(server.transport)
+    await asyncio.sleep(network.lease + 0.1)
+    assert seen[1:] == [(KEY, False)]
+    for asker in (caller, network.join("newcomer")):
+        for void_at in (math.inf, 0.0, asyncio.get_running_loop().time() + 60.0):
+            asking = asker.request(KEY, f"{asker.name} {void_at}".encode(), timeout=1.0, void_at=void_at)
+            assert isinstance((await replies_of(asking))[1], Unreachable)
+        if who_asks_ends:
+            network.kill(asker)
+    network.resume(server.transport)
+    await asyncio.sleep(0.1)
+    assert server.asked == [b"caller inf", b"newcomer inf"]
 
 
 @pytest.mark.parametrize(("wakes_after", "ends_after", "answered"), [(10.0, 3.0, False), (2.5, 2.5, True)])
