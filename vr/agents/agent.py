@@ -233,11 +233,12 @@ class RobotAgent:
     async def _leave(self, grace: float) -> None:
         """Tell the children, the lookup services and everybody else; take nothing more."""
         self.open = False
+        self._publisher.withdraw()
         self._end_calls(f"{self.robot.name} is being ended")
         await self._no_calls(grace)
         if self._children is not None:
             await self._children.close()
-        await self._publisher.leave()
+        await self._publisher.listed()
         if self._presence is not None:
             with contextlib.suppress(VrError):
                 await self._presence.close()
@@ -354,9 +355,8 @@ class RobotAgent:
         tenure = self.live.core.state.lease.tenure
         if tenure is None:
             self._unwatch_parent()
-        if self.open:
-            self._publisher.update_listing()
-            self._publisher.changed()
+        self._publisher.update_listing()
+        self._publisher.changed()
 
     def _cut_off(self, reason: str) -> None:
         """End all motion when nobody could end it any more: no stop would reach the robot."""

@@ -197,11 +197,10 @@ class Publisher:
         while self._listing is not None:
             await asyncio.wait([self._listing])
 
-    async def leave(self) -> None:
-        """Take it out of the lookup services for good."""
+    def withdraw(self) -> None:
+        """Take it out of the lookup services for good, whatever changes from now on; see `listed`."""
         self._closed = True
         self.update_listing()
-        await self.listed()
 
     async def _change(self, registrar: Registrar) -> None:
         try:

@@ -28,7 +28,7 @@ from robotree.vr.errors import (
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.process import LONGEST_END, Process
 from robotree.vr.world.network import MemoryNetwork
-from tests.vr.core.conftest import runner_here
+from tests.vr.core.conftest import member, runner_here
 
 TERM = 5.0
 
@@ -365,6 +365,25 @@ async def test_a_process_that_ends_in_order_leaves_nothing_behind(realm: Any) ->
     assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
     await asyncio.sleep(0.01)
     assert await realm.operator.present("robot/*/*") == [rover.address.key]
+
+
+async def test_a_robot_that_is_freed_and_changes_while_it_ends_is_not_listed_again(realm: Any) -> None:
+    """It ends for as long as its child does not confirm its release."""
+    rover, pair = await bound(realm)
+    box = await realm.start(Box("box"))
+    await realm.client(box).enslave("inner", pair.address)
+    await realm.until(lambda: realm.listed() == ["box"])
+    arrived: list[str] = []
+    realm.directory.on_change(lambda change: arrived.append(change.kind))
+    realm.network.pause(member(rover))
+    ending = asyncio.create_task(pair.close())
+    await realm.until(lambda: not pair.open)
+    await realm.client(box).free("inner")
+    assert pair.description().bond is None
+    pair.notify()
+    await ending
+    assert "arrived" not in arrived
+    realm.network.resume(member(rover))
 
 
 async def test_a_bonded_robot_whose_process_ends_in_order_is_noticed_by_its_parent(realm: Any) -> None:
