@@ -266,9 +266,10 @@ class LiveRobot:
             accepted()
         if turned is not None:
             turned()
-        self._carry_out(effects, shows=shows)
-        if turn is None:  # a turn's deadline is watched over with its caller's
-            self._remind_at(due)
+        self._remind_at(due if turn is None else math.inf)  # its caller watches over the deadline of a turn
+        if shows:
+            self.on_change()
+        self._carry_out(effects)  # last, for this wakes other threads, which wait for the interpreter then
         if refusal is not None:
             raise refusal
 
@@ -357,7 +358,7 @@ class LiveRobot:
             self.pass_time()
         self._remind_at(self.core.due)
 
-    def _carry_out(self, effects: list[Effect], *, shows: bool) -> None:
+    def _carry_out(self, effects: list[Effect]) -> None:
         for effect in effects:
             if isinstance(effect, Begin):
                 turn = self._turns.pop(effect.key, None)
@@ -377,8 +378,6 @@ class LiveRobot:
                         _log.exception("%s: the end of a call could not be told", self.robot.name)
             else:
                 self._carry_out_other(effect)
-        if shows:
-            self.on_change()
 
     def _shows(self, effects: list[Effect]) -> bool:
         """Whether others can see it: a call that only reads, and a renewal, show nowhere. Under the lock."""
