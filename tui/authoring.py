@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
 Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
 """The commands of the kinds that come with robotree, by name of the kind."""
 
+PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 _LINE = re.compile(r"line (\d+): ")
 
 
@@ -59,7 +60,7 @@ def _findings(bundle: Any, kinds: Kinds) -> list[Finding]:
     try:
         found = examine(bundle.source, kinds)
     except SyntaxError as error:
-        return [Finding(error.lineno or 1, str(error.msg), "write it as Python reads it")]
+        return [Finding(error.lineno or 1, str(error.msg), f"write it as Python {PYTHON} reads it")]
     except ValueError as error:
         return [Finding(1, str(error), "save the file as text")]
     try:

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.cli import main
+from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.check import examine
+from robotree.vr.errors import BrokenSource
 
 KINDS = {"Arm": ("go_to", "get_info")}
 HEADER = """\
@@ -76,6 +78,44 @@ def test_a_command_that_reads_and_changes_state_is_found() -> None:
     assert found("self.picked += 1", '@command(effect="read")') == [
         '15: work says effect="read" and changes self.picked'
     ]
+
+
+@pytest.mark.parametrize(
+    "body", ["self.arm = 3", "_, self.arm = 1, 2", "del self.arm", "for self.arm in (1, 2): pass"]
+)
+def test_a_slot_that_a_command_replaces_is_found_and_refused_by_a_host(body: str) -> None:
+    (line,) = found(body)
+    assert line == "15: self.arm is a slot: to assign to it would take the child away"
+    source = f"{HEADER}\n    @command\n    def work(self) -> None:\n        {body}\n"
+    with pytest.raises(BrokenSource, match=r"line 15: self\.arm is a slot.*another name, such as self\._arm"):
+        Bundle(source, "page.py").load()
+
+
+def test_a_slot_that_a_derived_page_replaces_is_refused_too() -> None:
+    more = "\nclass More(Page):\n    @command\n    def more(self) -> None:\n        self.arm = 3\n"
+    with pytest.raises(BrokenSource, match=r"self\.arm is a slot"):
+        Bundle(HEADER + more, "page.py", "More").load()
+    own = more.replace("(Page):", "(Page):\n    arm = None")
+    (one,) = examine(HEADER + own, KINDS)
+    assert one.what == "self.arm does not survive a reload or a restart"
+
+
+@pytest.mark.parametrize(
+    ("line", "hook"),
+    [
+        ("def safe_stopp(self, reason): ...", "safe_stop"),
+        ("def on_resume(self): ...", "resume"),
+        ("def reading(self): return {}", "readings"),
+        ('begin = "work"', "begins"),
+    ],
+)
+def test_a_misspelled_hook_is_found_unless_the_page_uses_the_name(line: str, hook: str) -> None:
+    source = f"{HEADER}\n    {line}\n"
+    (one,) = examine(source, KINDS)
+    name = line.replace("def ", "").partition("(")[0].partition(" ")[0]
+    assert (one.line, one.what) == (13, f"nothing calls {name}; did you mean {hook}?")
+    assert examine(f"{source}\n    def other(self):\n        return self.{name}\n", KINDS) == []
+    assert examine(source.replace(name, hook), KINDS) == []
 
 
 @pytest.mark.parametrize(

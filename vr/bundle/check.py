@@ -1,12 +1,14 @@
 """Mistakes of a page that can be seen without running a robot: each with its line, and what to write instead.
 
-Read as Python reads it, never run. What is found is advice: it may be meant. Pure.
+Read as Python reads it, never run. What `examine` finds is advice: it may be meant. What `replaced_slots`
+finds is never meant, and a host refuses it. Pure.
 """
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Collection, Iterator, Mapping
+from difflib import get_close_matches
 
 import msgspec
 
@@ -17,9 +19,10 @@ ROOT = "VirtualRobot"
 OF_EVERY_KIND = frozenset({"set"})
 """Commands that a robot of any kind may have."""
 
-_WAITS = {
-    "time.sleep": "write self.sleep(seconds): a cancel and a stop end it at once",
-}
+HOOKS = ("readings", "safe_stop", "resume", "begins", "one_at_a_time", "reading_units", "isolated")
+"""What a page may define for its host to use."""
+
+_WAITS = {"time.sleep": "write self.sleep(seconds): a cancel and a stop end it at once"}
 _CLOCK = "write self.now(), which a rehearsal and a replay repeat"
 _CHANCE = "write self.random(), which a rehearsal and a replay repeat"
 _NOT_REPEATED = {
@@ -34,21 +37,10 @@ _ASIDE = (
     "no cancel and no stop ends it: call it in a thread (concurrent.futures), and wait with self.sleep "
     "until it is done"
 )
-_CHANGES = frozenset(
-    {
-        "append",
-        "extend",
-        "insert",
-        "add",
-        "update",
-        "pop",
-        "popitem",
-        "remove",
-        "discard",
-        "clear",
-        "setdefault",
-    }
-)
+_CHANGES = {
+    *("append", "extend", "insert", "add", "update", "pop", "popitem"),
+    *("remove", "discard", "clear", "setdefault"),
+}
 """Methods that change a list, a dict or a set in place."""
 
 
@@ -75,17 +67,27 @@ def examine(source: str, kinds: Mapping[str, Collection[str]]) -> list[Finding]:
     tree = parse(source)
     pages = _pages(tree)
     found = [*_of_calls(tree, _imports(tree)), *_of_units(tree)]
+    used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     known = {**kinds, **{name: page.commands for name, page in pages.items()}}
     for page in pages.values():
-        found += [*_of_state(page), *_of_bare(page), *_of_children(page, known)]
+        found += [*_of_slots(page), *_of_state(page), *_of_bare(page), *_of_hooks(page, used)]
+        found += _of_children(page, known)
     return sorted(set(found), key=lambda one: (one.line, one.what))
+
+
+def replaced_slots(source: str) -> list[Finding]:
+    """Return the lines in which a page assigns to one of its slots: the child would be gone without a word.
+
+    Raises:
+        SyntaxError, ValueError: see `examine`.
+    """
+    return [found for page in _pages(parse(source)).values() for found in _of_slots(page)]
 
 
 class _Page:
     """One robot's class in a file."""
 
     def __init__(self, node: ast.ClassDef, base: _Page | None) -> None:
-        self.name = node.name
         self.methods = [one for one in node.body if isinstance(one, ast.FunctionDef)]
         self.slots: dict[str, str] = dict(base.slots) if base else {}
         self.declared: set[str] = set(base.declared) if base else set()
@@ -96,6 +98,8 @@ class _Page:
         """Slot, command and line."""
         self.commands: set[str] = set(base.commands) if base else set()
         self.commands |= {one.name for one in self.methods if _mark(one) is not None}
+        self.plain = {one.name: one.lineno for one in self.methods if not one.decorator_list}
+        """Lines of its other methods and attributes."""
         for item in node.body:
             if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
                 if item.value:
@@ -104,6 +108,13 @@ class _Page:
                     self.bare[item.target.id] = item
             elif isinstance(item, ast.Assign) and isinstance(item.targets[0], ast.Name):
                 self._take(item.targets[0].id, item.value)
+
+    def of_self(self) -> Iterator[ast.Attribute]:
+        """Yield each `self.something` in its methods."""
+        for method in self.methods:
+            for node in ast.walk(method):
+                if isinstance(node, ast.Attribute) and _dotted(node.value) == "self":
+                    yield node
 
     def _take(self, name: str, value: ast.expr) -> None:
         match value:
@@ -115,13 +126,15 @@ class _Page:
                 self.commands.add(name)
             case _:
                 self.commands.discard(name)
+                self.slots.pop(name, None)
+                self.plain[name] = value.lineno
 
 
 def _pages(tree: ast.Module) -> dict[str, _Page]:
     found: dict[str, _Page] = {}
     for node in tree.body:
         if isinstance(node, ast.ClassDef):
-            bases = [_dotted(base).rpartition(".")[2] for base in node.bases]
+            bases = [_last(base) for base in node.bases]
             inherited = next((found[base] for base in bases if base in found), None)
             if inherited is not None or ROOT in bases:
                 found[node.name] = _Page(node, inherited)
@@ -129,7 +142,7 @@ def _pages(tree: ast.Module) -> dict[str, _Page]:
 
 
 def _kind(node: ast.expr) -> str:
-    return str(node.value) if isinstance(node, ast.Constant) else _dotted(node).rpartition(".")[2]
+    return str(node.value) if isinstance(node, ast.Constant) else _last(node)
 
 
 def _dotted(node: ast.AST) -> str:
@@ -141,14 +154,19 @@ def _dotted(node: ast.AST) -> str:
     return ""
 
 
+def _last(node: ast.AST) -> str:
+    """Return `c` of `a.b.c`."""
+    return _dotted(node).rpartition(".")[2]
+
+
 def _mark(method: ast.FunctionDef) -> str | None:
     """Return the effect of a command; None: the method is none."""
     for one in method.decorator_list:
-        if isinstance(one, ast.Call) and _dotted(one.func).rpartition(".")[2] == "command":
+        if isinstance(one, ast.Call) and _last(one.func) == "command":
             given = {each.arg: each.value for each in one.keywords}
             effect = given.get("effect")
             return str(effect.value) if isinstance(effect, ast.Constant) else "once"
-        if _dotted(one).rpartition(".")[2] == "command":
+        if _last(one) == "command":
             return "once"
     return None
 
@@ -161,8 +179,9 @@ def _imports(tree: ast.Module) -> dict[str, str]:
     found: dict[str, str] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            found |= {one.asname or one.name.partition(".")[0]: one.name if one.asname else
-                      one.name.partition(".")[0] for one in node.names}  # fmt: skip
+            for one in node.names:
+                first = one.name.partition(".")[0]
+                found |= {one.asname: one.name} if one.asname else {first: first}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             found |= {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
     return found
@@ -189,20 +208,33 @@ def _of_calls(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
 def _of_units(tree: ast.Module) -> Iterator[Finding]:
     for node in ast.walk(tree):
         match node:
-            case ast.Call(func=function, args=[ast.Constant(value=str(symbol)), *_]) if (
-                _dotted(function).rpartition(".")[2] == "Unit"
-            ):
+            case ast.Call(args=[ast.Constant(value=str(symbol)), *_]) if _last(node.func) == "Unit":
                 try:
                     Unit(symbol)
                 except ValueError as error:
-                    yield Finding(
-                        node.lineno, str(error), "write a unit that is known, such as m, rad, N, m/s"
-                    )
+                    known = "write a unit that is known, such as m, rad, N, m/s"
+                    yield Finding(node.lineno, str(error), known)
             case _:
                 pass
 
 
-# -- state -----------------------------------------------------------------------------------------
+# -- what a page keeps and defines -----------------------------------------------------------------
+
+
+def _of_slots(page: _Page) -> Iterator[Finding]:
+    """Find slots and exposed commands that a method replaces by something else."""
+    for node in page.of_self():
+        if node.attr in page.slots and not isinstance(node.ctx, ast.Load):
+            what = f"self.{node.attr} is a slot: to assign to it would take the child away"
+            yield Finding(node.lineno, what, f"keep the value under another name, such as self._{node.attr}")
+
+
+def _of_hooks(page: _Page, used: set[str]) -> Iterator[Finding]:
+    """Find what has nearly the name of a hook, and is used nowhere in the file."""
+    for name, line in page.plain.items():
+        near = get_close_matches(name, HOOKS, n=1, cutoff=0.75)
+        if near and name not in HOOKS and name not in used:
+            yield Finding(line, f"nothing calls {name}; did you mean {near[0]}?", f"name it {near[0]}")
 
 
 def _of_state(page: _Page) -> Iterator[Finding]:
@@ -219,7 +251,7 @@ def _of_state(page: _Page) -> Iterator[Finding]:
                         f'{method.name} says effect="read" and changes self.{name}',
                         "take the effect away, or leave self as it is",
                     )
-            elif not name.startswith("_"):
+            elif not name.startswith("_") and name not in page.slots:
                 yield Finding(
                     line,
                     f"self.{name} does not survive a reload or a restart",
@@ -248,9 +280,7 @@ def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:
                 pass
             case ast.AugAssign(target=changing) | ast.AnnAssign(target=changing):
                 targets = [changing]
-            case ast.Call(func=ast.Attribute(value=ast.Attribute() as changed, attr=attr)) if (
-                attr in _CHANGES
-            ):
+            case ast.Call(func=ast.Attribute(value=ast.Attribute() as changed, attr=way)) if way in _CHANGES:
                 targets = [changed]
             case _:
                 pass
@@ -267,14 +297,13 @@ def _changed(method: ast.FunctionDef) -> Iterator[tuple[str, int]]:
 def _of_children(page: _Page, kinds: Mapping[str, Collection[str]]) -> Iterator[Finding]:
     """Find commands that the kind of a slot lacks."""
     used = [*page.exposed]
-    for method in page.methods:
-        for node in ast.walk(method):
-            match node:
-                case ast.Attribute(value=ast.Attribute(value=ast.Name(id="self"), attr=slot), attr=command):
-                    if not command.startswith("_"):
-                        used.append((slot, command, node.lineno))
-                case _:
-                    pass
+    for node in (node for method in page.methods for node in ast.walk(method)):
+        match node:
+            case ast.Attribute(value=ast.Attribute(value=ast.Name(id="self"), attr=slot), attr=command):
+                if not command.startswith("_"):
+                    used.append((slot, command, node.lineno))
+            case _:
+                pass
     for slot, command, line in used:
         known = kinds.get(page.slots.get(slot, ""))
         if known is not None and command not in known and command not in OF_EVERY_KIND:

@@ -24,6 +24,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
+from robotree.vr.bundle.check import replaced_slots
 from robotree.vr.bundle.lines import line_of, slots_at
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.child import Slotted
@@ -47,6 +48,8 @@ _texts: Counter[str] = Counter()
 """How many living modules were made of each text, by the name that it has in tracebacks."""
 _lock = threading.Lock()
 _log = logging.getLogger(__name__)
+_READ_BY = f"(this host runs Python {sys.version_info[0]}.{sys.version_info[1]})"
+"""What a mistake in the syntax is told with: a newer Python may know what is written."""
 _OURS = Path(__file__).resolve().parents[1]
 """Folder of the agents' code."""
 
@@ -255,19 +258,23 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
 @lru_cache(32)
 def _compile(source: str, path: str, file: str) -> CodeType:
     try:
-        return compile(source, file, "exec", dont_inherit=True)
+        code = compile(source, file, "exec", dont_inherit=True)
+        replaced = replaced_slots(source)
     except SyntaxError as error:
         where = f"line {error.lineno}: " if error.lineno else ""
-        raise BrokenSource(path=path, reason=f"{where}{error.msg}") from None
+        raise BrokenSource(path=path, reason=f"{where}{error.msg} {_READ_BY}") from None
     except (ValueError, RecursionError, MemoryError, OverflowError) as error:
         raise BrokenSource(path=path, reason=str(error) or type(error).__name__) from None
+    for one in replaced[:1]:
+        raise BrokenSource(path=path, reason=f"line {one.line}: {one.what}; {one.instead}")
+    return code
 
 
 def _reason(error: BaseException, file: str, limit: float) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     where = next((_place(frame, file) for frame in reversed(frames) if _of_author(frame.filename, file)), "")
     if isinstance(error, SyntaxError) and error.filename and _of_author(error.filename, file):
-        return f"{Path(authors_file(error.filename)).name}, line {error.lineno}: {error.msg}"
+        return f"{Path(authors_file(error.filename)).name}, line {error.lineno}: {error.msg} {_READ_BY}"
     if isinstance(error, Interrupted):
         return f"{where}it did not end within {limit:g} s"
     ours = bool(frames) and Path(frames[-1].filename).is_relative_to(_OURS)

@@ -12,6 +12,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.package import close_all
 from robotree.vr.errors import BrokenSource
 
+PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 PAGE = '''
 import json
 from pathlib import Path
@@ -137,7 +138,7 @@ def test_a_process_that_ends_leaves_no_files_behind(tmp_path: Path) -> None:
     ("helper", "reason"),
     [
         ("NAME = 'a'\n1 / 0\n", "helper.py, line 2: ZeroDivisionError: division by zero"),
-        ("NAME = 'a'\ndef broken(:\n", "helper.py, line 2: invalid syntax"),
+        ("NAME = 'a'\ndef broken(:\n", f"helper.py, line 2: invalid syntax (this host runs Python {PYTHON})"),
         (
             "from nowhere_at_all import x\n",
             "helper.py, line 1: ModuleNotFoundError: No module named 'nowhere_at_all'",

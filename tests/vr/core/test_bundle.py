@@ -147,7 +147,7 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
             "",
             "robot.py defines several virtual robots (A, B); say which: robot.py:CLASS",
         ),
-        ("def f(:", "", "robot.py cannot be loaded: line 1: invalid syntax"),
+        ("def f(:", "", "robot.py cannot be loaded: line 1: invalid syntax (this host runs Python 3."),
         ("x = 1\0", "", "robot.py cannot be loaded: source code string cannot contain null bytes"),
         ("\n1/0", "", "robot.py cannot be loaded: line 2: ZeroDivisionError: division by zero"),
         (
