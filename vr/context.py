@@ -89,8 +89,8 @@ class CallFuture(Protocol[R_co]):
         ...
 
 
-class Together(Protocol):
-    """Several parts of a command at once: see `Robot.together`."""
+class Parts(Protocol):
+    """A block in which several parts of a command run at once."""
 
     def __enter__(self) -> Self: ...
     def __exit__(
@@ -110,23 +110,18 @@ class Together(Protocol):
         """
         ...
 
+
+class Together(Parts, Protocol):
+    """Several parts of a command at once: see `Robot.together`."""
+
     @property
     def results(self) -> list[Any]:
         """The results of all, in the order in which they were started; after the block."""
         ...
 
 
-class Race(Protocol):
+class Race(Parts, Protocol):
     """Several ways to do the same: see `Robot.first`."""
-
-    def __enter__(self) -> Self: ...
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def start(self, work: Callable[P, R], /, *values: P.args, **arguments: P.kwargs) -> CallFuture[R]:
-        """See `Together.start`."""
-        ...
 
     @property
     def result(self) -> Any:
