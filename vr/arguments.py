@@ -9,25 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from robotree.vr.description import Arguments, CommandSpec, FieldSpec, ParameterType
 from robotree.vr.errors import BadArgument
 from robotree.vr.literal import read_list, read_record
 from robotree.vr.units import in_unit, read_quantity, shorten
 
+_T = TypeVar("_T")
 _ROUNDING = 1e-9
 """What a conversion may overshoot a bound by: 70 cm are 0.7000000000000001 m."""
 
-_WORDS = {
-    "true": True,
-    "yes": True,
-    "on": True,
-    "1": True,
-    "false": False,
-    "no": False,
-    "off": False,
-    "0": False,
+_TRUTHS = {
+    **dict.fromkeys(("true", "yes", "on", "1"), True),
+    **dict.fromkeys(("false", "no", "off", "0"), False),
 }
 
 
@@ -76,23 +71,16 @@ def expected(field: FieldSpec) -> str:
 
 def _expected_number(field: FieldSpec) -> str:
     kind = "a whole number" if field.type == "int" else "a number"
-    return f"{kind}{in_unit(field.unit)}{_span(field)}"
-
-
-def _expected_list(field: FieldSpec) -> str:
-    return f"a list [value, value …], each value {expected(field.items[0])}"
-
-
-def _expected_tuple(field: FieldSpec) -> str:
-    return f"{len(field.items)} values: ({', '.join(map(expected, field.items))})"
-
-
-def _expected_dict(field: FieldSpec) -> str:
-    return f"values by name {{name: value, …}}, each value {expected(field.items[0])}"
-
-
-def _expected_record(field: FieldSpec) -> str:
-    return f"{{{', '.join(f'{part.name}: {expected(part)}' for part in field.items)}}}"
+    match field.lower, field.upper:
+        case None, None:
+            span = ""
+        case lower, None:
+            span = f" of {lower:g} or more"
+        case None, upper:
+            span = f" of {upper:g} or less"
+        case lower, upper:
+            span = f" from {lower:g} to {upper:g}"
+    return f"{kind}{in_unit(field.unit)}{span}"
 
 
 _EXPECTED: dict[ParameterType, Callable[[FieldSpec], str]] = {
@@ -101,10 +89,10 @@ _EXPECTED: dict[ParameterType, Callable[[FieldSpec], str]] = {
     "str": lambda _: "text",
     "int": _expected_number,
     "float": _expected_number,
-    "list": _expected_list,
-    "tuple": _expected_tuple,
-    "dict": _expected_dict,
-    "record": _expected_record,
+    "list": lambda field: f"a list [value, value …], each value {expected(field.items[0])}",
+    "tuple": lambda field: f"{len(field.items)} values: ({', '.join(map(expected, field.items))})",
+    "dict": lambda field: f"values by name {{name: value, …}}, each value {expected(field.items[0])}",
+    "record": lambda field: f"{{{', '.join(f'{part.name}: {expected(part)}' for part in field.items)}}}",
     "bytes": lambda _: "bytes",
 }
 
@@ -162,18 +150,6 @@ def _is_none(field: FieldSpec, value: str | None) -> bool:
     return optional and (value is None or (field.type != "str" and value.strip().lower() in {"none", "null"}))
 
 
-def _span(field: FieldSpec) -> str:
-    match field.lower, field.upper:
-        case None, None:
-            return ""
-        case lower, None:
-            return f" of {lower:g} or more"
-        case None, upper:
-            return f" of {upper:g} or less"
-        case lower, upper:
-            return f" from {lower:g} to {upper:g}"
-
-
 def _number(field: FieldSpec, value: object) -> float:
     if isinstance(value, str):
         number = read_quantity(value, field.unit)
@@ -202,28 +178,16 @@ def _whole(field: FieldSpec, value: object) -> int:
 
 
 def _truth(field: FieldSpec, value: object) -> bool:
-    truth = _WORDS.get(value.strip().lower()) if isinstance(value, str) else value
+    truth = _TRUTHS.get(value.strip().lower()) if isinstance(value, str) else value
     if not isinstance(truth, bool):
         raise TypeError(f"{shorten(value)} is not {expected(field)}")
     return truth
-
-
-def _text(field: FieldSpec, value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{shorten(value)} is not {expected(field)}")
-    return value
 
 
 def _choice(field: FieldSpec, value: object) -> str:
     if not isinstance(value, str) or value not in field.choices:
         raise ValueError(f"{shorten(value)} is not {expected(field)}")
     return value
-
-
-def _list(field: FieldSpec, value: object) -> Sequence[object]:
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        raise TypeError(f"{shorten(value)} is not {expected(field)}")
-    return cast("Sequence[object]", value)
 
 
 def _tuple(field: FieldSpec, value: object) -> Sequence[object]:
@@ -233,34 +197,35 @@ def _tuple(field: FieldSpec, value: object) -> Sequence[object]:
     return values
 
 
-def _record(field: FieldSpec, value: object) -> Mapping[str, object]:
-    if not isinstance(value, Mapping):
-        raise TypeError(f"{shorten(value)} is not {expected(field)}")
-    return cast("Mapping[str, object]", value)
-
-
 def _dict(field: FieldSpec, value: object) -> Mapping[str, object]:
     named = _record(field, value)
-    if odd := [name for name in cast("Mapping[object, object]", named) if not isinstance(name, str)]:
+    if odd := [name for name in named if not isinstance(name, str)]:
         raise TypeError(f"the key {shorten(odd[0])} is no text; give {expected(field)}")
     return named
 
 
-def _bytes(field: FieldSpec, value: object) -> bytes:
-    if not isinstance(value, bytes):
-        raise TypeError(f"{shorten(value)} is not {expected(field)}")
-    return value
+def _instance(cls: type[_T]) -> Callable[[FieldSpec, object], _T]:
+    """Return what takes a value of one class as it is; a text is a value of `str` alone."""
+
+    def taken(field: FieldSpec, value: object) -> _T:
+        if not isinstance(value, cls) or (isinstance(value, str) and cls is not str):
+            raise TypeError(f"{shorten(value)} is not {expected(field)}")
+        return value
+
+    return taken
 
 
+_list = _instance(cast("type[Sequence[Any]]", Sequence))
+_record = _instance(cast("type[Mapping[Any, Any]]", Mapping))
 _READERS: dict[ParameterType, Callable[[FieldSpec, object], Any]] = {
     "float": _number,
     "int": _whole,
     "bool": _truth,
-    "str": _text,
+    "str": _instance(str),
     "choice": _choice,
     "list": _list,
     "tuple": _tuple,
     "dict": _dict,
     "record": _record,
-    "bytes": _bytes,
+    "bytes": _instance(bytes),
 }

@@ -15,19 +15,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import (
-    Annotated,
-    Any,
-    ClassVar,
-    Final,
-    Literal,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, ClassVar, Final, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -38,7 +26,7 @@ from robotree.vr.errors import BadArgument
 from robotree.vr.plain import to_plain
 from robotree.vr.robot import Robot, attributes_of
 from robotree.vr.signature import field_with_default
-from robotree.vr.typed import needs_building
+from robotree.vr.typed import needs_building, unwrapped
 from robotree.vr.units import Range, Unit, shorten
 
 SET = "set"
@@ -331,9 +319,7 @@ def _setting(cls: type[Any], name: str, annotation: Any, default: Any) -> Settin
     """Return the setting that a typed attribute declares; None: it is an ordinary one."""
     where = f"{cls.__name__}.{name}"
     annotation = _evaluated(annotation, cls, where)
-    bare, extras = annotation, list[Any]()
-    if get_origin(annotation) is Annotated:
-        bare, *extras = get_args(annotation)
+    bare, extras, _ = unwrapped(annotation)
     if get_origin(bare) in {ClassVar, Final} or bare in {ClassVar, Final}:
         return None
     meant = any(isinstance(extra, Unit | Range) for extra in extras)
@@ -347,16 +333,12 @@ def _setting(cls: type[Any], name: str, annotation: Any, default: Any) -> Settin
 
 
 def _simple(annotation: Any) -> bool:
+    """Whether a value is a number, a truth, a text, a choice, or a tuple of such, or may be None instead."""
+    annotation, _, _ = unwrapped(annotation)
     if get_origin(annotation) is Literal:
         return all(isinstance(one, str) for one in get_args(annotation))
-    if get_origin(annotation) in {Union, type(int | None)}:
-        inner = [one for one in get_args(annotation) if one is not type(None)]
-        return len(inner) == 1 and (_simple(inner[0]) or get_origin(inner[0]) is Annotated)
     if get_origin(annotation) is tuple:
-        return all(
-            one is ... or _simple(get_args(one)[0] if get_origin(one) is Annotated else one)
-            for one in get_args(annotation)
-        )
+        return all(one is ... or _simple(one) for one in get_args(annotation))
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         return all(isinstance(one.value, str) for one in annotation)
     return annotation in _SIMPLE

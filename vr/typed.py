@@ -72,7 +72,7 @@ def field_of(
     Raises:
         TypeError: such a value cannot travel.
     """
-    annotation, extras, nullable = _bare(annotation)
+    annotation, extras, nullable = unwrapped(annotation)
     own = tuple(extra for extra in extras if isinstance(extra, Range | Unit))
     kind, items, choices = _content(annotation, where, above, (*measures, *own))
     if kind not in {"float", "int", "list", "tuple", "dict"} and (own or measures):
@@ -111,13 +111,14 @@ def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
     if is_typeddict(cls):
         return {name: _key(cls, name, hint) for name, hint in hints.items()}
     if issubclass(cls, msgspec.Struct):
-        fields = msgspec.structs.fields(cls)
-        return {
-            one.name: Part(hints[one.name], one.required, None if one.required else _default(one.default))
-            for one in fields
-        }
+        structs = msgspec.structs.fields(cls)
+        return {one.name: Part(hints[one.name], one.required, _default(one.default)) for one in structs}
     return {
-        one.name: Part(hints[one.name], _is_required(one), _default(one.default))
+        one.name: Part(
+            hints[one.name],
+            one.default is one.default_factory is dataclasses.MISSING,
+            _default(one.default),
+        )
         for one in dataclasses.fields(cls)
         if one.init
     }
@@ -166,10 +167,9 @@ def _content(
         return "tuple", tuple(items), ()
     if is_record(annotation):
         return "record", _record(cast("type[Any]", annotation), where, above), ()
-    if annotation in {*_LISTS, tuple}:
-        raise TypeError(f"{where} does not say what is in it: write for example list[float]")
-    if annotation in _DICTS:
-        raise TypeError(f"{where} does not say what is in it: write for example dict[str, float]")
+    if annotation in {*_LISTS, *_DICTS, tuple}:
+        example = "dict[str, float]" if annotation in _DICTS else "list[float]"
+        raise TypeError(f"{where} does not say what is in it: write for example {example}")
     raise TypeError(f"{where} cannot be {_spelled(annotation)}: {_instead(annotation)}")
 
 
@@ -200,22 +200,16 @@ def _members(kind: type[Enum], where: str) -> tuple[str, ...]:
     return tuple(one.value for one in kind)
 
 
-def _bare(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
+def unwrapped(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
     """Unwrap `Annotated` and `X | None`; return the type, what was said of it, and whether it may be None."""
-    extras: tuple[Any, ...] = ()
-    nullable = False
-    while True:
-        if get_origin(annotation) is Annotated:
-            annotation, *said = get_args(annotation)
-            extras = (*said, *extras)
-            continue
-        args = get_args(annotation)
-        if get_origin(annotation) in {Union, types.UnionType} and types.NoneType in args:
-            nullable = True
-            rest = [one for one in args if one is not types.NoneType]
-            annotation = Union[tuple(rest)]  # noqa: UP007 # of a list that is known at run time
-            continue
-        return annotation, extras, nullable
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        inner, extras, nullable = unwrapped(args[0])
+        return inner, (*extras, *args[1:]), nullable
+    if origin in {Union, types.UnionType} and types.NoneType in args:
+        rest = tuple(one for one in args if one is not types.NoneType)
+        return *unwrapped(Union[rest])[:2], True  # noqa: UP007 # of a list that is known at run time
+    return annotation, (), False
 
 
 def _key(cls: type[Any], name: str, hint: Any) -> Part:
@@ -223,10 +217,6 @@ def _key(cls: type[Any], name: str, hint: Any) -> Part:
     if get_origin(hint) in {Required, NotRequired}:
         return Part(get_args(hint)[0], get_origin(hint) is Required)
     return Part(hint, name in getattr(cls, "__required_keys__", ()))
-
-
-def _is_required(field: dataclasses.Field[Any]) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def _default(value: Any) -> Any:

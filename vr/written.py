@@ -41,6 +41,11 @@ class Word(msgspec.Struct, frozen=True):
     mark: Mark
     quoted: bool = False
 
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is written there, as in `name:` alone."""
+        return not self.text and not self.quoted
+
 
 class Items(msgspec.Struct, frozen=True):
     """A list."""
@@ -81,10 +86,9 @@ _TRUTH = {"yes": True, "true": True, "no": False, "false": False}
 _UNFIT = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
 )
+_TAB = "a tab cannot indent here: use spaces"
 _PROBLEMS = {
-    "found character that cannot start any token": "a tab cannot indent here: use spaces",
-    "found a tab character that violates indentation": "a tab cannot indent here: use spaces",
-    "found character '\\t' that cannot start any token": "a tab cannot indent here: use spaces",
+    "found a tab character that violates indentation": _TAB,
     "mapping values are not allowed in this context": "a second ':' in one line: put the text into quotes, "
     "or the value on its own line",
 }
@@ -108,7 +112,7 @@ def read(source: str, path: str) -> Written:
             )
         indent = line[: len(line) - len(line.lstrip())]
         if "\t" in indent and line.strip():
-            raise Mark(path, number, indent.index("\t") + 1).error("a tab cannot indent here: use spaces")
+            raise Mark(path, number, indent.index("\t") + 1).error(_TAB)
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(source)
     try:
         root = loader.get_single_node()
@@ -127,6 +131,8 @@ def _said(error: yaml.MarkedYAMLError) -> str:
     problem = str(error.problem or error)
     if "but found another document" in problem:
         return "a second document begins here: one file holds one"
+    if "that cannot start any token" in problem:
+        return "a value cannot begin with @, `, % or a tab: put it into quotes, or use spaces"
     context = f" ({error.context})" if error.context else ""
     return _PROBLEMS.get(problem, f"this is no YAML: {problem}{context}")
 
@@ -181,7 +187,7 @@ def entries(thing: Written | None, what: str, where: Mark) -> Entries:
     Raises:
         BrokenScript: it is something else.
     """
-    if thing is None or (isinstance(thing, Word) and not thing.text and not thing.quoted):
+    if thing is None or (isinstance(thing, Word) and thing.empty):
         return Entries((), where)
     if not isinstance(thing, Entries):
         raise thing.mark.error(f"{what} must be written as `name: value`")
@@ -190,7 +196,7 @@ def entries(thing: Written | None, what: str, where: Mark) -> Entries:
 
 def items(thing: Written | None, where: Mark) -> Items:
     """Return a list; a single thing is a list of one, nothing at all an empty one."""
-    if thing is None or (isinstance(thing, Word) and not thing.text and not thing.quoted):
+    if thing is None or (isinstance(thing, Word) and thing.empty):
         return Items((), where)
     return thing if isinstance(thing, Items) else Items((thing,), thing.mark)
 

@@ -67,6 +67,10 @@ MISTAKES = {
         rule("- cup: {}").replace("    when", "  \twhen"),
         "7:3: a tab cannot indent here",
     ),
+    "a value that YAML reserves": (
+        rule("- cup: {id: @me}"),
+        "a value cannot begin with @, `, % or a tab: put it into quotes, or use spaces",
+    ),
     "an invisible character": (
         rule("- cup: {id: a\u200bb}"),
         "8:20: the invisible character U+200B cannot stand here",
