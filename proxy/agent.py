@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
 
 from robotree.protocol.errors import BadUrl
@@ -64,12 +63,7 @@ async def run_proxy(
         TransportError: the realm cannot be joined.
     """
     robot = kinds.make(kind, name, _checked(url), security=security, take_over=take_over, component=component)
-    transport = await join(realm)
-    async with contextlib.AsyncExitStack() as stack:
-        stack.push_async_callback(transport.close)
-        agent = await stack.enter_async_context(running_proxy(robot, transport))
-        ready(agent.address.key)
-        await agent.closed.wait()
+    await _serve(lambda transport: running_proxy(robot, transport), realm, ready)
 
 
 async def run_view(
@@ -98,12 +92,22 @@ async def run_view(
         TransportError: the realm cannot be joined.
     """
     view = WorkspaceView(name, _checked(url), security=security, cameras=cameras)
+    await _serve(lambda transport: running_view(view, transport), realm, ready)
+
+
+async def _serve(
+    running: Callable[[Transport], AbstractAsyncContextManager[RobotAgent | ViewAgent]],
+    realm: str | None,
+    ready: Ready,
+) -> None:
+    """Join the realm and run an agent there: a robot's until it is closed from outside, a view's for ever."""
     transport = await join(realm)
-    async with contextlib.AsyncExitStack() as stack:
-        stack.push_async_callback(transport.close)
-        agent = await stack.enter_async_context(running_view(view, transport))
-        ready(agent.address.key)
-        await asyncio.get_running_loop().create_future()
+    try:
+        async with running(transport) as agent:
+            ready(agent.address.key)
+            await (agent.closed if isinstance(agent, RobotAgent) else asyncio.Event()).wait()
+    finally:
+        await transport.close()
 
 
 @asynccontextmanager
@@ -135,19 +139,7 @@ async def running_proxy(
 
 @asynccontextmanager
 async def running_view(view: WorkspaceView, transport: Transport) -> AsyncGenerator[ViewAgent]:
-    """Run a view inside the block.
-
-    Args:
-        view: the view.
-        transport: the way to the other agents.
-
-    Yields:
-        Its agent.
-
-    Raises:
-        DuplicateName: a living view has the name.
-        TransportError: the transport does not work.
-    """
+    """Run a view inside the block, as `running_proxy` does a robot's proxy; yields its agent."""
     registrar = Registrar(transport)
     agent = ViewAgent(view, transport, view.name, registrar=registrar)
     async with _running(agent, registrar, view.run):
@@ -158,40 +150,20 @@ async def running_view(view: WorkspaceView, transport: Transport) -> AsyncGenera
 async def _running(
     agent: RobotAgent | ViewAgent, registrar: Registrar, run: Callable[[], Coroutine[Any, Any, None]]
 ) -> AsyncGenerator[None]:
-    """Run an agent and its connection inside the block."""
+    """Run an agent and its connection inside the block; an error of the connection ends the block."""
     try:
         await agent.start()
-        async with _beside(run()):
+        async with asyncio.TaskGroup() as group:
+            connection = group.create_task(run())
             try:
                 yield
             finally:
                 await agent.close()
+                connection.cancel()
+    except BaseExceptionGroup as failed:
+        raise failed.exceptions[0] from None
     finally:
         await registrar.close()
-
-
-@asynccontextmanager
-async def _beside(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
-    """Run a coroutine beside the block and end it with the block. If it fails, the block raises its error."""
-    body = asyncio.current_task()
-    beside = asyncio.get_running_loop().create_task(work)
-
-    def ended(task: asyncio.Task[None]) -> None:
-        if body is not None and not task.cancelled() and task.exception() is not None:
-            body.cancel()
-
-    beside.add_done_callback(ended)
-    try:
-        yield
-    except asyncio.CancelledError:
-        error = beside.exception() if beside.done() and not beside.cancelled() else None
-        if body is None or error is None:
-            raise
-        body.uncancel()
-        raise error from None
-    finally:
-        beside.cancel()
-        await asyncio.gather(beside, return_exceptions=True)
 
 
 def _obeyed_epoch(robot: RobotProxy) -> int | None:

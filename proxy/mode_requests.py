@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 from collections.abc import Callable, Generator
-from typing import Any
+from typing import Any, Literal
 
 from robotree.protocol.messages import Reason
 from robotree.proxy.desired_mode import (
@@ -22,14 +22,20 @@ from robotree.proxy.desired_mode import (
 from robotree.proxy.outcome import reason_in_words
 from robotree.vr.errors import CommandFailed
 
-REPLACED_BY_RESUME = "a resume came after it, before it was confirmed; if it shall stand, stop again"
-REPLACED_BY_STOP = "a stop came after it; when it is safe, resume again"
+REPLACED = {
+    "safe_stop": "a resume came after it, before it was confirmed; if it shall stand, stop again",
+    "resume": "a stop came after it; when it is safe, resume again",
+}
+"""Why a request has ended that one of the other sort has replaced, by its hook."""
 WITHDRAWN = "it was taken back; when it is safe, resume again"
 REMEDIES = {
     Reason.STOPPED: "another stop came after the one that was to end; when it is safe, resume again",
     Reason.STALE_EPOCH: "a newer lease is already obeyed; resume again",
 }
 """What to do about a refusal whose reason does not say it."""
+
+Hook = Literal["safe_stop", "resume"]
+"""The hook of a robot that makes a request."""
 
 
 class ModeRequest:
@@ -59,7 +65,7 @@ class ModeRequest:
         """Whether the controller has confirmed it."""
         return self._end.done() and self._end.exception() is None
 
-    def finish(self, error: CommandFailed | None = None) -> None:
+    def finish(self, error: CommandFailed | None) -> None:
         """Set its end, once."""
         if error is None:
             self._end.set_result(None)
@@ -68,7 +74,7 @@ class ModeRequest:
 
 
 class ModeRequests:
-    """The requests to one robot that have not ended. On the loop only.
+    """The newest requests to one robot, all stops or all resumes, that have not ended. On the loop only.
 
     Args:
         robot: its name, for the sentences.
@@ -76,26 +82,24 @@ class ModeRequests:
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
-        self._stops: list[ModeRequest] = []
-        self._resumes: list[ModeRequest] = []
+        self._hook: Hook = "safe_stop"
+        """What they ask for."""
+        self._waiting: list[ModeRequest] = []
 
-    def stop(self, request: ModeRequest) -> None:
-        """A stop was sent."""
-        self._stops.append(request)
-        self._end(self._resumes, "resume", REPLACED_BY_STOP)
-
-    def resume(self, request: ModeRequest) -> None:
-        """A resume was sent."""
-        self._resumes.append(request)
-        self._end(self._stops, "safe_stop", REPLACED_BY_RESUME)
+    def add(self, hook: Hook, request: ModeRequest) -> None:
+        """A stop or a resume was sent."""
+        if hook != self._hook:
+            self._end(self._hook, REPLACED[self._hook])
+        self._hook = hook
+        self._waiting.append(request)
 
     def withdraw(self, resume: ModeRequest) -> bool:
         """Drop a resume; returns whether it was the only one."""
-        if resume not in self._resumes:
+        if resume not in self._waiting:
             return False
-        self._resumes.remove(resume)
-        self._end([resume], "resume", WITHDRAWN)
-        return not self._resumes
+        self._waiting.remove(resume)
+        resume.finish(CommandFailed(robot=self._robot, command="resume", detail=WITHDRAWN))
+        return not self._waiting
 
     def handle(self, answer: Answer, trouble: str) -> None:
         """End the requests that the controller has answered.
@@ -106,18 +110,18 @@ class ModeRequests:
         """
         match answer:
             case StopConfirmed():
-                self._end(self._stops, "safe_stop", "")
+                self._end("safe_stop")
             case ReleaseConfirmed():
-                self._end(self._resumes, "resume", "")
+                self._end("resume")
             case ReleaseRefused(reason=reason):
                 why = REMEDIES.get(reason, reason_in_words(reason))
-                self._end(self._resumes, "resume", f"its controller does not release the stop: {why}")
+                self._end("resume", f"its controller does not release the stop: {why}")
             case ReleaseUnanswered():
                 why = trouble or f"its controller has not answered for {RELEASE_TIMEOUT:g} s"
                 remedy = "it is not released; look after the controller, then resume again"
-                self._end(self._resumes, "resume", f"{why}; {remedy}")
+                self._end("resume", f"{why}; {remedy}")
 
-    def _end(self, requests: list[ModeRequest], command: str, detail: str) -> None:
-        while requests:
-            failed = CommandFailed(robot=self._robot, command=command, detail=detail) if detail else None
-            requests.pop().finish(failed)
+    def _end(self, hook: Hook, detail: str = "") -> None:
+        while hook == self._hook and self._waiting:
+            failed = CommandFailed(robot=self._robot, command=hook, detail=detail) if detail else None
+            self._waiting.pop().finish(failed)

@@ -108,8 +108,11 @@ def error_of(
 def _unknown(end: GoalEnded, robot: str, command: str, effect: Effect) -> VrError:
     """The error for a goal that the controller does not know, but may have carried out."""
     what = "has restarted meanwhile" if end.reason == Reason.OTHER_LIFE else "has forgotten it"
-    if effect == "once":
-        detail = f"its controller {what}. Look where the robot is before you give it again"
-        return CommandInDoubt(robot=robot, command=command, detail=detail)
-    detail = f"its controller {what}; look at the robot, then give it again"
-    return CommandFailed(robot=robot, command=command, detail=detail)
+    remedy = ". Look where the robot is before you" if effect == "once" else "; look at the robot, then"
+    return unclear(f"its controller {what}{remedy} give it again", robot, command, effect)
+
+
+def unclear(detail: str, robot: str, command: str, effect: Effect) -> CommandFailed | CommandInDoubt:
+    """The error for a motion that was sent and whose end is unknown: what adds up may not be repeated."""
+    kind = CommandInDoubt if effect == "once" else CommandFailed
+    return kind(robot=robot, command=command, detail=detail)

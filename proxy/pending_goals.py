@@ -33,24 +33,29 @@ class OutcomeLost:
 End = GoalEnded | GoalSilent | NotSent | OutcomeLost
 
 
+@dataclass(slots=True, eq=False)
 class PendingGoal:
-    """One goal that was started and has not ended.
+    """One goal that was started and has not ended."""
 
-    Args:
-        key: of the goal.
-        activity: the command that asks for it.
-        waiter: in which the command's thread waits for the end.
-    """
+    key: int
+    request: Request
+    activity: Activity
+    """The command that asks for it."""
+    ttl: float
+    """[s] it may take; 0: until reached."""
+    repeatable: bool
+    """Carried out twice, it ends the same."""
+    _waiter: Waiter
+    """In which the command's thread waits for the end."""
+    fraction: float = 0.0
+    """Progress, 0 to 1."""
+    end: End | None = None
+    """How it ended; None: it has not."""
 
-    def __init__(self, key: int, activity: Activity, waiter: Waiter) -> None:
-        self.key = key
-        self.activity = activity
-        self.epoch = activity.context.epoch
-        self.fraction = 0.0
-        """Progress, 0 to 1."""
-        self.end: End | None = None
-        """How it ended; None: it has not."""
-        self._waiter = waiter
+    @property
+    def epoch(self) -> int:
+        """Of the lease under which it is asked for."""
+        return self.activity.context.epoch
 
     def wait(self, timeout: float) -> bool:
         """Wait for the end, at most `timeout` [s]; returns whether it has ended. Not on the loop."""
@@ -77,20 +82,13 @@ class PendingGoals:
     def start(
         self, key: int, request: Request, *, activity: Activity, ttl: float, repeatable: bool
     ) -> PendingGoal:
-        """Ask the controller for a movement.
-
-        Args:
-            key: of the goal.
-            request: what to do.
-            activity: the command that asks for it.
-            ttl: [s] it may take; 0: until reached.
-            repeatable: carried out twice, it ends the same.
+        """Ask the controller for a movement, as `PendingGoal` describes it.
 
         Returns:
             The goal; it ends at once if the controller is offline or the command has ended.
         """
-        pending = PendingGoal(key, activity, self._connection.runner.waiter())
-        self._connection.soon(lambda: self._start(pending, request, ttl, repeatable=repeatable))
+        pending = PendingGoal(key, request, activity, ttl, repeatable, self._connection.runner.waiter())
+        self._connection.soon(lambda: self._start(pending))
         return pending
 
     def cancel(self, pending: PendingGoal) -> None:
@@ -128,20 +126,21 @@ class PendingGoals:
         while self._goals:
             self._goals.popitem()[1].finish(OutcomeLost(trouble))
 
-    def _start(self, pending: PendingGoal, request: Request, ttl: float, *, repeatable: bool) -> None:
-        session, now = self._connection.session, self._connection.now()
-        if pending.activity.cancelled:  # checked on the loop, where stops and resumes come too
-            pending.finish(NotSent("its command has been ended"))
-            return
-        if not session.online:
-            pending.finish(NotSent(session.trouble))
-            return
-        if session.denial:
-            pending.finish(NotSent(session.denial))
+    def _start(self, pending: PendingGoal) -> None:
+        session = self._connection.session
+        # checked on the loop, where stops and resumes come too
+        ended = "its command has been ended" if pending.activity.cancelled else ""
+        if trouble := ended or session.trouble or session.denial:
+            pending.finish(NotSent(trouble))
             return
         self._goals[pending.key] = pending
         goal = session.start(
-            pending.key, request, epoch=pending.epoch, ttl=ttl, now=now, repeatable=repeatable
+            pending.key,
+            pending.request,
+            epoch=pending.epoch,
+            ttl=pending.ttl,
+            now=self._connection.now(),
+            repeatable=pending.repeatable,
         )
         self._connection.perform(goal)
 

@@ -27,7 +27,7 @@ from robotree.proxy.desired_mode import ReleaseConfirmed, ReleaseRefused, Releas
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Limits, changed, check
 from robotree.proxy.mode_requests import ModeRequest, ModeRequests
 from robotree.proxy.motion import Hold, Motion
-from robotree.proxy.outcome import error_of, silence_in_words
+from robotree.proxy.outcome import error_of, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
 from robotree.proxy.translate import (
@@ -42,7 +42,7 @@ from robotree.proxy.translate import (
 from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
-from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded
+from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.robot import Robot
 from robotree.vr.running.chance import bits
 from robotree.vr.running.runner import Runner, Threads
@@ -175,7 +175,9 @@ class RobotProxy(Robot):
             An awaitable that returns when the controller has confirmed the stop. To cancel the wait does not
             withdraw the stop.
         """
-        return self._request_mode(ModeRequest(), self._send_stop)
+        request = ModeRequest()
+        self._connection.soon(lambda: self._send_stop(request))
+        return request
 
     def resume(self) -> ModeRequest:
         """Release the stop at the controller.
@@ -186,7 +188,8 @@ class RobotProxy(Robot):
             robot is stopped, also if it was released meanwhile.
         """
         request = ModeRequest(lambda: self._connection.soon(lambda: self._withdraw(request)))
-        return self._request_mode(request, self._send_release)
+        self._connection.soon(lambda: self._send_release(request))
+        return request
 
     # -- commands of every robot -------------------------------------------------------------------
 
@@ -265,17 +268,13 @@ class RobotProxy(Robot):
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _request_mode(self, request: ModeRequest, carry_out: Callable[[ModeRequest], None]) -> ModeRequest:
-        self._connection.soon(lambda: carry_out(request))
-        return request
-
     def _send_stop(self, request: ModeRequest) -> None:
-        self._mode_requests.stop(request)
+        self._mode_requests.add("safe_stop", request)
         self._pending.cancel_ended()  # before any release can be sent
         self._connection.perform(self._session.stop(self._connection.now()))
 
     def _send_release(self, request: ModeRequest) -> None:
-        self._mode_requests.resume(request)
+        self._mode_requests.add("resume", request)
         epoch = max(self._epochs.highest, self.controller_epoch)
         self._connection.perform(self._session.release(epoch, self._connection.now()))
 
@@ -328,14 +327,18 @@ class RobotProxy(Robot):
                 acknowledged = end is not None and end.acknowledged
                 heard, kind = self._connection.now() - self._session.heard_at, self.kinds()[0]
                 detail = silence_in_words(acknowledged=acknowledged, heard=heard, kind=kind)
-                raise self._failed_or_in_doubt(detail, effect)
+                raise unclear(detail, self.name, self.context.command, effect)
             case OutcomeLost(trouble=trouble):
-                raise self._failed_or_in_doubt(f"{trouble}; look whether the robot still moves", effect)
+                detail = f"{trouble}; look whether the robot still moves"
+                raise unclear(detail, self.name, self.context.command, effect)
             case end:
-                name, epoch = self.context.command, pending.epoch
-                obeyed = self._session.obeyed
                 error = error_of(
-                    end, robot=self.name, command=name, epoch=epoch, obeyed=obeyed, effect=effect
+                    end,
+                    robot=self.name,
+                    command=self.context.command,
+                    epoch=pending.epoch,
+                    obeyed=self._session.obeyed,
+                    effect=effect,
                 )
                 if error is not None:
                     raise error
@@ -344,12 +347,6 @@ class RobotProxy(Robot):
 
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=self.context.command, detail=detail)
-
-    def _failed_or_in_doubt(self, detail: str, effect: Effect) -> CommandFailed | CommandInDoubt:
-        """The error for a motion that was sent and whose end is unknown."""
-        if effect == "once":
-            return CommandInDoubt(robot=self.name, command=self.context.command, detail=detail)
-        return self._failed(detail)
 
     def _handle(self, event: Event) -> None:
         match event:
