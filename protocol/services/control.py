@@ -104,6 +104,10 @@ class OperatorControl:
             return -inf
         return self._due if self.owner is None else min(self._due, self._heard + SILENCE)
 
+    def hurry(self) -> None:
+        """Tell everyone at the next `tick`."""
+        self._due = -inf
+
     def tick(self, now: float) -> list[Effect]:
         """What changed, and the status when its time has come."""
         if self.owner is not None and now >= self._heard + SILENCE:

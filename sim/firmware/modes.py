@@ -88,12 +88,9 @@ class Modes:
         return self._announcer.announce(MavSeverity.NOTICE, "Safe stop released.") if was_stopped else []
 
     def tick(self, now: int) -> list[Outgoing]:
-        """End what may not go on: its speaker is silent, or somebody else took control."""
+        """End what may not go on, because its speaker is silent."""
         silence = self._movement.fall_silent(now)
-        out = self._desert(silence, now) if silence else []
-        if now / 1000 >= self._rights.control.due:
-            out += self._control(now)
-        return out + self.news(now)
+        return (self._desert(silence, now) if silence else []) + self.news(now)
 
     def news(self, now: int) -> list[Outgoing]:
         """Tell all when mode, epoch or patience has changed."""
@@ -120,13 +117,24 @@ class Modes:
             self._mav_type, MavAutopilot.GENERIC, flags, mode, _STATES.get(mode, MavState.STANDBY)
         )
 
+    def join(self, following: float) -> None:
+        """Telemetry goes out now, and the next at `following` [s]: what is due until then goes with this one.
+
+        So both sides wake up once for all of it, from now on every time.
+        """
+        for one in (self._heartbeats, self._rights.control):
+            if one.due < following:
+                one.hurry()
+
     def beats(self, now: int) -> list[Outgoing]:
-        """The heartbeat, when it is due."""
-        if now / 1000 < self._heartbeats.due:
-            return []
-        return [
-            Outgoing(beat, telemetry=True) for beat in self._heartbeats.tick(self.heartbeat(), now / 1000)
-        ]
+        """The heartbeat, and who is in control, when they are due."""
+        seconds, out = now / 1000, list[Outgoing]()
+        if seconds >= self._heartbeats.due:
+            beats = self._heartbeats.tick(self.heartbeat(), seconds)
+            out += [Outgoing(beat, telemetry=True) for beat in beats]
+        if seconds >= self._rights.control.due:
+            out += self._control(now) + self.news(now)
+        return out
 
     @property
     def beat_due(self) -> float:

@@ -238,9 +238,10 @@ class Firmware:
         if seconds >= self._rights.claims.due:
             out += self._claims.tick(now)
         out += self._modes.tick(now)
-        out += self._modes.beats(now)
         if seconds >= self._schedule.due:
             out += self._schedule.tick(now, busy=self._movement.job is not None)
+            self._modes.join(self._schedule.due)
+        out += self._modes.beats(now)
         return out
 
     # -- who hears what

@@ -10,6 +10,7 @@ import pytest
 
 from robotree.protocol import Frame
 from robotree.protocol.messages import (
+    ControlStatus,
     GoalState,
     Gripper,
     Heartbeat,
@@ -28,7 +29,9 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
+from robotree.sim.firmware import Firmware
 from robotree.sim.testing import ArmBench, RoverBench
+from tests.world.controller import Cart
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
 STRANGER = Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)
@@ -303,3 +306,18 @@ def test_the_controllers_clock_can_be_asked_for(arm: ArmBench) -> None:
     answer = arm.operator.latest(Timesync)
     assert answer.ts1 == 42
     assert answer.tc1 == pytest.approx(3.0e9, abs=0.05e9)
+
+
+def test_what_a_controller_repeats_goes_out_together() -> None:
+    firmware = Firmware(Cart(lambda: 0.0, lambda _, __: None), (), system=1, mav_type=MavType.GROUND_ROVER)
+    sent: dict[type[object], list[int]] = {Mode: [], Heartbeat: [], ControlStatus: []}
+    for now in range(0, 20_000, 5):
+        if now == 105:
+            firmware.greet("a link", now)
+        for each in firmware.tick(now):
+            sent.get(type(each.message), []).append(now)
+    modes, beats, controls = ([now for now in times if now > 2_000] for times in sent.values())
+    assert beats == controls, "both sides wake up once for the two"
+    assert set(beats) <= set(modes)
+    assert len(modes) == pytest.approx(36, abs=1)
+    assert len(beats) == pytest.approx(18, abs=1)
