@@ -6,6 +6,7 @@ import asyncio
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from typing import Annotated, Any
 
 from robotree.protocol.messages import Verb
@@ -153,7 +154,8 @@ class Realm:
 
     async def _host(self, process: SimulatedProcess) -> None:
         transport = process.transport
-        host = Host(transport, process.name, registrar=Registrar(transport), process=self._process(process))
+        home = self._process(process)
+        host = Host(transport, process.name, registrar=Registrar(transport), process=home, limit=inf)
         self.hosts[process.name] = host
         await host.start()
         await asyncio.Event().wait()

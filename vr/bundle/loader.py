@@ -13,6 +13,7 @@ import inspect
 import itertools
 import linecache
 import logging
+import math
 import sys
 import threading
 import traceback
@@ -214,13 +215,13 @@ def make(
 
 
 def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
-    """Run an author's code in a thread of its own and return what it returns.
+    """Run an author's code in a thread of its own, which can be interrupted, and return what it returns.
 
     Args:
         work: the code.
         path: of its source.
         file: its name in tracebacks.
-        limit: [s] for it to end.
+        limit: [s] for it to end; infinite: it runs in this thread.
 
     Raises:
         BadName: it refused the name it was given.
@@ -235,7 +236,10 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
 
     context = contextvars.copy_context()  # who takes what it says
     thread = InterruptibleThread(lambda: context.run(work), done, name=f"load {path}")
-    thread.start()
+    if limit == math.inf:
+        thread.run()
+    else:
+        thread.start()
     if not ended.wait(limit):
         thread.interrupt()
         ended.wait(_FAREWELL)

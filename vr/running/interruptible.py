@@ -38,7 +38,7 @@ class InterruptibleThread:
         self._work, self._done = work, done
         self._lock = threading.Lock()
         self._inside = True
-        self._thread = threading.Thread(target=self._main, name=name, daemon=True)
+        self._thread = threading.Thread(target=self.run, name=name, daemon=True)
 
     def start(self) -> None:
         """Begin."""
@@ -50,7 +50,8 @@ class InterruptibleThread:
             if self._inside:
                 Threads().interrupt(self._thread.ident or 0, Interrupted)
 
-    def _main(self) -> None:
+    def run(self) -> None:
+        """Do the work in the thread that calls this."""
         outcome: tuple[object, BaseException | None] | None = None
         while self._inside:  # an interruption may strike anywhere in here
             with contextlib.suppress(Interrupted):

@@ -52,8 +52,8 @@ RECONNECT = 0.5
 URGENT, BULK = 0, 1
 """The two channels between two members."""
 
-OnMessage = Callable[[str, str, str, bytes], None]
-"""Told of each message that arrives: source, target, what it is, its body."""
+OnMessage = Callable[[str, str, str, str, bytes], None]
+"""Told of each message that arrives: source, target, what it is, under which key, its body."""
 
 _T = TypeVar("_T", bound="MemoryTransport")
 
@@ -235,7 +235,7 @@ class MemoryNetwork:
         self.weather = Weather()
         self.delay, self.lease, self.chance = delay, lease, chance
         self.members: list[MemoryTransport] = []
-        self.on_message: OnMessage | None = None
+        self.on_message: OnMessage = _ignore
         self.unlisted: set[MemoryTransport] = set()
         """Those that nobody who comes from now on can reach: see `unlist`."""
         self._loop = loop
@@ -387,12 +387,6 @@ class MemoryNetwork:
     def changed_subscriptions(self) -> None:
         """Somebody subscribes, or does no longer."""
         self._listeners.clear()
-
-    def note(self, source: MemoryTransport, target: MemoryTransport, what: str, body: bytes) -> None:
-        """Note a message that arrives."""
-        told = self.on_message
-        if told is not None:
-            told(source.name, target.name, what, body)
 
     # -- inside -----------------------------------------------------------------------------------
 
@@ -580,7 +574,7 @@ class MemoryTransport:
     ) -> None:
         """Take a request that has arrived."""
         network = self.network
-        network.note(asker, self, f"ask {key}", body)
+        network.on_message(asker.name, self.name, "ask", key, body)
 
         def send(action: Callable[[], None]) -> None:
             if asker is self:
@@ -616,7 +610,7 @@ class MemoryTransport:
 
     def replied(self, server: MemoryTransport, exchange: _Exchange, body: bytes) -> None:
         """Take a reply that has arrived."""
-        self.network.note(server, self, "reply", body)
+        self.network.on_message(server.name, self.name, "reply", "", body)
         exchange.reply(body)
 
     def _answer(self, handler: RequestHandler, key: str, body: bytes, respond: Respond, end: End) -> None:
@@ -672,7 +666,7 @@ class MemoryTransport:
 
     def hear(self, source: MemoryTransport, key: str, body: bytes) -> None:
         """Hand a sample to those who subscribed to it."""
-        self.network.note(source, self, f"sample {key}", body)
+        self.network.on_message(source.name, self.name, "sample", key, body)
         for number in self.hearing(key):
             self._soon(self._hand, number, key, body)
 
@@ -870,6 +864,10 @@ class MemoryTransport:
         _, handler = self._watches.get(number, ("", None))
         if handler is not None:
             handler(key, there)
+
+
+def _ignore(*_: object) -> None:
+    """Nobody wants to know."""
 
 
 def _current_task() -> asyncio.Task[None] | None:

@@ -245,8 +245,8 @@ class World:
         """A short text that is the same for the same trace."""
         return hashlib.blake2b(_encode(self.trace), digest_size=16).hexdigest()
 
-    def _message(self, source: str, target: str, what: str, body: bytes) -> None:
-        self.trace.append((self.runner.now(), target, f"{what} from {source}", zlib.crc32(body)))
+    def _message(self, source: str, target: str, what: str, key: str, body: bytes) -> None:
+        self.trace.append((self.runner.now(), target, what, (key, source, zlib.crc32(body))))
 
 
 def _ignore(_: object) -> None:
