@@ -17,18 +17,9 @@ from robotree.proxy.limb import Limb
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Rover
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.choice import only_class
-from robotree.vr.bundle.loader import load_module
 from robotree.vr.bundle.loader import make as make_robot
 
-KINDS: dict[str, type[RobotProxy]] = {
-    "arm": Arm,
-    "rover": Rover,
-    "limb": Limb,
-    "base": Base,
-    "head": Head,
-}
-SUFFIX = ".py"
+KINDS: dict[str, type[RobotProxy]] = {"arm": Arm, "rover": Rover, "limb": Limb, "base": Base, "head": Head}
 
 
 def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
@@ -48,30 +39,12 @@ def make(kind: str, name: str, url: str, **options: Any) -> RobotProxy:
         BadName: that cannot be a name.
     """
     path, wanted = _split(kind)
-    if path.endswith(SUFFIX):
-        cls = _load(path, wanted)
+    if path.endswith(".py"):
+        cls = Bundle.read(path, wanted).load_class(RobotProxy, NoKind, SeveralKinds)
         return make_robot(cls, lambda: cls(name, url, **options), name, path, takes="name, url, **options")
     if kind not in KINDS:
         raise UnknownKind(kind=kind, known=", ".join(KINDS))
     return KINDS[kind](name, url, **options)
-
-
-def _load(path: str, wanted: str) -> type[RobotProxy]:
-    """Run a file and return the kind that it defines.
-
-    Args:
-        path: of the file.
-        wanted: name of the class; empty: the only one.
-
-    Raises:
-        NoSuchFile: it cannot be read.
-        BrokenSource: it does not compile, raises, does not end, or declares a command wrongly.
-        NoKind: it defines no kind of robot, or none of the name wanted.
-        SeveralKinds: it defines several, and none was named.
-    """
-    bundle = Bundle.read(path)
-    module = load_module(bundle.source, path, bundle.hash, files=bundle.files)
-    return only_class(module, RobotProxy, path, wanted, none=NoKind, several=SeveralKinds)
 
 
 def _split(kind: str) -> tuple[str, str]:

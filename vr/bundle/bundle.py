@@ -6,7 +6,8 @@ import hashlib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from types import ModuleType
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -14,7 +15,6 @@ from robotree.files import text
 from robotree.vr.arguments import check_arguments
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
-from robotree.vr.bundle.choice import only_class
 from robotree.vr.bundle.loader import (
     LIMIT,
     built,
@@ -24,18 +24,26 @@ from robotree.vr.bundle.loader import (
     load_module,
     make,
     text_of,
+    with_line,
     within,
 )
-from robotree.vr.errors import BrokenSource, NoSuchFile, NoVirtualRobot, OtherKind, SeveralVirtualRobots
+from robotree.vr.command import commands_of
+from robotree.vr.errors import (
+    BrokenSource,
+    NoSuchFile,
+    NoVirtualRobot,
+    OtherKind,
+    SeveralVirtualRobots,
+    VrError,
+)
 from robotree.vr.fields import Kept, settings_spec
+from robotree.vr.robot import Robot
 from robotree.vr.running.page_trace import file_in_tracebacks
-from robotree.vr.virtual_robot import VirtualRobot
+from robotree.vr.virtual_robot import VirtualRobot, slot_specs
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""
-SUFFIXES = (".yaml", ".yml", ".clp")
-"""Of files that hold a script, which is no Python."""
-_TOO_LARGE = f"it is larger than {LARGEST // 1000} kB"
+_R = TypeVar("_R", bound=Robot)
 
 
 class Bundle(msgspec.Struct, frozen=True):
@@ -64,7 +72,7 @@ class Bundle(msgspec.Struct, frozen=True):
         try:
             file = Path(path).expanduser()
             source = text(file, LARGEST)
-            files = {} if str(path).lower().endswith(SUFFIXES) else beside(file, source)
+            files = {} if is_script(str(path)) else beside(file, source)
             return cls(source, str(path), wanted, files)
         except (OSError, RuntimeError) as error:  # RuntimeError: nobody has the home that ~NAME means
             reason = getattr(error, "strerror", None) or str(error)
@@ -101,22 +109,55 @@ class Bundle(msgspec.Struct, frozen=True):
         """
         size = sum(map(len, self.files.values()))
         if len(self.source) > LARGEST or len(self.source.encode()) > LARGEST or size > LARGEST_BESIDE:
-            raise BrokenSource(path=self.path, reason=_TOO_LARGE)
-        if self.path.lower().endswith(SUFFIXES):
+            raise BrokenSource(path=self.path, reason=f"it is larger than {LARGEST // 1000} kB")
+        if is_script(self.path):
             return self._script()
+        return self.load_class(VirtualRobot, NoVirtualRobot, SeveralVirtualRobots, limit=limit)
+
+    def load_class(
+        self, base: type[_R], none: type[VrError], several: type[VrError], *, limit: float = LIMIT
+    ) -> type[_R]:
+        """Load the one class of a kind that the source defines, in a module of its own. Blocks.
+
+        Args:
+            base: from which it derives.
+            none: the error if there is none, or none of the name wanted; takes `path` and `wanted`.
+            several: the error if there are several, and none was named; takes `path` and `known`.
+            limit: [s] for the source to run.
+
+        Raises:
+            VrError: one of these two.
+            BrokenSource: see `load`.
+        """
         module = load_module(self.source, self.path, self.hash, files=self.files, limit=limit)
         try:
-            return only_class(
-                module,
-                VirtualRobot,
-                self.path,
-                self.wanted,
-                none=NoVirtualRobot,
-                several=SeveralVirtualRobots,
-            )
+            return self._chosen(module, base, none, several)
         except BaseException:
             forget(module.__name__, file_in_tracebacks(self.path, self.hash))
             raise
+
+    def _chosen(
+        self, module: ModuleType, base: type[_R], none: type[VrError], several: type[VrError]
+    ) -> type[_R]:
+        """Return the class of a module that is meant, or refuse how it declares commands and slots."""
+        found = {
+            name: value
+            for name, value in vars(module).items()
+            if isinstance(value, type) and issubclass(value, base) and value.__module__ == module.__name__
+            if self.wanted in {"", name}
+        }
+        if not found:
+            raise none(path=self.path, wanted=f" named {self.wanted!r}" if self.wanted else "")
+        chosen, *others = found.values()
+        if others:
+            raise several(path=self.path, known=", ".join(found))
+        try:
+            commands_of(chosen)
+            if issubclass(chosen, VirtualRobot):
+                slot_specs(chosen)
+        except TypeError as error:
+            raise BrokenSource(path=self.path, reason=with_line(str(error), text_of(chosen))) from None
+        return chosen
 
     def examine(self) -> None:
         """Load the class, and refuse a constructor that no host could call. No robot is made.
@@ -179,7 +220,7 @@ class Bundle(msgspec.Struct, frozen=True):
     def _make(
         self, cls: type[VirtualRobot], name: str, given: Mapping[str, Any], limit: float
     ) -> VirtualRobot:
-        if self.path.lower().endswith(SUFFIXES):
+        if is_script(self.path):
             return built(cls, name, given)
         try:
             robot = make(cls, lambda: built(cls, name, given), name, self.path, limit=limit)
@@ -188,3 +229,8 @@ class Bundle(msgspec.Struct, frozen=True):
             raise
         keep_with(robot)
         return robot
+
+
+def is_script(path: str) -> bool:
+    """Whether a file holds a script, which is no Python."""
+    return path.lower().endswith((".yaml", ".yml", ".clp"))

@@ -26,8 +26,8 @@ from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
 from robotree.vr.bundle.check import replaced_slots
-from robotree.vr.bundle.lines import line_of, slots_at
 from robotree.vr.bundle.package import PREFIX, Package, package_of
+from robotree.vr.bundle.syntax import line_of, slots_at
 from robotree.vr.child import Slotted
 from robotree.vr.errors import BadName, BrokenSource
 from robotree.vr.robot import Robot
@@ -283,9 +283,20 @@ def _reason(error: BaseException, file: str, limit: float) -> str:
         return f"{where}it did not end within {limit:g} s"
     ours = bool(frames) and Path(frames[-1].filename).is_relative_to(_OURS)
     if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
-        line = line_of("".join(linecache.getlines(file)), str(error))
-        return f"{f'line {line}: ' if line else where}{error}"
+        return with_line(str(error), file, where)
     return f"{where}{_no_slot(error, file) or words_of(error)}"
+
+
+def with_line(sentence: str, file: str, otherwise: str = "") -> str:
+    """Return a sentence about a class behind the line of the page that it is about, if that is found.
+
+    Args:
+        sentence: `Team.rovers is …`.
+        file: what the page is called in tracebacks.
+        otherwise: what stands before the sentence when no line is found.
+    """
+    line = line_of("".join(linecache.getlines(file)), sentence)
+    return f"{f'line {line}: ' if line else otherwise}{sentence}"
 
 
 def _no_slot(error: BaseException, file: str) -> str:

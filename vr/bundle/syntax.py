@@ -1,14 +1,17 @@
-"""Reads Python into a tree without running it: the one place where that is done."""
+"""Reads Python into a tree without running it, in this one place, and finds lines of a page there."""
 
 from __future__ import annotations
 
 import ast
 import gc
+import re
 from collections.abc import Generator
 from contextlib import contextmanager
 from threading import Lock
 
 _one_at_a_time = Lock()
+_ABOUT = re.compile(r"(?:default of )?(\w+)(?:\.|: )(\w+)\b(?:: (?:parameter '(\w+)'|(\w+):))?")
+_FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def parse(source: str) -> ast.Module:
@@ -48,3 +51,54 @@ def _uninterrupted() -> Generator[None]:
         finally:
             if collects:
                 gc.enable()
+
+
+def line_of(source: str, sentence: str) -> int:
+    """Return the line of the class's attribute, or of the parameter, that a sentence of ours begins with.
+
+    Args:
+        source: of a page.
+        sentence: `Team.rovers is a list of Child …`.
+
+    Returns:
+        The line, or 0: none is found.
+    """
+    about = _ABOUT.match(sentence)
+    if about is None:
+        return 0
+    owner, attribute, parameter = about[1], about[2], about[3] or about[4]
+    for node in ast.walk(parse(source)):
+        if isinstance(node, ast.ClassDef) and node.name == owner:
+            return _line_in(node, attribute, parameter)
+    return 0
+
+
+def slots_at(source: str, line: int) -> list[str]:
+    """Return the slots that the class around a line declares above it."""
+    found: list[str] = []
+    for node in ast.walk(parse(source)):
+        if isinstance(node, ast.ClassDef) and node.lineno < line <= (node.end_lineno or 0):
+            for item in node.body:
+                match item:
+                    case ast.Assign(
+                        targets=[ast.Name(id=name)],
+                        value=ast.Call(func=ast.Name(id="Child" | "Children")),
+                        lineno=number,
+                    ) if number < line:
+                        found.append(name)
+                    case _:
+                        pass
+    return found
+
+
+def _line_in(owner: ast.ClassDef, attribute: str, parameter: str | None) -> int:
+    for node in owner.body:
+        if isinstance(node, _FUNCTIONS) and node.name == attribute:
+            arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            named = (one.lineno for one in arguments if one.arg == parameter)
+            return next(named, node.lineno)
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(isinstance(one, ast.Name) and one.id == attribute for one in targets):
+                return node.lineno
+    return owner.lineno
