@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextvars
 import dataclasses
-import hashlib
 import inspect
 import itertools
 import linecache
@@ -20,7 +19,7 @@ import traceback
 import weakref
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
@@ -84,17 +83,12 @@ def load_module(
         linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
     try:
         if files:
-            Package(module, path, files, partial(_called, path))
+            Package(module, path, files)
         within(lambda: exec(code, vars(module)), path, file, limit)  # noqa: S102 # the one place that does so
     except BaseException:
         forget(module.__name__, file)
         raise
     return module
-
-
-def _called(path: str, file: str, data: bytes) -> str:
-    """Return what a module beside a page is called in tracebacks."""
-    return file_in_tracebacks(str(Path(path).parent / file), hashlib.sha256(data).hexdigest())
 
 
 def text_of(cls: type[Any]) -> str:
@@ -244,13 +238,9 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         thread.interrupt()
         ended.wait(_FAREWELL)
     if not outcome:
-        _log.error(
-            "%s is abandoned: while being loaded it ignores every interruption; restart this host", path
-        )
-        reason = (
-            f"it did not end within {limit:g} s, ignores every interruption and still runs; restart the host"
-        )
-        raise BrokenSource(path=path, reason=reason)
+        told = f"it did not end within {limit:g} s, ignores every interruption and still runs"
+        _log.error("%s is abandoned while being loaded: %s; restart this host", path, told)
+        raise BrokenSource(path=path, reason=f"{told}; restart the host")
     value, error = outcome[0]
     if error is None:
         return cast("_T", value)

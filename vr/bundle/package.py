@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import builtins
+import hashlib
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -17,14 +18,14 @@ import linecache
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any
 
 from robotree.files import overwrite
 from robotree.vr.errors import BrokenSource
-from robotree.vr.running.page_trace import PRIVATE_FOLDER, PRIVATE_MODULE
+from robotree.vr.running.page_trace import PRIVATE_FOLDER, PRIVATE_MODULE, file_in_tracebacks
 
 PREFIX = PRIVATE_MODULE
 """Names of private modules begin with it."""
@@ -36,27 +37,19 @@ _packages: dict[str, Package] = {}
 class Package:
     """The files of one robot's page."""
 
-    def __init__(
-        self,
-        module: ModuleType,
-        path: str,
-        files: Mapping[str, bytes],
-        source_of: Callable[[str, bytes], str],
-    ) -> None:
+    def __init__(self, module: ModuleType, path: str, files: Mapping[str, bytes]) -> None:
         """Lay the files into a folder, and make the page's module a package.
 
         Args:
             module: of the page, not yet run.
             path: of the page, as its author knows it.
             files: beside it, by their path from its folder.
-            source_of: returns what a file is called in tracebacks.
 
         Raises:
             BrokenSource: a file's path leads elsewhere.
         """
         self.name, self.path, self.files = module.__name__, path, files
         self.folder = Path(tempfile.mkdtemp(prefix=PRIVATE_FOLDER))
-        self._source_of = source_of
         self.sources: dict[str, str] = {}
         """Name in tracebacks of each module that was loaded, and its path from the page's folder."""
         _packages[self.name] = self
@@ -91,24 +84,21 @@ class Package:
     def find(self, fullname: str) -> importlib.machinery.ModuleSpec | None:
         """Return how a module of the package is loaded; None: there is none of this name."""
         place = PurePosixPath(*fullname.split(".")[1:])
-        for file, is_package in ((place / "__init__.py", True), (place.with_name(f"{place.name}.py"), False)):
-            if str(file) in self.files:
-                spec = importlib.machinery.ModuleSpec(
-                    fullname, _Loader(self, str(file)), origin=str(self.folder / file), is_package=is_package
-                )
-                if is_package:
-                    spec.submodule_search_locations = [str(self.folder / place)]
-                return spec
-        if any(file.startswith(f"{place}/") and file.endswith(".py") for file in self.files):
-            spec = importlib.machinery.ModuleSpec(fullname, None, is_package=True)
+        file = next((one for one in (f"{place}/__init__.py", f"{place}.py") if one in self.files), "")
+        is_package = file != f"{place}.py"
+        if not file and not any(one.startswith(f"{place}/") and one.endswith(".py") for one in self.files):
+            return None
+        loader, origin = (_Loader(self, file), str(self.folder / file)) if file else (None, None)
+        spec = importlib.machinery.ModuleSpec(fullname, loader, origin=origin, is_package=is_package)
+        if is_package:
             spec.submodule_search_locations = [str(self.folder / place)]
-            return spec
-        return None
+        return spec
 
     def run(self, module: ModuleType, file: str) -> None:
         """Run one of the modules."""
         data = self.files[file]
-        source = self._source_of(file, data)
+        digest = hashlib.sha256(data).hexdigest()
+        source = file_in_tracebacks(str(Path(self.path).parent / file), digest)
         text = importlib.util.decode_source(data)
         self.sources[source] = file
         linecache.cache[source] = (len(text), None, text.splitlines(keepends=True), source)
