@@ -27,6 +27,7 @@ class Endpoint:
         system: our system id, 1 to 255.
         component: our component id, unless `send` names another.
         on_frame: called with every frame that arrives.
+        on_heard: called after the frames of the bytes that came together.
         on_closed: called once when the link has ended.
         signer: signs what we send.
         verifier: decides which frames are accepted.
@@ -39,13 +40,14 @@ class Endpoint:
         system: int,
         component: int,
         on_frame: Callable[[Frame], None],
+        on_heard: Callable[[], None] = lambda: None,
         on_closed: Callable[[LinkError], None] | None = None,
         signer: Signer | None = None,
         verifier: Verifier | None = None,
     ) -> None:
         self.link = link
         self.system, self.component = system, component
-        self._on_frame, self._on_closed = on_frame, on_closed
+        self._on_frame, self._on_heard, self._on_closed = on_frame, on_heard, on_closed
         self._signer = signer
         self._parser = Parser(verifier)
         self._sequences: dict[int, int] = {}
@@ -90,6 +92,7 @@ class Endpoint:
         """Bytes came over the link."""
         for frame in self._parser.feed(data):
             self._on_frame(frame)
+        self._on_heard()
 
     def closed(self, reason: LinkError) -> None:
         """The link has ended."""

@@ -219,11 +219,12 @@ class Connection:
                 system=SUPERVISOR_SYSTEM,
                 component=self.session.component,
                 on_frame=self._hear,
+                on_heard=self._listened,
                 on_closed=lambda reason: None if ended.done() else ended.set_result(reason),
                 **self._signer_pair,
             )
             endpoints.append(endpoint)
-            return _Ear(endpoint, self._listened)
+            return endpoint
 
         try:
             link = await self._dial(self.url, accept)
@@ -334,19 +335,6 @@ class Connection:
         else:
             self._told_offline = True
             _log.warning("%s: offline, %s", self.url, self.session.trouble)
-
-
-class _Ear:
-    """The handler of a link: the endpoint's, and then ours."""
-
-    def __init__(self, endpoint: Endpoint, listened: Callable[[], None]) -> None:
-        self.closed = endpoint.closed
-        self._take, self._listened = endpoint.received, listened
-
-    def received(self, data: bytes) -> None:
-        """Bytes came over the link."""
-        self._take(data)
-        self._listened()
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

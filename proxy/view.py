@@ -61,6 +61,9 @@ class PictureSpec:
 class WorkspaceView:
     """Shows one workspace through the cameras of a controller."""
 
+    reading_units: Mapping[str, str] = UNITS
+    """Symbol of the unit of each instrument."""
+
     def __init__(
         self,
         name: str,
@@ -102,11 +105,6 @@ class WorkspaceView:
     def cameras(self) -> Sequence[str]:
         """Names of the cameras; the first one is the default."""
         return tuple(self._cameras)
-
-    @property
-    def reading_units(self) -> Mapping[str, str]:
-        """Symbol of the unit of each instrument."""
-        return UNITS
 
     def readings(self) -> dict[str, float]:
         """Return the last known readings of the workspace's instruments; `age` [s] is their age."""

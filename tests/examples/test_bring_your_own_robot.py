@@ -41,7 +41,7 @@ def test_the_message_of_ones_own_in_the_guide_is_read(tmp_path: Path) -> None:
     (frame,) = Parser().feed(said)
     assert (frame.name, frame.message) == ("CRANE_STATE", module.CraneState(0.5, 1))
     assert frame.msgid == FIRST_OWN_ID
-    forget(module.__name__, str(module.__file__))
+    forget(module.__name__)
 
 
 def test_every_file_that_the_guide_points_to_is_there() -> None:

@@ -38,7 +38,6 @@ from robotree.vr.errors import (
 )
 from robotree.vr.fields import Kept, settings_spec
 from robotree.vr.robot import Robot
-from robotree.vr.running.page_trace import file_in_tracebacks
 from robotree.vr.virtual_robot import VirtualRobot, slot_specs
 
 LARGEST = 1_000_000
@@ -133,7 +132,7 @@ class Bundle(msgspec.Struct, frozen=True):
         try:
             return self._chosen(module, base, none, several)
         except BaseException:
-            forget(module.__name__, file_in_tracebacks(self.path, self.hash))
+            forget(module.__name__)
             raise
 
     def _chosen(
@@ -169,7 +168,7 @@ class Bundle(msgspec.Struct, frozen=True):
         try:
             within(partial(expect_constructor, cls), self.path, text_of(cls), LIMIT)
         finally:
-            forget(cls.__module__, text_of(cls))
+            forget(cls.__module__)
 
     def _script(self) -> type[VirtualRobot]:
         """Make the class of a script; CLIPS is loaded by the first one."""
@@ -225,7 +224,7 @@ class Bundle(msgspec.Struct, frozen=True):
         try:
             robot = make(cls, lambda: built(cls, name, given), name, self.path, limit=limit)
         except BaseException:
-            forget(cls.__module__, text_of(cls))
+            forget(cls.__module__)
             raise
         keep_with(robot)
         return robot

@@ -86,7 +86,7 @@ def load_module(
             Package(module, path, files)
         within(lambda: exec(code, vars(module)), path, file, limit)  # noqa: S102 # the one place that does so
     except BaseException:
-        forget(module.__name__, file)
+        forget(module.__name__)
         raise
     return module
 
@@ -98,14 +98,13 @@ def text_of(cls: type[Any]) -> str:
 
 def keep_with(robot: VirtualRobot) -> None:
     """Let the module of a robot's class end with the robot."""
-    name = type(robot).__module__
-    weakref.finalize(robot, forget, name, text_of(type(robot))).atexit = False
+    weakref.finalize(robot, forget, type(robot).__module__).atexit = False
 
 
-def forget(name: str, file: str) -> None:
+def forget(name: str) -> None:
     """Let go of a module with what lies beside it, and of its text when no other module is made of it."""
     sys.modules.pop(name, None)
-    _pages.pop(name, None)
+    file = file_in_tracebacks(*_pages.pop(name))
     if package := package_of(name):
         package.close()
     with _lock:
