@@ -75,21 +75,9 @@ async def run_view(
     cameras: Mapping[str, int] = CAMERAS,
     ready: Ready = _ignore,
 ) -> None:
-    """Run the view of one workspace in a realm until cancelled. The controller may come and go.
+    """Run the view of one workspace in a realm until cancelled, as `run_proxy` does the proxy of a robot.
 
-    Args:
-        name: of the view, unique in the realm.
-        url: where the controller listens whose cameras it uses.
-        realm: None: `$ROBOTREE_REALM`, else `default`.
-        security: the keys of the link to the controller.
-        cameras: components of the controller by the name of the camera.
-        ready: called with the address once the view can be used.
-
-    Raises:
-        BadName: that cannot be a name.
-        BadController: the address means nothing.
-        DuplicateName: a living view has the name.
-        TransportError: the realm cannot be joined.
+    `url` is where the controller listens whose `cameras` it uses: components by the name of the camera.
     """
     view = WorkspaceView(name, _checked(url), security=security, cameras=cameras)
     await _serve(lambda transport: running_view(view, transport), realm, ready)

@@ -2,10 +2,9 @@
 
 A stop that was requested here stays wanted until the controller has confirmed its release: it is sent again
 until it is confirmed, and whenever the controller reports that it is not stopped. A release is one attempt,
-bounded in time. If it fails, the stop stays wanted; only if the controller refuses it because somebody else
-commands, the release is left to that holder. If a release was sent and its caller no longer waits, a stop is
-wanted, even if that stop was requested elsewhere: the release may still be in a socket and be obeyed later,
-and the caller was told that the robot stays stopped.
+bounded in time. If it fails, the stop stays wanted, unless the controller refuses it because somebody else
+commands. If its caller no longer waits after it was sent, a stop is wanted, even if that stop was requested
+elsewhere: the release may still be in a socket, and the caller was told that the robot stays stopped.
 
 A release names the stop that it ends, by the count of stops that the controller reports. While our own stop
 is unconfirmed its count is unknown. Then the stop is sent until it is confirmed, and the release after it;
@@ -138,10 +137,7 @@ class DesiredMode:
     def receive(self, mode: Mode, *, restarted: bool, was_stopped: bool) -> list[Answer]:
         """Take a report of the controller over the present link.
 
-        Args:
-            mode: the report.
-            restarted: whether the controller has restarted since its previous report.
-            was_stopped: whether it was stopped in that report.
+        It may have restarted since its previous report, according to which it was stopped or not.
         """
         stopped, release = mode.mode == ModeKind.SAFE_STOP, self._release
         if release is None and not self.stopped and restarted and was_stopped and not stopped:

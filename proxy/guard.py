@@ -55,11 +55,7 @@ NO_LIMITS: Limits = MappingProxyType({})
 
 
 def changed(limits: Limits, changes: Limits) -> Limits:
-    """The limits of a kind in another place.
-
-    Args:
-        limits: of the kind.
-        changes: what is different there.
+    """The limits of a kind in another place, where some are different.
 
     Raises:
         ValueError: a change is of no limit of this kind, so nothing would be limited by it.
@@ -73,13 +69,8 @@ def changed(limits: Limits, changes: Limits) -> Limits:
 def check(motion: Motion, limits: Limits, *, command: str) -> None:
     """Refuse a motion with any value out of its limit. A value for which no limit is known is refused, too.
 
-    Args:
-        motion: what is about to be sent.
-        limits: those of this robot in this place.
-        command: name of the command, for the sentence.
-
     Raises:
-        BadArgument: it names the first such value.
+        BadArgument: it names the command and the first such value.
     """
     for name, value in asdict(motion).items():
         span = limits.get(name)

@@ -74,11 +74,7 @@ class ModeRequest:
 
 
 class ModeRequests:
-    """The newest requests to one robot, all stops or all resumes, that have not ended. On the loop only.
-
-    Args:
-        robot: its name, for the sentences.
-    """
+    """The newest requests to one robot, all stops or all resumes, that have not ended. On the loop only."""
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
@@ -102,12 +98,7 @@ class ModeRequests:
         return not self._waiting
 
     def handle(self, answer: Answer, trouble: str) -> None:
-        """End the requests that the controller has answered.
-
-        Args:
-            answer: of the controller.
-            trouble: why it is offline, as a clause; empty: it is not.
-        """
+        """End the requests that the controller has answered; `trouble`: why it is offline, if it is."""
         match answer:
             case StopConfirmed():
                 self._end("safe_stop")

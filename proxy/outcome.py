@@ -1,8 +1,6 @@
-"""How a goal ended, as an error for the caller of the command. Pure.
+"""How a goal ended, as an error for the caller that says what happened and what to do next. Pure.
 
-The controller reports a state, a reason and perhaps a sentence of its own; the caller gets nothing, or one
-error that says what happened and what to do next. The controller's sentence is preferred: it knows the
-numbers.
+The controller reports a state, a reason and perhaps a sentence, which is preferred: it knows the numbers.
 """
 
 from __future__ import annotations
@@ -82,13 +80,8 @@ def error_of(
 ) -> VrError | None:
     """The error that the end of a goal means for the caller; None: the goal was reached.
 
-    Args:
-        end: as the controller reported it.
-        robot: name of the robot, for the sentence.
-        command: name of the command, for the sentence.
-        epoch: the one under which the goal was sent.
-        obeyed: the highest that the controller has reported.
-        effect: of the command; a command with effect `once` must not be repeated without a look at the robot.
+    It was sent under `epoch`, and the controller has reported `obeyed` as the highest one. A command with the
+    effect `once` must not be repeated without a look at the robot.
     """
     match end.state:
         case GoalState.SUCCEEDED:

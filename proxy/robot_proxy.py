@@ -1,11 +1,9 @@
 """The robot proxy: an agent on one side, the wire on the other.
 
-This is what all kinds of robots have in common: the connection, the twin, the check of limits before the
-wire, and the way of a command. The command's key becomes the goal's key, its lease's epoch the goal's epoch,
-its deadline the goal's time to live; when it is cancelled, the goal is cancelled. A command may have several
-goals, one after the other; the key of each follows from the command's key and from how many came before it. A
-new kind of robot is one class with its limits and its commands, in a module with its motions (`arm.py`,
-`rover.py`, or a file of yours).
+This is what all kinds of robots have in common. A command's key becomes its goal's key, its lease's epoch the
+goal's epoch, its deadline the goal's time to live; when it is cancelled, the goal is cancelled. A new kind of
+robot is one class with its limits and its commands, in a module with its motions (`arm.py`, `rover.py`, or a
+file of yours).
 """
 
 from __future__ import annotations

@@ -1,20 +1,15 @@
 """The session with one controller: what is sent to it, what it reports, and what follows. Pure.
 
-The session combines the wire's services for a proxy. It outlives links: `opened` and `closed` announce each
-link, and goals, twin and desired mode continue over the next one. Messages and times go in, effects come out;
-`connection.py` carries them out.
+It outlives links: goals, twin and desired mode continue over the next one. Messages and times go in, effects
+come out; `connection.py` carries them out.
 
-A robot is *online* while its link is open and its controller was heard within SILENCE.
+A robot is *online* while its link is open and its controller was heard within SILENCE. A stop that was
+requested here stays wanted until it is released here (`desired_mode.py`). Any other stop is the controller's
+own: the robot is reported as *held* until the controller reports that it is not stopped. If the controller
+restarts before that, the stop becomes ours: a restart is no release.
 
-A stop that was requested here stays wanted until it is released here (`desired_mode.py`): a controller that
-restarts meanwhile, or that somebody else releases, is stopped again as soon as it is heard. A stop that was
-not requested here (a former proxy did, or somebody on another link) is the controller's own: the session
-reports the robot as *held* until the controller reports that it is not stopped. If the controller restarts
-before that, the stop becomes ours: a restart is no release.
-
-The session of a proxy claims the controller (`ClaimClient`), and moves the robot only while the controller
-grants that claim. A controller that sends no number of its life does not know claims, and is commanded
-without one. A view claims nothing.
+The session of a proxy claims the controller (`ClaimClient`), and moves the robot only while that claim is
+granted; a controller that sends no number of its life knows no claims. A view claims nothing.
 """
 
 from __future__ import annotations
@@ -322,16 +317,7 @@ class ControllerSession:
         now: float,
         repeatable: bool = False,
     ) -> list[Effect]:
-        """Ask for a movement.
-
-        Args:
-            key: of the goal, 1 to 2^64 - 1.
-            request: what to do.
-            epoch: of the lease under which it is asked.
-            ttl: [s] it may take; 0: until reached.
-            now: [s]
-            repeatable: carried out twice, it ends the same.
-        """
+        """Ask for a movement under the `epoch` of a lease; the rest is as for `GoalClient.start`."""
         verb, args = request
         under = self._epoch(epoch)
         claim = self._keep_claim(now)

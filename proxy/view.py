@@ -75,16 +75,10 @@ class WorkspaceView:
         security: LinkSecurity = UNSIGNED,
         cameras: Mapping[str, int] = CAMERAS,
     ) -> None:
-        """Prepare the view; nothing is opened before `run`.
+        """Prepare the view; nothing is opened before `run`. Most arguments are as for `Connection`.
 
-        Args:
-            name: of the view, for messages.
-            url: where the controller listens.
-            answer_within: [s] in which a picture begins to come, and goes on to come.
-            dial: opens a link.
-            chance: for the waits between attempts to connect.
-            security: the keys of our links.
-            cameras: components of the controller by the name of the camera; the first one is the default.
+        A picture begins to come, and goes on to come, within `answer_within` [s]. `cameras` are components of
+        the controller by the name of the camera; the first one is the default.
         """
         self.name, self._cameras = name, dict(cameras)
         self._answer_within = answer_within

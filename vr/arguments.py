@@ -48,12 +48,7 @@ def check_arguments(spec: CommandSpec, arguments: Arguments, *, robot: str = "")
 
 
 def check_argument(field: FieldSpec, value: object, *, command: str) -> Any:
-    """Return one argument as its command takes it.
-
-    Args:
-        field: the parameter.
-        value: a number in its unit, or text as a person types it.
-        command: for messages.
+    """Return one argument as its command takes it: see `check_arguments`.
 
     Raises:
         BadArgument: it is of the wrong type or dimension, not finite or out of range.

@@ -4,10 +4,9 @@
     picked: int = state(0)                                           declared state
     seen: list[str] = state([])
 
-Both are part of the state of the robot's core (`core/machine.py`): they survive what that survives, and are
-changed by its event `Set` alone. What is kept are plain values, as they are encoded; a page gets copies. A
-copy of a list, a dict or the like belongs to the command that has read it; what the command changes inside is
-noticed and kept when the command ends, however it ends (`Kept.settle`). Pure.
+Both are part of the state of the robot's core (`core/machine.py`), and are changed by its event `Set` alone.
+Plain values are kept, as they are encoded; a page gets copies. What a command changes inside a list, a dict
+or the like is noticed and kept when the command ends, however it ends (`Kept.settle`). Pure.
 """
 
 from __future__ import annotations
@@ -186,12 +185,7 @@ class Kept:
         return self._now()
 
     def live(self, now: Callable[[], dict[str, Any]], change: Callable[[dict[str, Any]], None]) -> None:
-        """Be those of a core from now on.
-
-        Args:
-            now: returns those of the core; only `change` changes them.
-            change: has the core keep other values.
-        """
+        """Be those of a core from now on: `now` returns them, and `change` has the core keep others."""
         self._now, self._change = now, change
 
     def give(self, given: Mapping[str, Any]) -> None:
@@ -199,13 +193,10 @@ class Kept:
         self.values.update(given)
 
     def taken_over(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-        """Return the values with which a page goes on that was written by another one.
-
-        Args:
-            values: that the other page has kept.
+        """Return the values with which this page goes on from those of another, and what could not stay.
 
         Returns:
-            A value for each of its fields, and sentences on what could not stay.
+            A value for each of its fields, and sentences.
         """
         notes = [
             f"{name} is gone, with its value {shorten(values[name])}" for name in values.keys() - self.fields

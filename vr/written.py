@@ -68,12 +68,7 @@ class Entries(msgspec.Struct, frozen=True):
         return next((value for key, value in self.entries if key.text == name), None)
 
     def expect(self, known: Sequence[str], what: str) -> None:
-        """Refuse keys that mean nothing.
-
-        Args:
-            known: keys that may be there.
-            what: that has these keys, for the message.
-        """
+        """Refuse keys that `what` does not have."""
         for key, _ in self.entries:
             if key.text not in known:
                 raise key.mark.error(f"{what} has no {key.text!r}; it has: {', '.join(known)}")
@@ -95,11 +90,7 @@ _PROBLEMS = {
 
 
 def read(source: str, path: str) -> Written:
-    """Read one document.
-
-    Args:
-        source: its text.
-        path: where its author keeps it.
+    """Read one document, which its author keeps at `path`.
 
     Raises:
         BrokenScript: it cannot be read, and where.

@@ -58,11 +58,7 @@ class Bundle(msgspec.Struct, frozen=True):
 
     @classmethod
     def read(cls, path: str | Path, wanted: str = "") -> Self:
-        """Read a bundle from a file.
-
-        Args:
-            path: of the file.
-            wanted: name of the class; empty: the only one.
+        """Read a bundle from a file; `wanted` is the name of the class, empty: the only one.
 
         Raises:
             NoSuchFile: it cannot be read, is no ordinary file, is too large, or is no text.

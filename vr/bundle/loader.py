@@ -1,7 +1,7 @@
 """Runs an author's source as a private module, with a limit of time.
 
-Nobody's import path is touched: the module is made here, under a name that no other has. Each robot gets one
-of its own, so what two robots of one page keep in their classes is not shared; it lives as long as its robot.
+Nobody's import path is touched: each robot gets a module of its own, under a name that no other has, so that
+what two robots of one page keep in their classes is not shared. It lives as long as its robot.
 """
 
 from __future__ import annotations
@@ -122,12 +122,7 @@ _CALLED = (
 
 
 def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> VirtualRobot:
-    """Return a new robot with settings, which its constructor can read already.
-
-    Args:
-        cls: of the robot.
-        name: of the robot.
-        given: values of settings that are not the defaults, checked.
+    """Return a new robot with the given settings, which are checked; its constructor can read them already.
 
     Raises:
         BadName: that cannot be a name.
@@ -185,15 +180,9 @@ def make(
     takes: str = "name",
     limit: float = LIMIT,
 ) -> _Robot:
-    """Return a new robot of a loaded class.
+    """Return a new robot of a loaded class, which `build` makes within `limit` [s].
 
-    Args:
-        cls: the class.
-        build: calls it.
-        name: of the robot.
-        path: of the source.
-        takes: what a constructor of this kind must hand on to its base, for messages.
-        limit: [s] for the constructor.
+    For messages, `takes` is what a constructor of this kind must hand on to its base.
 
     Raises:
         BadName: that cannot be a name.
@@ -277,13 +266,7 @@ def _reason(error: BaseException, file: str, limit: float) -> str:
 
 
 def with_line(sentence: str, file: str, otherwise: str = "") -> str:
-    """Return a sentence about a class behind the line of the page that it is about, if that is found.
-
-    Args:
-        sentence: `Team.rovers is …`.
-        file: what the page is called in tracebacks.
-        otherwise: what stands before the sentence when no line is found.
-    """
+    """Return a sentence (`Team.rovers is …`) behind its line in the page; not found: behind `otherwise`."""
     line = line_of("".join(linecache.getlines(file)), sentence)
     return f"{f'line {line}: ' if line else otherwise}{sentence}"
 

@@ -54,15 +54,7 @@ def _uninterrupted() -> Generator[None]:
 
 
 def line_of(source: str, sentence: str) -> int:
-    """Return the line of the class's attribute, or of the parameter, that a sentence of ours begins with.
-
-    Args:
-        source: of a page.
-        sentence: `Team.rovers is a list of Child …`.
-
-    Returns:
-        The line, or 0: none is found.
-    """
+    """Return the line of the attribute or parameter that a sentence (`Team.rovers is …`) is about, or 0."""
     about = _ABOUT.match(sentence)
     if about is None:
         return 0
