@@ -138,10 +138,8 @@ class Frame(msgspec.Struct, frozen=True, gc=False, eq=False):
         if isinstance(message, Untyped):
             fields = fields_of(message)
             system, component = fields.get("target_system", 0), fields.get("target_component", 0)
-        else:
-            system = getattr(message, "target_system", 0)
-            component = getattr(message, "target_component", 0)
-        return (system if isinstance(system, int) else 0, component if isinstance(component, int) else 0)
+            return (system if isinstance(system, int) else 0, component if isinstance(component, int) else 0)
+        return getattr(message, "target_system", 0), getattr(message, "target_component", 0)
 
     def is_for(self, system: int, *components: int) -> bool:
         """Whether the message is addressed to one of these components of a system, or to all."""

@@ -124,7 +124,7 @@ class Parser:
     def _scan(self, buffer: bytes) -> list[Frame]:
         frames: list[Frame] = []
         i, before = self._run(buffer, 0, frames), -1
-        while i != before:
+        while before != i < len(buffer):
             before = i
             i = self._run(buffer, self._pass(buffer, i, frames), frames)
         self._received += len(frames)

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from robotree.protocol.messages import AnyMessage
 
 
+_NUMBERS = [bytes((number,)) for number in range(256)]
+
+
 class UnsentFrame:
     """One frame without its sequence number, checksum and signature.
 
@@ -56,5 +59,4 @@ class UnsentFrame:
         body, component = self._body, self._body[6]
         sequence = self._sequences.get(component, 0)
         self._sequences[component] = sequence + 1 & 0xFF
-        numbered = body if not sequence else body[:4] + bytes((sequence,)) + body[5:]
-        return close(numbered, self._codec, self._signer)
+        return close(body[:4] + _NUMBERS[sequence] + body[5:], self._codec, self._signer)

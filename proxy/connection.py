@@ -313,7 +313,7 @@ class Connection:
             _log.exception("%s: a message could not be sent", self.url)
 
     def _hear(self, frame: Frame) -> None:
-        if frame.signed and self._signer_pair["verifier"] is None:
+        if frame.signature and self._signer_pair["verifier"] is None:
             # A controller that signs obeys only signed frames, and this link has no key: the robot could not
             # be stopped from here, so it must not be shown as online.
             self._signed += 1

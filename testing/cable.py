@@ -91,7 +91,7 @@ class Cable:
         self._last = {True: 0.0, False: 0.0}
         self._pieces: dict[bool, deque[list[bytes]]] = {True: deque(), False: deque()}
         """What is under way from the near end, and from the far one."""
-        self.near = CableEnd(self, f"{socket.name} to its proxy", process.loop.call_soon_threadsafe)
+        self.near = CableEnd(self, f"{socket.name} to its proxy", process.loop.take)
         self.far = CableEnd(self, f"{socket.name} from its proxy", _at_once)
         self.near.other, self.far.other = self.far, self.near
 

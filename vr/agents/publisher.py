@@ -84,8 +84,9 @@ class Publisher:
         self._closed = False
         self._attributes: dict[str, str] = {}
         """As they were when they were shown last."""
-        self._same: bytes | None = None
-        """The state that was published last, if only a change of the robot can make another one."""
+        self._same: tuple[State, bytes] | None = None
+        """The state that was published last, if only a change of the robot can make another one, but for its
+        readings."""
         self._line = 0
         """Number of the line of the log that was published last."""
         self._line_waits = False
@@ -143,17 +144,22 @@ class Publisher:
         dirty, self._dirty = self._dirty or attributes != self._attributes, False
         self._attributes = attributes
         if dirty:
+            self._same = None
             self.update_listing()
         elif self._same is not None and not self._hooks.own_readings:
-            self._transport.publish(f"{self._address.key}/state", self._same)
+            self._transport.publish(f"{self._address.key}/state", self._same[1])
             return False
         return self._publish()
 
     def _publish(self) -> bool:
         """Publish how it is now; return whether it is busy."""
-        self._same = None
+        before, self._same = self._same, None
         try:
-            state = self.state()
+            if before is None:
+                state = self.state()
+            else:
+                self._live.look_at_robot()
+                state = msgspec.structs.replace(before[0], readings=self._readings())
             body = encode(state)
             self._transport.publish(f"{self._address.key}/state", body)
         except TransportError:
@@ -162,7 +168,7 @@ class Publisher:
             _log.exception("%s has no state to publish", self._address.name)
             return False
         if not state.busy:
-            self._same = body
+            self._same = state, body
         return bool(state.busy)
 
     # -- log --------------------------------------------------------------------------------------

@@ -459,6 +459,8 @@ class MemoryTransport:
         """Prepare; `MemoryNetwork.enter` makes it a member."""
         self.network, self.name = network, name
         self.loop = loop or asyncio.get_running_loop()
+        self._take = self.loop.take if isinstance(self.loop, VirtualLoop) else self._soon
+        """Does what has arrived; nothing may be done after it."""
         self.closed = self.paused = False
         self.served: dict[str, RequestHandler] = {}
         self._direct: dict[str, DirectHandler] = {}
@@ -596,7 +598,7 @@ class MemoryTransport:
         if handler is None:
             end(None)
         elif direct is None or not self._directly(direct, body, respond, end):
-            self._soon(self._answer, handler, key, body, respond, end)
+            self._take(self._answer, handler, key, body, respond, end)
 
     def _directly(self, direct: DirectHandler, body: bytes, respond: Respond, end: End) -> bool:
         self.network.agenda.outside()
@@ -668,7 +670,7 @@ class MemoryTransport:
         """Hand a sample to those who subscribed to it."""
         self.network.on_message(source.name, self.name, "sample", key, body)
         for number in self.hearing(key):
-            self._soon(self._hand, number, key, body)
+            self._take(self._hand, number, key, body)
 
     def _hand(self, number: int, key: str, body: bytes) -> None:
         _, handler = self._subscriptions.get(number, ("", None))

@@ -137,32 +137,30 @@ class VirtualLoop(base_events.BaseEventLoop):
             self._chosen = False
             return
         queue: deque[Any] = self._queue
-        world = self.world
         try:
             for _ in range(len(queue)):
                 handle = queue.popleft()
                 if not handle._cancelled:  # noqa: SLF001 # as asyncio does
-                    if world.entered is not self:  # as `enter`
-                        world.entered = self
-                        _set_running_loop(self)
-                    try:  # as `Handle._run`, without its call
-                        handle._context.run(handle._callback, *handle._args)  # noqa: SLF001 # as above
-                    except (SystemExit, KeyboardInterrupt):
-                        raise
-                    except BaseException as error:  # noqa: BLE001 # as asyncio does
-                        self.call_exception_handler(
-                            {
-                                "message": f"Exception in callback {handle!r}",
-                                "exception": error,
-                                "handle": handle,
-                            }
-                        )
+                    self._do(handle)
         finally:
             self._chosen = False
         if self._stopping:
             self._done.wake()
         elif queue:
             self._be_chosen()
+
+    def _do(self, handle: Any) -> None:
+        world = self.world
+        if world.entered is not self:  # as `enter`
+            world.entered = self
+            _set_running_loop(self)
+        try:  # as `Handle._run`, without its call
+            handle._context.run(handle._callback, *handle._args)  # noqa: SLF001 # as asyncio does
+        except (SystemExit, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # noqa: BLE001 # as asyncio does
+            message = f"Exception in callback {handle!r}"
+            self.call_exception_handler({"message": message, "exception": error, "handle": handle})
 
     def _be_chosen(self) -> None:
         if not self._chosen:
@@ -172,11 +170,19 @@ class VirtualLoop(base_events.BaseEventLoop):
     # -- what is to be done -----------------------------------------------------------------------
 
     def add(self, handle: asyncio.Handle) -> None:
-        """Do something at the next turn."""
-        self._queue.append(handle)
-        if not self._chosen:
-            self._chosen = True
-            self._resume(self)
+        """Do something, as the last thing of an action of the runner: now, if nothing else is to be done."""
+        if self._chosen or self._thread_id is None or not self.world.yield_to(self):
+            self._queue.append(handle)
+            self._be_chosen()
+            return
+        self._do(handle)
+        if self._stopping:
+            self._done.wake()
+
+    def take(self, callback: Callable[..., object], *args: Any) -> None:
+        """Do what the network brings; see `add`."""
+        if not self._closed:  # type: ignore[attr-defined] # typeshed hides it
+            self.add(_Handle(callback, args, None))
 
     def call_soon(  # type: ignore[override] # asyncio's stub ties the arguments to the callback
         self, callback: Callable[..., object], *args: Any, context: Context | None = None

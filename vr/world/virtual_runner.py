@@ -99,6 +99,8 @@ class VirtualRunner:
         self._error: BaseException | None = None
         self._turning: VirtualProcess | None = None
         """Whose event loop has its turn."""
+        self._acting = False
+        """Whether an action of the agenda is under way, and nothing else."""
         self.entered: Any = None
         """The event loop that asyncio takes for the running one."""
 
@@ -208,6 +210,17 @@ class VirtualRunner:
             self._hub.parent = getcurrent()
             self._hub.throw(GreenletExit)
 
+    def yield_to(self, one: Turns) -> bool:
+        """Whether what an action has to do may be done now, in its place, as it would be chosen next.
+
+        The action may do nothing after it.
+        """
+        process = one.process
+        if not self._acting or self._ready or (process is not None and process.halted):
+            return False
+        self._acting, self._turning = False, process
+        return True
+
     def enter(self, loop: Any) -> None:
         """Let asyncio take an event loop for the running one, until another one is entered.
 
@@ -286,7 +299,7 @@ class VirtualRunner:
         timers, chance, main = self._timers, self.random, self._main
         ready: list[Any] = self._ready
         moment, switches = self._time, 0
-        while True:
+        while me is self._hub:  # else an action has waited
             while ready:
                 one = ready.pop()
                 if ready and (chosen := int(chance() * (len(ready) + 1))) < len(ready):
@@ -312,7 +325,10 @@ class VirtualRunner:
                     else "everybody waits, and nothing will ever happen"
                 )
             self._time, _, action = heappop(timers)
+            switches += 1
+            self._acting = True
             action()
+            self._acting = False
 
 
 class VirtualProcess:
