@@ -269,7 +269,7 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
         ("chain of 8, nested", 8, Leaf),
     ):
         tops[name], _ = await chain(transport, process, depth, leaf, name.split()[0] + str(depth))
-    (key,) = await transport.present("robot/far/*")
+    (key,) = transport.presence.keys("robot/far/*")
     far = Address("robot", "far", key.rpartition("/")[2])
     agent = RobotAgent(Link("near"), transport, process=process)
     await agent.start()

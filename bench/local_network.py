@@ -86,7 +86,7 @@ def be_crowd(folder: str) -> None:
     mesh = Mesh(Rendezvous("crowd", Path(folder)))
     mesh.open()
     mesh.announce(f"echo/{os.getpid()}")
-    while len(mesh.present("echo/*")) < MANY and time.perf_counter() - began < LONGEST:
+    while len(mesh.presence.keys("echo/*")) < MANY and time.perf_counter() - began < LONGEST:
         time.sleep(0.005)  # as an onlooker would: what is measured is when all are seen
     print(time.perf_counter() - began, flush=True)
     sys.stdin.read()
@@ -163,7 +163,7 @@ def round_trips(folder: str, rounds: int) -> None:
     bare.connect(f"{folder}/bare")
     mesh = Mesh(Rendezvous("bench", Path(folder)))
     mesh.open()
-    (key,) = mesh.present("echo/*")
+    (key,) = mesh.presence.keys("echo/*")
     loop = asyncio.new_event_loop()
     transport = loop.run_until_complete(join("loop", root=Path(folder)))
     session = zenoh.open(zenoh_config(folder, listen=False))
@@ -212,13 +212,13 @@ def kills(folder: str, times: int) -> None:
     for _ in range(times):
         other = member("mesh", folder)
         gone = threading.Event()
-        number = mesh.watch("echo/*", lambda _, there, gone=gone: None if there else gone.set())
+        unwatch = mesh.presence.watch("echo/*", lambda _, there, gone=gone: None if there else gone.set())
         began = time.perf_counter()
         other.kill()
         if not gone.wait(LONGEST):
             print("a killed process is still present")
         seconds.append(time.perf_counter() - began)
-        mesh.unwatch(number)
+        unwatch()
         end([other])
     print(
         f"kill -9 until known: median {statistics.median(seconds) * 1e3:.1f} ms, max {max(seconds) * 1e3:.1f}"
@@ -260,7 +260,9 @@ def freezes(folder: str, times: int, seed: int = 1) -> None:
         began = time.perf_counter()
         keys = [f"echo/{other.pid}" for other in others]
         while time.perf_counter() - began < LONGEST:
-            if sorted(mesh.present("echo/*")) == sorted(keys) and all(ask(mesh, key, 1.0) for key in keys):
+            if sorted(mesh.presence.keys("echo/*")) == sorted(keys) and all(
+                ask(mesh, key, 1.0) for key in keys
+            ):
                 break
             time.sleep(0.01)  # not too often: asking takes processor time from those that answer
         took = time.perf_counter() - began

@@ -164,10 +164,10 @@ async def measure_deaths(transport: LocalTransport, repetitions: int) -> None:
     """Measure from `kill -9` to the news of it, the wait for a return included."""
     taken: list[float] = []
     gone = asyncio.Event()
-    await transport.watch("robot/echo/*", lambda _, there: None if there else gone.set())
+    transport.presence.watch("robot/echo/*", lambda _, there: None if there else gone.set())
     for _ in range(repetitions):
         process = await start("echo")
-        while not await transport.present("robot/echo/*"):  # noqa: ASYNC110 # it is asked, not told
+        while not transport.presence.keys("robot/echo/*"):  # noqa: ASYNC110 # it is asked, not told
             await asyncio.sleep(0.005)
         gone.clear()
         begin = time.perf_counter()
@@ -185,7 +185,7 @@ async def main(repetitions: int) -> None:
     onlooker = Directory(other)
     try:
         await onlooker.start()
-        (service,) = await transport.present("lookup/*/*")
+        (service,) = transport.presence.keys("lookup/*/*")
         await measure_events(transport, onlooker, repetitions // 4)
         await measure_requests(transport, service, repetitions)
         await onlooker.close()

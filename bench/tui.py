@@ -52,6 +52,7 @@ class Crowd:
         """Play `count` robots that tell another state so many times a second; 0: the same each second."""
         from robotree.vr.address import Address
         from robotree.vr.description import RobotDescription
+        from robotree.vr.presence import Presence
         from robotree.vr.requests import Described, State, encode
 
         self.hz = hz
@@ -66,6 +67,9 @@ class Crowd:
         self.bodies = [encode(State(busy="go_to", readings=one)) for one in readings]
         self.calm = encode(State(readings={"x": 0.1, "y": 0.0, "z": 0.4}))
         self.told = 0
+        self.presence = Presence(held=lambda _: [], unheard=lambda _: [])
+        for one in self.addresses:  # everybody is there from the beginning
+            self.presence.count(one.key, there=True)
 
     async def serve(self, *_: Any) -> _Nothing:
         """Nobody asks."""
@@ -81,24 +85,6 @@ class Crowd:
     async def request(self, key: str, *_: Any, **__: Any) -> AsyncIterator[bytes]:
         """Describe a robot."""
         yield self.described[key]
-
-    async def watch(self, _pattern: str, handler: Any) -> _Nothing:
-        """Everybody is there from the beginning."""
-        for one in self.addresses:
-            handler(one.key, True)  # a presence
-        return _Nothing()
-
-    async def present(self, _pattern: str) -> list[str]:
-        """All."""
-        return [one.key for one in self.addresses]
-
-    async def silent(self, _pattern: str) -> list[Any]:
-        """Nobody hangs."""
-        return []
-
-    async def held(self, _pattern: str) -> list[Any]:
-        """This machine knows no process of them."""
-        return []
 
     async def close(self) -> None:
         """Leave."""

@@ -1,7 +1,7 @@
 """What agents need from a network, and nothing more.
 
-Four verbs: ask (`request`), answer (`serve`), publish (`publish`, `subscribe`), and be present (`announce`,
-`watch`). `network/` has one for the processes of a machine and one for
+Four verbs: ask (`request`), answer (`serve`), publish (`publish`, `subscribe`), and be present (`announce`).
+Who else is present the table `presence` says. `network/` has one for the processes of a machine and one for
 several machines, `world/` one within a process, in virtual time. `testing.py` examines any implementation
 (`check_transport`).
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Protocol
 
-import msgspec
+from robotree.vr.presence import Presence
 
 Respond = Callable[[bytes], None]
 """Send one reply; may be called any number of times until the handler returns."""
@@ -37,32 +37,8 @@ OnReply = Callable[[bytes | None], None]
 SampleHandler = Callable[[str, bytes], None]
 """Takes one published sample: its key and its body. Must not block."""
 
-PresenceHandler = Callable[[str, bool], None]
-"""Takes one change of presence: the key, and whether it is there now. Must not block."""
-
-
 CutOffHandler = Callable[[str], None]
 """Takes why no other process can reach this one, as a clause; empty: one can. Must not block."""
-
-
-class Held(msgspec.Struct, frozen=True):
-    """Something that a living process holds present, by the record that its machine keeps of it."""
-
-    key: str
-    """As announced; empty: nobody here knows what that process holds, so it may be anything."""
-    where: str
-    """Who holds it, for people: `process 4711`."""
-    remedy: str
-    """What a person can do if it does not answer."""
-    how: str = "which hangs"
-    """How that process is if it does not answer, as a clause."""
-    asleep: bool = False
-    """Whether that process is stopped, as by Ctrl-Z: it cannot answer anybody."""
-
-    @property
-    def in_words(self) -> str:
-        """Who holds it and does not answer, for people: `process 4711, which hangs`."""
-        return f"{self.where}, {self.how}"
 
 
 class Occupied(Exception):
@@ -84,6 +60,9 @@ class Registration(Protocol):
 
 class Transport(Protocol):
     """The way from agent to agent. Calls within one process may be direct."""
+
+    presence: Presence
+    """Who is present and who hangs: the one table of this process."""
 
     async def serve(
         self, key: str, handler: RequestHandler, *, direct: DirectHandler | None = None
@@ -174,30 +153,6 @@ class Transport(Protocol):
 
         Args:
             within: [s] to wait at most; where nobody can tell, that long.
-        """
-        ...
-
-    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        """Learn of presence: first all that is there already, then each change. Debounced."""
-        ...
-
-    async def present(self, pattern: str) -> list[str]:
-        """Return the keys that are present now."""
-        ...
-
-    async def silent(self, pattern: str) -> list[Held]:
-        """Return what is present under a pattern for its holder but not for us.
-
-        Presence cannot tell a process that hangs from one that never was, least of all to a newcomer. Where
-        somebody else knows who lives, this compares. Things on their way look silent for a moment.
-        """
-        ...
-
-    async def held(self, pattern: str) -> list[Held]:
-        """Return what is present under a pattern for its holder, seen from here or not. Asks no network.
-
-        A process of which nobody here knows what it holds is among them, without a key. So is one that is
-        just entering or leaving, for a moment.
         """
         ...
 

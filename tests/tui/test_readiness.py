@@ -7,8 +7,8 @@ from robotree.tui.seen.readiness import reasons
 from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.presence import Held
 from robotree.vr.requests import State
-from robotree.vr.transport import Held
 
 PICK = Address("robot", "pick", "1")
 PARENT = Address("robot", "lever", "1")

@@ -16,8 +16,8 @@ from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, li
 from robotree.tui.seen.store import Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.presence import Held
 from robotree.vr.requests import State
-from robotree.vr.transport import Held
 
 
 def address(name: str) -> Address:

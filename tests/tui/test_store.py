@@ -10,8 +10,8 @@ from robotree.tui.seen import rows
 from robotree.tui.seen.store import FLASH, SILENCE, Store
 from robotree.vr.address import Address
 from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
+from robotree.vr.presence import Held
 from robotree.vr.requests import Said, State
-from robotree.vr.transport import Held
 
 
 def address(name: str, incarnation: str = "1") -> Address:

@@ -148,7 +148,7 @@ async def once(line: Line, realm: str) -> int:
     try:
         urgent = line.verb == "stop"
         async with joined(realm, looking=not urgent) as fleet:
-            if urgent and await fleet.inhabited():
+            if urgent and fleet.inhabited():
                 return await obey(fleet, line, console)
             if any(fleet.directory.present(role) for role in ROLES):
                 return await obey(fleet, line, console)

@@ -100,23 +100,13 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     )
 
 
-SECOND_LOOK = 0.3
-"""[s] after which a process that seems to hang is looked at again: it may only be starting."""
-
-
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
     """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
-    import asyncio
-
     from robotree.vr.address import Address
 
-    first = {one.key for one in await fleet.silent()}
-    if not first:
-        return {}
-    await asyncio.sleep(SECOND_LOOK)
-    still = [(Address.parse(one.key), one) for one in await fleet.silent() if one.key in first]
+    found = [(Address.parse(one.key), one) for one in await fleet.hanging()]
     return {
-        address.name: (one.where, one.remedy) for address, one in still if address and address.role == "robot"
+        address.name: (one.where, one.remedy) for address, one in found if address and address.role == "robot"
     }
 
 

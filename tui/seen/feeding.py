@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
+from robotree.vr.address import Address
 from robotree.vr.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.address import Address
     from robotree.vr.description import RobotDescription
     from robotree.vr.requests import Said, State
     from robotree.vr.supervision.fleet import Fleet
@@ -42,10 +42,6 @@ class Feed:
         self._listening: Registration | None = None
         self._forget: Callable[[], None] | None = None
         self._patrol: asyncio.Task[None] | None = None
-        self._silent: set[str] = set()
-        """Keys of those who lived in processes that hang, at the last look."""
-        self._woken: set[str] = set()
-        """Keys of those who had hung and neither hung nor answered at the last look."""
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
@@ -114,27 +110,21 @@ class Feed:
             self.store.take_lists(robots, views, self.clock(), self._present)
 
     async def _tell_of_the_missed(self) -> None:
-        """Tell whose process has gone, and whose hangs.
-
-        Who was killed a moment ago, or comes just now, looks as if it hung; who wakes up looks gone. So both
-        are believed when they are still so at the next look.
-        """
-        store, now = self.store, self.clock()
-        silent = {one.key: one for one in await self.fleet.silent()}
+        """Tell whose process has gone, and whose hangs."""
+        hanging = await self.fleet.hanging()
+        store, now, present = self.store, self.clock(), self._present
         living = {one.address for one in store.descriptions.values()}
+        alive = {*present, *(address for one in hanging if (address := Address.parse(one.key)))}
         for address in list(store.missed):
             if address in living:
                 store.found(address, now)
-            elif address not in self._present and address.key not in silent:
+            elif address not in alive:
                 store.departed(address, now)
-        woken = {one.key for one in store.hanging if one not in living} - silent.keys()
-        store.take_silent([silent[key] for key in silent.keys() & self._silent], now)
-        for address in store.hanging:
-            if address.key in woken & self._woken:
-                store.fade(address, now)
-        if silent.keys() - self._silent or woken - self._woken or store.missed:
+        store.take_silent(hanging, now)
+        for address in store.hanging - alive:
+            store.fade(address, now)
+        if store.missed:
             self._hint.set()
-        self._silent, self._woken = set(silent), woken
 
     async def _look(self) -> None:
         try:
@@ -142,7 +132,7 @@ class Feed:
             self.store.take_descriptions(tree, self.clock())
             await self._take_unlisted(tree)
             await self._tell_of_the_missed()
-            self.store.take_processes(await self.fleet.held())
+            self.store.take_processes(self.fleet.held())
             self.store.take_hosts([one.address.name for one in await self.fleet.hosts()])
             self.store.take_services(self.fleet.services, self.clock(), stale=self.fleet.stale)
         except VrError as error:

@@ -18,8 +18,8 @@ from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
 from robotree.vr.address import Address
 from robotree.vr.description import Lack, Listing, RobotDescription
+from robotree.vr.presence import Held
 from robotree.vr.requests import Level, Said, State
-from robotree.vr.transport import Held
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""
@@ -246,11 +246,13 @@ class Store:
         """Take who lives in processes that hang: tell it once, and keep the robots among them in the list."""
         for one in silent:
             address = Address.parse(one.key)
-            if address is None or address in self._hanging:
+            if address is None:
                 continue
-            self._hanging.add(address)
             missed = self.missed.pop(address, None)
-            self._lose(address, missed.who if missed else self.described(address.name), now, one)
+            if address not in self._hanging:
+                self._hanging.add(address)
+                who = missed.who if missed else self.robots.get(address.name) or self.described(address.name)
+                self._lose(address, who, now, one)
 
     @property
     def hanging(self) -> frozenset[Address]:

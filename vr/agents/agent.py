@@ -20,7 +20,7 @@ from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.publisher import Publisher
-from robotree.vr.agents.shared import Shared, Undo
+from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.stops import Stops
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
@@ -42,6 +42,7 @@ from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.fitting import misfit
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.presence import Undo
 from robotree.vr.requests import (
     Accepted,
     Delete,
@@ -121,8 +122,7 @@ class RobotAgent:
         self._loop = asyncio.get_running_loop()
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
-        self._shared = Shared(transport) if shared is None else shared
-        self._owns_shared = shared is None
+        self._shared = Shared() if shared is None else shared
         self._unix = unix or self._process.runner.unix
         lessor = Lessor.free(robot.name, term=term, unix=self._unix())
         self.live = LiveRobot(
@@ -138,7 +138,7 @@ class RobotAgent:
         self._publisher = Publisher(self.live, self._hooks, transport, self._shared, registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children)
-        self._callers = Callers(self.live, self._shared.presence)
+        self._callers = Callers(self.live, transport.presence)
         self._outside = OutsideCalls(
             self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
         )
@@ -150,7 +150,7 @@ class RobotAgent:
         return self.live.robot
 
     def _new_children(self, term: float) -> Children:
-        return Children(self.live, self.transport, self._shared.presence, term=term)
+        return Children(self.live, self.transport, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -180,7 +180,6 @@ class RobotAgent:
                 await self.transport.serve(self.address.key, handler, direct=self._outside.take)
             )
             self._declared.append(await self.transport.watch_itself(self._cut_off))
-            await self._shared.presence.start()
             self._presence = await claim(self.transport, self.address)
         except BaseException:
             self.open = False
@@ -254,8 +253,6 @@ class RobotAgent:
             if registration is not None:
                 with contextlib.suppress(VrError):
                     await registration.close()
-        if self._owns_shared:
-            await self._shared.presence.close()
 
     def _close_process(self) -> None:
         if self._owns_process:
@@ -511,7 +508,7 @@ class RobotAgent:
                 self.live.post(on.EndLease(parent=parent, unix=self._unix(), reason=reason))
 
         self._unwatch_parent()
-        self._unwatch_parent = self._shared.presence.watch(parent.key, look)
+        self._unwatch_parent = self.transport.presence.watch(parent.key, look)
 
     # -- the robots that it commands --------------------------------------------------------------
 

@@ -12,12 +12,12 @@ import contextlib
 import logging
 import threading
 
-from robotree.vr.agents.shared import Presence, Undo
+from robotree.vr.presence import Presence, Undo
 from robotree.vr.requests import Raised, Returned
 from robotree.vr.running.live import LiveRobot
 
 ARRIVAL = 0.5
-"""[s] that the news of a caller's presence may come later than its call."""
+"""[s] that the news of a caller's presence may come later than its call: they take different connections."""
 LINGER = 10.0
 """[s] after which a caller that has not called again is watched no more; at most twice that."""
 

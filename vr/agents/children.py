@@ -12,7 +12,6 @@ import logging
 from collections.abc import Sequence
 
 from robotree.vr.address import Address
-from robotree.vr.agents.shared import Presence, Undo
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, Bond, Lessee, Slots
 from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
@@ -29,6 +28,7 @@ from robotree.vr.errors import (
     VrError,
 )
 from robotree.vr.exchange.client import RobotClient, fresh_key
+from robotree.vr.presence import Undo
 from robotree.vr.requests import Granted, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport
@@ -53,7 +53,6 @@ class Children:
         self,
         live: LiveRobot,
         transport: Transport,
-        presence: Presence,
         *,
         term: float = DEFAULT_TERM,
     ) -> None:
@@ -61,11 +60,10 @@ class Children:
 
         Args:
             live: the virtual robot.
-            transport: the way to the children.
-            presence: shows which of them live.
+            transport: the way to the children; shows which of them live.
             term: [s] asked of the children.
         """
-        self._live, self._transport, self._presence = live, transport, presence
+        self._live, self._transport, self._presence = live, transport, transport.presence
         self._parent: Address = live.core.state.address
         self._term = term
         self._watching: dict[str, Undo] = {}
@@ -179,9 +177,9 @@ class Children:
         try:
             sent, granted = await petition()
         except Unreachable:
-            if not await self._lives(child.key):
+            if not self._presence.lives(child.key):  # after one of two hung, their link is gone
                 raise
-            await self._reunion(child.key)
+            await self._presence.until(child.key, there=True, within=REUNION)
             sent, granted = await petition()  # the same one: a child that has granted it grants it again
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
@@ -193,22 +191,6 @@ class Children:
     def _promises(self, slot: str) -> tuple[CommandSpec, ...]:
         declared = slots_of(type(self._live.robot)).get(slot)
         return () if declared is None else declared.promises()
-
-    async def _lives(self, key: str) -> bool:
-        """Whether somebody lives under a key, heard or not: after one of two hung, their link is gone."""
-        return bool(await self._transport.silent(key) or await self._transport.present(key))
-
-    async def _reunion(self, key: str) -> None:
-        """Wait until the process that serves a key can be heard, or for long enough."""
-        heard = asyncio.Event()
-        unwatch = self._presence.watch(key, lambda _, there: heard.set() if there else None)
-        try:
-            async with asyncio.timeout(REUNION):
-                await heard.wait()
-        except TimeoutError:
-            return
-        finally:
-            unwatch()
 
     def _retract(self, client: RobotClient, key: str) -> None:
         async def tell() -> None:

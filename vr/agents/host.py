@@ -90,7 +90,7 @@ class Host:
         """The robots that live here, by name."""
         self._transport, self._registrar, self._term = transport, registrar, term
         self._process = Process(runner_of(asyncio.get_running_loop())) if process is None else process
-        self._shared = Shared(transport, name)
+        self._shared = Shared(name)
         self._limit = limit
         self._coming: set[str] = set()
         self._ended: list[RobotAgent] = []
@@ -122,7 +122,6 @@ class Host:
         for registration in reversed(declared):
             await registration.close()
         await asyncio.gather(*(agent.close() for agent in list(self.agents.values())))
-        await self._shared.presence.close()
         for watcher in self._watchers:
             watcher.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)

@@ -18,12 +18,13 @@ import msgspec
 
 from robotree.vr.address import Address
 from robotree.vr.agents.hooks import Hooks
-from robotree.vr.agents.shared import Shared, Undo
+from robotree.vr.agents.shared import Shared
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import BondSpec, Listing, RobotDescription
 from robotree.vr.errors import TransportError, VrError
 from robotree.vr.fields import StateField
 from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.presence import Undo
 from robotree.vr.requests import Heard, State, encode
 from robotree.vr.running.live import LiveRobot
 from robotree.vr.transport import Transport

@@ -7,13 +7,12 @@ list and one log; hosts and lookup services have their own.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.errors import DuplicateName, NameInSilence
 from robotree.vr.running.chance import token
-from robotree.vr.transport import Held, Occupied, Registration, Transport
+from robotree.vr.transport import Occupied, Registration, Transport
 
 SETTLE = 0.1
 """[s] after which an announcement has reached all others that live and answer, and its end too."""
@@ -63,13 +62,14 @@ async def expect_free(transport: Transport, address: Address) -> None:
         DuplicateName: another agent has it.
         NameInSilence: another agent has it, and its process hangs.
     """
-    if await _others(transport, address) or await _silent(transport, address):
-        await asyncio.sleep(SETTLE)
-        for other in await _others(transport, address):
-            raise DuplicateName(role=other.role, name=other.name)
-        for one in await _silent(transport, address):
+    presence = transport.presence
+    for pattern in _patterns(address):
+        for one in await presence.hanging(pattern):
             role = one.key.partition("/")[0]
             raise NameInSilence(role=role, name=address.name, where=one.in_words, remedy=one.remedy)
+        await presence.until(pattern, there=False, within=SETTLE)
+    for other in _others(transport, address):
+        raise DuplicateName(role=other.role, name=other.name)
 
 
 async def outlast(transport: Transport, address: Address) -> None:
@@ -79,20 +79,15 @@ async def outlast(transport: Transport, address: Address) -> None:
         DuplicateName: another one stays, because its address is smaller.
     """
     await transport.settle(SETTLE)
-    for other in await _others(transport, address):
+    for other in _others(transport, address):
         if other < address:
             raise DuplicateName(role=other.role, name=other.name)
 
 
-async def _others(transport: Transport, address: Address) -> list[Address]:
-    keys = [key for pattern in _patterns(address) for key in await transport.present(pattern)]
+def _others(transport: Transport, address: Address) -> list[Address]:
+    keys = [key for pattern in _patterns(address) for key in transport.presence.keys(pattern)]
     found = map(Address.parse, keys)
     return [other for other in found if other is not None and other != address]
-
-
-async def _silent(transport: Transport, address: Address) -> list[Held]:
-    silent = [one for pattern in _patterns(address) for one in await transport.silent(pattern)]
-    return [one for one in silent if one.key != address.key]
 
 
 def _patterns(address: Address) -> list[str]:

@@ -14,12 +14,12 @@ from collections.abc import Callable
 from robotree.vr.address import Address, Role, check_name, everyone
 from robotree.vr.description import Listing, Template
 from robotree.vr.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
-from robotree.vr.exchange.claim import SETTLE
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
+from robotree.vr.presence import Undo
 from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
-from robotree.vr.transport import Held, Registration, Transport
+from robotree.vr.transport import Registration, Transport
 
 SYNCHRONISE = 10.0
 """[s] between full comparisons with each service: news that a busy network dropped is made up for."""
@@ -32,9 +32,6 @@ PATIENCE = 2.0
 
 FIRST_LOOK = 1.0
 """[s] that `start` waits for the services that are there."""
-
-FAREWELL = 1.0
-"""[s] to wait for the end of the presence of one that does not answer."""
 
 MEMORY = 3.0
 """[s] for which others may still need what a lost service knew: until all agents have registered again."""
@@ -52,19 +49,19 @@ class Directory:
         """Prepare to look."""
         self._transport = transport
         self._union = Union()
-        self._present: set[Address] = set()
         self._followers: dict[str, asyncio.Task[None]] = {}
         self._heard: dict[str, list[Listed | Unlisted]] = {}
         self._answered: dict[str, asyncio.Event] = {}
         self._callbacks: list[OnChange] = []
         self._declared: list[Registration] = []
+        self._unwatch: Undo | None = None
         self._forgetting: asyncio.TimerHandle | None = None
 
     async def start(self) -> None:
         """Begin to look; returns when the services that are there have said what they hold."""
         # news first: what changes after a service has answered must not be missed
         self._declared.append(await self._transport.subscribe(NEWS_PATTERN, self._news))
-        self._declared.append(await self._transport.watch("*/*/*", self._seen))
+        self._unwatch = self._transport.presence.watch("*/*/*", self._seen)
         await self.settled(FIRST_LOOK)
 
     async def settled(self, limit: float) -> None:
@@ -77,6 +74,8 @@ class Directory:
 
     async def close(self) -> None:
         """Look no more. Twice is once."""
+        if self._unwatch is not None:
+            self._unwatch()
         declared, self._declared = self._declared, []
         for registration in reversed(declared):
             await registration.close()
@@ -122,9 +121,10 @@ class Directory:
 
         return end
 
-    def present(self, role: Role) -> tuple[Address, ...]:
-        """Return all agents of a role that are seen alive, listed or not."""
-        return tuple(sorted(address for address in self._present if address.role == role))
+    def present(self, role: Role, name: str = "*") -> tuple[Address, ...]:
+        """Return all agents of a role, or of a name, that are seen alive, listed or not."""
+        found = map(Address.parse, self._transport.presence.keys(everyone(role, name)))
+        return tuple(sorted(address for address in found if address is not None))
 
     async def resolve(self, name: str, role: Role = "robot") -> Address:
         """Find an agent by its name, also one that is enslaved and therefore not listed.
@@ -135,10 +135,9 @@ class Directory:
             Hanging: one has it whose process does not answer.
         """
         check_name(name)  # it becomes part of a pattern
-        found = [address for address in self.present(role) if address.name == name]
-        if not found:
-            found = await self._look_closer(everyone(role, name))
-        if not found:
+        if not self.present(role, name):
+            await self.expect_awake(everyone(role, name))  # who is just coming is there afterwards
+        if not (found := self.present(role, name)):
             raise _MISSING.get(role, NoSuchRobot)(name=name)
         return next((address for address in found if address in self._union.listings), found[0])
 
@@ -148,43 +147,16 @@ class Directory:
         Raises:
             Hanging: somebody does.
         """
-        _raise_first(await self.hanging(pattern))
-
-    async def hanging(self, pattern: str) -> list[Held]:
-        """Return who lives under a pattern in a process that hangs, of those who have just not answered.
-
-        A question to it may end a moment before its presence does, so this looks until that is over, or for
-        a while: who is present and does not answer may be busy.
-        """
-        latest = asyncio.get_running_loop().time() + FAREWELL
-        while True:
-            there = await self._transport.present(pattern)
-            silent = await self._transport.silent(pattern)
-            if silent or not there or asyncio.get_running_loop().time() > latest:
-                return silent
-            await asyncio.sleep(SETTLE)
+        for one in await self._transport.presence.hanging(pattern):
+            if address := Address.parse(one.key):
+                raise Hanging(role=address.role, name=address.name, where=one.in_words, remedy=one.remedy)
 
     # -- inside -----------------------------------------------------------------------------------
-
-    async def _look_closer(self, pattern: str) -> list[Address]:
-        """Return who came just now. Who is on its way, or waking up, has a moment."""
-        latest = asyncio.get_running_loop().time() + SETTLE
-        while True:
-            silent = await self._transport.silent(pattern)
-            # in this order: who is silent no longer is seen now
-            keys = await self._transport.present(pattern)
-            if keys or not silent:
-                return [address for address in map(Address.parse, keys) if address is not None]
-            if asyncio.get_running_loop().time() > latest:
-                _raise_first(silent)
-                return []
-            await asyncio.sleep(SETTLE / 2)
 
     def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         address = Address.parse(key)
         if address is None:
             return
-        (self._present.add if there else self._present.discard)(address)
         if address.role != "lookup":
             self._tell(self._union.see(address, there) or [Change("presence")])
         elif there:
@@ -249,9 +221,3 @@ class Directory:
                     callback(change)
                 except Exception:  # noqa: BLE001 # one listener's fault is not the others'
                     _log.exception("a listener to the directory raised")
-
-
-def _raise_first(silent: list[Held]) -> None:
-    for one in silent:
-        if address := Address.parse(one.key):
-            raise Hanging(role=address.role, name=address.name, where=one.in_words, remedy=one.remedy)

@@ -9,7 +9,6 @@ no other, and one that returns learns everything anew, withdrawals included.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from itertools import islice
 
@@ -20,9 +19,10 @@ from robotree.vr.description import Listing
 from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import REMEMBERED
+from robotree.vr.presence import Undo
 from robotree.vr.requests import Register, Registered
 from robotree.vr.running.chance import fraction, token
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.transport import Transport
 
 TERM = 10.0
 """[s] of a lease. Presence shows deaths at once, so this covers only what presence misses."""
@@ -66,8 +66,7 @@ class Registrar:
         self._withdrawn: dict[Address, float] = {}
         """Since when [s] which of these are withdrawn, the oldest first."""
         self._keepers: dict[str, _Keeper] = {}
-        self._watch: asyncio.Future[Registration] | None = None
-        self._closed = False
+        self._unwatch: Undo | None = None
 
     async def enter(self, listing: Listing) -> None:
         """List an agent, or change its listing. Returns when the services have it, or as many as answer.
@@ -89,12 +88,10 @@ class Registrar:
 
     async def close(self) -> None:
         """Renew nothing any more. Twice is once."""
-        self._closed = True
+        if self._unwatch is not None:
+            self._unwatch()
         keepers = list(self._keepers.values())
         self._keepers.clear()
-        if self._watch is not None:
-            with contextlib.suppress(VrError):
-                await (await self._watch).close()
         await asyncio.gather(*(keeper.stop() for keeper in keepers), return_exceptions=True)
 
     # -- inside -----------------------------------------------------------------------------------
@@ -106,17 +103,15 @@ class Registrar:
         if listing is None:
             self._withdrawn[address] = now
         self._forget_withdrawals(now)
-        if self._watch is None:
-            self._watch = asyncio.ensure_future(self.transport.watch(everyone("lookup"), self._service_seen))
-        await asyncio.shield(self._watch)
+        if self._unwatch is None:
+            self._unwatch = self.transport.presence.watch(everyone("lookup"), self._service_seen)
         await _first_and_others([keeper.bring(address) for keeper in self._keepers.values()])
 
     def _service_seen(self, service: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-        if not there or self._closed:
-            if keeper := self._keepers.pop(service, None):
-                keeper.stop()
-        elif service not in self._keepers:
+        if there:
             self._keepers[service] = _Keeper(self, service)
+        else:
+            self._keepers.pop(service).stop()
 
     def raise_revision(self, address: Address, known: int) -> None:
         """A service knows a later revision; what is wanted here is what counts, everywhere."""

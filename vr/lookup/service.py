@@ -15,6 +15,7 @@ from robotree.vr.exchange.answering import answering_at_once, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
+from robotree.vr.presence import Undo
 from robotree.vr.requests import Found, Query, Register, Reply, Request, encode
 from robotree.vr.transport import Registration, Transport
 
@@ -45,7 +46,7 @@ class LookupService:
         self.table = LookupTable()
         self._transport = transport
         self._clock = asyncio.get_running_loop().time
-        self._alive: set[Address] = set()
+        self._watches: list[Undo] = []
         self._declared: list[Registration] = []
         self._sweeper: asyncio.Task[None] | None = None
 
@@ -57,8 +58,7 @@ class LookupService:
         """
         transport = self._transport
         try:
-            for role in LISTED_ROLES:
-                self._declared.append(await transport.watch(everyone(role), self._seen))
+            self._watches += [transport.presence.watch(everyone(role), self._seen) for role in LISTED_ROLES]
             handler = answering_at_once(self._answer, self.address.name)
             self._declared.append(await transport.serve(self.address.key, handler))
             await self._fill()
@@ -70,6 +70,8 @@ class LookupService:
 
     async def close(self) -> None:
         """End it. Twice is once."""
+        for unwatch in self._watches:
+            unwatch()
         declared, self._declared = self._declared, []
         for registration in reversed(declared):
             await registration.close()
@@ -93,10 +95,8 @@ class LookupService:
 
     def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         address = Address.parse(key)
-        if address is None:
-            return
-        (self._alive.add if there else self._alive.discard)(address)
-        self._tell(self.table.see(address, there, self._clock()))
+        if address is not None:
+            self._tell(self.table.see(address, there, self._clock()))
 
     def _tell(self, news: list[Update]) -> None:
         for item in news:
@@ -106,7 +106,7 @@ class LookupService:
     # -- beginning and end of leases --------------------------------------------------------------
 
     async def _fill(self) -> None:
-        others = [key for key in await self._transport.present(everyone("lookup")) if key != self.address.key]
+        others = [key for key in self._transport.presence.keys(everyone("lookup")) if key != self.address.key]
         if others:
             asking = [asyncio.create_task(self._fill_from(key)) for key in others]
             await asyncio.wait(asking, timeout=FILL_LIMIT)
@@ -115,7 +115,7 @@ class LookupService:
         with contextlib.suppress(VrError):  # one of the others that is just dying, or hangs
             found = await ask(self._transport, key, Query(), Found, timeout=FILL_LIMIT)
             for listing, remaining in found.listings:
-                alive = listing.address in self._alive
+                alive = self._transport.presence.there(listing.address.key)
                 self._tell(self.table.fill(listing, remaining, self._clock(), alive=alive))
 
     async def _sweep(self) -> None:

@@ -18,9 +18,7 @@ from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
     End,
-    Held,
     OnReply,
-    PresenceHandler,
     Registration,
     RequestHandler,
     Respond,
@@ -68,6 +66,9 @@ class LocalTransport:
         self.mesh = mesh
         self._loop = asyncio.get_running_loop()
         self._turns = Turns()
+        news = Inbox[Callable[[], object]](self._turns, lambda action: action())
+        self.presence = mesh.presence
+        self.presence.hand_on = news.put
         self._served: dict[str, Answer] = {}
         self._handlers: dict[str, RequestHandler] = {}
         self._tasks: set[asyncio.Future[None]] = set()
@@ -175,40 +176,6 @@ class LocalTransport:
             async with asyncio.timeout(within):
                 await settled.wait()
 
-    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        """See `Transport.watch`."""
-        self._check(pattern)
-        first: list[str] = []
-        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: handler(*item))
-        watching = False
-
-        def see(key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-            if watching:
-                inbox.put((key, there))
-            else:
-                first.append(key)
-
-        number = self.mesh.watch(pattern, see)
-        watching = True
-        for key in first:
-            handler(key, True)
-        return _Registration(self, lambda: self.mesh.unwatch(number), inbox.close)
-
-    async def present(self, pattern: str) -> list[str]:
-        """See `Transport.present`."""
-        self._check(pattern)
-        return self.mesh.present(pattern)
-
-    async def silent(self, pattern: str) -> list[Held]:
-        """See `Transport.silent`."""
-        self._check(pattern)
-        return self.mesh.silent(pattern)
-
-    async def held(self, pattern: str) -> list[Held]:
-        """See `Transport.held`."""
-        self._check(pattern)
-        return self.mesh.held(pattern)
-
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
         """See `Transport.watch_itself`."""
         self._check("")
@@ -222,6 +189,7 @@ class LocalTransport:
     async def close(self) -> None:
         """See `Transport.close`."""
         if self._closing is None:
+            self.presence.close()
             self._closing = asyncio.ensure_future(self._close())
         await asyncio.shield(self._closing)
 

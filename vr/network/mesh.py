@@ -48,10 +48,11 @@ from robotree.vr.network.link import (
     pack,
 )
 from robotree.vr.network.living import asleep, remedy
-from robotree.vr.network.pattern import Handlers, Keys, matches
 from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
-from robotree.vr.transport import Held, Occupied
+from robotree.vr.pattern import Handlers, matches
+from robotree.vr.presence import Held, Presence
+from robotree.vr.transport import Occupied
 
 TICK: Final = 0.5
 """[s] between two beats, and between two looks into the folder."""
@@ -84,7 +85,6 @@ replies, with one more or with None."""
 OnReply = Callable[[bytes | None], None]
 """Takes one reply to a request; None: there are no more."""
 OnSample = Callable[[str, bytes], None]
-OnPresence = Callable[[str, bool], None]
 
 _log = logging.getLogger(__name__)
 
@@ -112,8 +112,8 @@ class _Peer:
         """On which channels it has said who it is."""
         self.known: dict[Topic, set[str]] = {topic: set() for topic in Topic}
         self.beat: Beat | None = None
-        self.last_sign = now
-        """[s] The last sign of life."""
+        self.since = self.last_sign = now
+        """[s] Since when it is known, and the last sign of life."""
         self.awake = False
         """Whether it has said who it is and does not hang: only then it is present."""
         self.exchanges: dict[int, _Exchange] = {}
@@ -139,14 +139,12 @@ class Mesh:
         """What this process lets the others know."""
         self._servers: dict[str, Answer] = {}
         self._subscribers = Handlers[OnSample]()
-        self._watchers = Handlers[OnPresence]()
         self._watchers_of_itself: dict[int, Callable[[str], None]] = {}
         self._cut_off = False
         """Whether no other process can reach this one."""
         self._lost_ticks = 0
         """For how many ticks that has been so."""
-        self._holders = Keys()
-        """How many processes that are awake are present under a key, this one included."""
+        self.presence = Presence(held=self.held, unheard=self.unheard)
         self._where: dict[str, _Peer] = {}
         """Who serves a key, of the others."""
         self._listeners: dict[str, list[_Peer]] = {}
@@ -226,11 +224,15 @@ class Mesh:
 
     def _beats(self, tag: str) -> bool:
         """Whether a process that has said nothing yet is only busy: its last sign of life is new."""
+        return not asleep(process_of(tag)) and time.monotonic() - self._sign_of(tag) < 2 * TICK
+
+    def _sign_of(self, tag: str) -> float:
+        """Return the last sign of life of a process [s, CLOCK_MONOTONIC]; long ago if it has none."""
         beat = self.place.beat_of(tag)
-        if beat is None or asleep(process_of(tag)):
-            return False
+        if beat is None:
+            return 0.0
         try:
-            return time.monotonic() - beat.read() < 2 * TICK
+            return beat.read()
         finally:
             beat.close()
 
@@ -287,7 +289,7 @@ class Mesh:
         """
         self.place.hold(key)  # first: a process that cannot be seen must be known of
         with self._lock:
-            others = [other for pattern in unless for other in self._holders.under(pattern)]
+            others = [other for pattern in unless for other in self.presence.keys(pattern)]
             if not others:
                 self._announce_change(Topic.HOLDS, key, there=True)
                 return
@@ -349,26 +351,6 @@ class Mesh:
 
     # -- what one can ask and see
 
-    def present(self, pattern: str) -> list[str]:
-        """Return the keys under which anybody is present now."""
-        with self._lock:
-            return self._holders.under(pattern)
-
-    def watch(self, pattern: str, on_presence: OnPresence) -> int:
-        """See keys come and go, those that are there first; returns a number for `unwatch`."""
-        with self._lock:
-            number = next(self._numbers)
-            for key in self.present(pattern):
-                on_presence(key, True)
-            self._watchers.add(number, pattern, on_presence)
-            return number
-
-    def unwatch(self, number: int) -> None:
-        """See them no longer."""
-        with self._lock:
-            self._watchers.remove(number)
-            self._watchers_of_itself.pop(number, None)
-
     def watch_itself(self, on_cut_off: Callable[[str], None]) -> int:
         """Learn why no other process can reach this one any more, and "" when one can; see `unwatch`."""
         with self._lock:
@@ -376,15 +358,38 @@ class Mesh:
             self._watchers_of_itself[number] = on_cut_off
             return number
 
-    def silent(self, pattern: str) -> list[Held]:
-        """Return what is held present by processes that live and are not heard."""
+    def unwatch(self, number: int) -> None:
+        """Learn of that no longer."""
         with self._lock:
-            unheard = {tag for tag, peer in self._peers.items() if not peer.awake} | self._strangers
-            found = [one for tag in sorted(unheard) for one in self._held_by(tag, pattern)]
-        return [one for one in found if one.key]
+            self._watchers_of_itself.pop(number, None)
+
+    def unheard(self, pattern: str) -> list[tuple[Held, bool]]:
+        """Return what is held by processes without a sign of life, and if it is certain that they hang."""
+        now = time.monotonic()
+        with self._lock:
+            doubts = {tag: self._certain(peer, now) for tag, peer in self._peers.items()}
+            doubts |= dict.fromkeys(self._strangers, True)
+            return [
+                (one, certain)
+                for tag, certain in sorted(doubts.items())
+                if certain is not None
+                for one in self._held_by(tag, pattern)
+                if one.key
+            ]
+
+    def _certain(self, peer: _Peer, now: float) -> bool | None:
+        """Return if it is certain that a process hangs; None: it is heard. Under the lock.
+
+        Who comes, wakes or ends shows it within `HANGS`. One that is stopped and shows no sign does not.
+        """
+        if peer.awake:
+            heard = peer.beat is None or now - max(peer.last_sign, peer.beat.read()) < 2 * TICK
+            return None if heard else asleep(process_of(peer.tag))
+        unmet = not peer.met and now - peer.since > HANGS
+        return unmet or now - self._sign_of(peer.tag) > HANGS or asleep(process_of(peer.tag))
 
     def held(self, pattern: str) -> list[Held]:
-        """Return what is held present by all processes that live, this one included; see `Transport.held`.
+        """Return what is held present by all processes that live, this one included; see `Presence.held`.
 
         Each process is looked at once, and what it holds is known, or it is returned without a key: whatever
         becomes of its files meanwhile, none is left out. One whose name has just come into the folder is met
@@ -619,7 +624,7 @@ class Mesh:
             for key in peer.known[Topic.SERVES]:
                 self._where[key] = peer
             for key in sorted(peer.known[Topic.HOLDS]):
-                self._count(key, there=True)
+                self.presence.count(key, there=True)
 
     def _hide(self, peer: _Peer) -> None:
         """A process has died or hangs: what was asked of it ends. Under the lock.
@@ -632,7 +637,7 @@ class Mesh:
             for key in [key for key, server in self._where.items() if server is peer]:
                 del self._where[key]
             for key in sorted(peer.known[Topic.HOLDS]):
-                self._count(key, there=False)
+                self.presence.count(key, there=False)
         self._give_up(peer, time.monotonic())
 
     def _give_up(self, peer: _Peer, now: float) -> None:
@@ -657,11 +662,6 @@ class Mesh:
         self._hide(peer)
         self._check_complete()
 
-    def _count(self, key: str, *, there: bool) -> None:
-        if (self._holders.add if there else self._holders.remove)(key):
-            for on_presence in self._watchers.of(key):
-                on_presence(key, there)
-
     def _learn(self, peer: _Peer, news: News) -> None:
         """Note what a process lets others know. Under the lock."""
         keys = peer.known[news.topic]
@@ -673,7 +673,7 @@ class Mesh:
         elif not peer.awake:
             pass
         elif news.topic is Topic.HOLDS:
-            self._count(news.key, there=news.there)
+            self.presence.count(news.key, there=news.there)
         elif news.there:
             self._where[news.key] = peer
         elif self._where.get(news.key) is peer:
@@ -690,7 +690,7 @@ class Mesh:
             return
         self._say_to_all(News(topic, key, there))
         if topic is Topic.HOLDS:
-            self._count(key, there=there)
+            self.presence.count(key, there=there)
 
     # -- what has come
 
@@ -865,17 +865,17 @@ class Mesh:
             watcher(f"no other process can reach it: {trouble}" if cut_off else "")
 
     def _judge(self, peer: _Peer, now: float) -> None:
-        if peer.beat is not None:
-            peer.last_sign = max(peer.last_sign, peer.beat.read())
-        if now - peer.last_sign > TICK + HANGS / 4:  # it may have made its file anew
-            if peer.beat is not None:
-                peer.beat.close()
-            peer.beat = self.place.beat_of(peer.tag)
-            if peer.beat is not None:
-                peer.last_sign = max(peer.last_sign, peer.beat.read())
         with self._lock:
             if self._peers.get(peer.tag) is not peer:
                 return
+            if peer.beat is not None:
+                peer.last_sign = max(peer.last_sign, peer.beat.read())
+            if now - peer.last_sign > TICK + HANGS / 4:  # it may have made its file anew
+                if peer.beat is not None:
+                    peer.beat.close()
+                peer.beat = self.place.beat_of(peer.tag)
+                if peer.beat is not None:
+                    peer.last_sign = max(peer.last_sign, peer.beat.read())
             if now - peer.last_sign > HANGS:
                 self._hide(peer)
             elif peer.met and not peer.awake and now - peer.last_sign < 2 * TICK:

@@ -83,10 +83,10 @@ class Inbox(Generic[T]):
     However many wait, they take one place among the turns: others come between any two of them.
     """
 
-    def __init__(self, turns: Turns, handler: Callable[[T], None], limit: int | None = None) -> None:
+    def __init__(self, turns: Turns, handler: Callable[[T], object], limit: int | None = None) -> None:
         """Hand items to `handler` at their turn; of more than `limit` that wait, the oldest are lost."""
         self._turns = turns
-        self._handler: Callable[[T], None] | None = handler
+        self._handler: Callable[[T], object] | None = handler
         self._items: deque[T] = deque(maxlen=limit)
         self._in_line = False
 

@@ -21,6 +21,7 @@ from robotree.vr.exchange.client import (
     ViewClient,
 )
 from robotree.vr.lookup.directory import Directory
+from robotree.vr.presence import Held
 from robotree.vr.requests import (
     Heard,
     HostDescribed,
@@ -34,7 +35,7 @@ from robotree.vr.requests import (
 from robotree.vr.running.chance import token
 from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.stop import OnLate, StopOrder
-from robotree.vr.transport import Held, Registration, Transport
+from robotree.vr.transport import Registration, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""
@@ -61,7 +62,7 @@ class Fleet:
         self.directory = Directory(transport)
         self._transport = transport
         self._releases = Releases(self.directory, transport)
-        self._presence = _Presence(transport)
+        self._caller = _Caller(transport)
 
     async def start(self) -> None:
         """Begin to look; returns when the lookup services that are there have said what they hold."""
@@ -69,7 +70,7 @@ class Fleet:
 
     async def close(self) -> None:
         """Look no more. The transport stays open: it is the caller's."""
-        await self._presence.close()
+        await self._caller.close()
         await self.directory.close()
 
     # -- who is there -----------------------------------------------------------------------------
@@ -92,22 +93,22 @@ class Fleet:
         """Return the views."""
         return self.directory.find(Template(role="view"))
 
-    async def inhabited(self) -> bool:
+    def inhabited(self) -> bool:
         """Whether any agent lives on this machine, as far as its own record tells. Needs no `start`."""
-        return bool(await self._transport.held("*/*/*"))
+        return bool(self._transport.presence.held("*/*/*"))
 
     async def hosts(self) -> Sequence[HostDescribed]:
         """Ask all hosts what they run, by name. One that does not answer is left out."""
         hosts = (HostClient(self._transport, address) for address in self.directory.present("host"))
         return await _all_that_answer(host.describe(timeout=GLANCE) for host in hosts)
 
-    async def held(self) -> Sequence[Held]:
+    def held(self) -> Sequence[Held]:
         """Return which process holds each agent, as far as this machine knows it."""
-        return [one for one in await self._transport.held("*/*/*") if one.key]
+        return [one for one in self._transport.presence.held("*/*/*") if one.key]
 
-    async def silent(self) -> Sequence[Held]:
-        """Return the agents whose processes hang; one that is just starting looks so for a moment, too."""
-        return await self._transport.silent("*/*/*")
+    async def hanging(self) -> Sequence[Held]:
+        """Return the agents whose processes hang, as soon as that is certain of all."""
+        return await self._transport.presence.hanging("*/*/*")
 
     def on_change(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back after each change of the lists; returns how to end that."""
@@ -219,7 +220,7 @@ class Fleet:
             deadline: [s] within which it must be done.
             on_progress: told how far it is.
         """
-        presence = await self._presence.key()
+        caller = await self._caller.key()
         return await self._ask(
             name,
             lambda robot: robot.call(
@@ -227,7 +228,7 @@ class Fleet:
                 arguments,
                 deadline=deadline,
                 caller=CALLER,
-                sender=presence,
+                sender=caller,
                 on_progress=on_progress,
             ),
         )
@@ -409,7 +410,7 @@ class Fleet:
         return hosts[0]
 
 
-class _Presence:
+class _Caller:
     """The presence of an operator's program: while it lasts, robots know that the program waits."""
 
     def __init__(self, transport: Transport) -> None:

@@ -11,17 +11,18 @@ was given, so that a stop that came while the counts were asked for stays in for
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from robotree.vr.address import Address, everyone
+from robotree.vr.address import Address, check_name, everyone
 from robotree.vr.core.confirmation import Confirmations
 from robotree.vr.description import RobotDescription
 from robotree.vr.envelope import this_clock
-from robotree.vr.errors import Hanging, NotInControl, Unreachable, VrError
+from robotree.vr.errors import NoSuchRobot, NotInControl, VrError
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
+from robotree.vr.presence import Held
 from robotree.vr.supervision.stop import CONFIRM
-from robotree.vr.transport import Held, Transport
+from robotree.vr.transport import Transport
 
 MOST_COUNTS = 4096
 """Robots whose count is remembered."""
@@ -71,25 +72,25 @@ class Releases:
             NoSuchRobot: there is none of this name.
             NotConfirmed: one has not confirmed it, or has been stopped again; it names both sides.
         """
+        pattern = everyone("robot", "*" if name is None else check_name(name))
         given = asyncio.get_running_loop().time() if given is None else given
         known = dict(self._counts) if self.watches else {}
         # of all, whichever is meant: what is below one is known only when it has answered
         looks = {address: self._look(address) for address in self._directory.present("robot")}
+        asked = {
+            address: self._begin_to_resume(address, looks, known, given)
+            for address in looks
+            if name in {None, address.name}
+        }
         confirmations = Confirmations("the resume")
         try:
-            if name is None:
-                asked = {address: self._begin_to_resume(address, looks, known, given) for address in looks}
-                silent = await self._transport.silent(everyone("robot"))
-                for address in _addresses(await self._transport.present(everyone("robot"))) - looks.keys():
-                    confirmations.deny(address.name, UNSEEN)
-            else:
-                asked = {}
-                found, silent = await self._find(name)
-                if found in looks:
-                    asked[found] = self._begin_to_resume(found, looks, known, given)
-                elif found is not None:
-                    confirmations.deny(found.name, UNSEEN)
-            return await self._judge(name, confirmations, asked, silent)
+            silent = await self._transport.presence.hanging(pattern)
+            late = set(self._directory.present("robot", name or "*")) - looks.keys()
+            for address in late:
+                confirmations.deny(address.name, UNSEEN)
+            if name is not None and not (asked or late or silent):
+                raise NoSuchRobot(name=name)
+            return await self._judge(pattern, confirmations, asked, silent)
         finally:
             for look in looks.values():
                 look.cancel()
@@ -99,15 +100,6 @@ class Releases:
 
     def _client(self, address: Address) -> RobotClient:
         return RobotClient(self._transport, address, patience=CONFIRM)
-
-    async def _find(self, name: str) -> tuple[Address | None, list[Held]]:
-        """Return the robot of a name, or what is known of the process that holds it."""
-        try:
-            return await self._directory.resolve(name), []
-        except Hanging:
-            if silent := await self._transport.silent(everyone("robot", name)):
-                return None, silent
-            return await self._directory.resolve(name), []  # it woke up just now
 
     def _look(self, address: Address) -> asyncio.Future[RobotDescription]:
         return asyncio.ensure_future(self._client(address).describe(urgent=True))
@@ -125,34 +117,24 @@ class Releases:
         return asyncio.ensure_future(resume())
 
     async def _judge(
-        self, name: str | None, confirmations: Confirmations, asked: Asked, silent: list[Held]
+        self, pattern: str, confirmations: Confirmations, asked: Asked, silent: list[Held]
     ) -> Sequence[str]:
         """Wait for all answers and return which robots have confirmed."""
         results = await asyncio.gather(*asked.values(), return_exceptions=True)
         answers = dict(zip(asked, results, strict=True))
-        silent = silent + await self._fell_silent(name, answers)
-        missed = {one.key for one in silent}
-        for one in silent:
-            address = Address.parse(one.key)
-            confirmations.miss(one.key if address is None else address.name, f"in {one.in_words}", one.remedy)
+        failed = {address.key for address, answer in answers.items() if isinstance(answer, BaseException)}
+        if failed:  # of those who gave no answer, somebody else may know more
+            silent = silent + await self._transport.presence.hanging(pattern)
+        missed = {one.key: one for one in silent if one.key in failed or Address.parse(one.key) not in asked}
+        for key, one in missed.items():
+            address = Address.parse(key)
+            confirmations.miss(key if address is None else address.name, f"in {one.in_words}", one.remedy)
         # those last who obey only their parent: it may have told them, and then it names them
         for address, answer in sorted(answers.items(), key=lambda each: isinstance(each[1], NotInControl)):
             above = isinstance(answer, NotInControl) and confirmations.names(address.name)
             if address.key not in missed and not above:
                 confirmations.take(address.name, answer)
         return confirmations.settle()
-
-    async def _fell_silent(
-        self, name: str | None, answers: Mapping[Address, Sequence[str] | BaseException]
-    ) -> list[Held]:
-        """Return who lives and hangs: of those who gave no answer, somebody else may know more."""
-        if not any(isinstance(answer, BaseException) for answer in answers.values()):
-            return []
-        lost = [address.key for address, answer in answers.items() if isinstance(answer, Unreachable)]
-        found = await asyncio.gather(
-            self._transport.silent(everyone("robot", name or "*")), *map(self._directory.hanging, lost)
-        )
-        return [one for silent in found for one in silent]
 
 
 async def _seen(address: Address, looks: Looks) -> dict[str, int]:
@@ -175,7 +157,3 @@ async def _seen(address: Address, looks: Looks) -> dict[str, int]:
             seen[each.key] = description.stops
             ahead += [slot.child for slot in description.slots if slot.child is not None]
     return seen
-
-
-def _addresses(keys: Iterable[str]) -> set[Address]:
-    return {address for address in map(Address.parse, keys) if address is not None}

@@ -18,7 +18,8 @@ from robotree.vr.core.confirmation import LEAST, Confirmations
 from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.transport import Held, Transport
+from robotree.vr.presence import Held
+from robotree.vr.transport import Transport
 
 CONFIRM = 3.0
 """[s] for a robot to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for
@@ -114,7 +115,7 @@ class StopOrder:
         """
         try:
             while True:
-                await self._look()
+                self._look()
                 now = _now()
                 if self._settled(now):
                     return self._verdict()
@@ -125,9 +126,9 @@ class StopOrder:
 
     # -- telling ----------------------------------------------------------------------------------
 
-    async def _look(self) -> None:
+    def _look(self) -> None:
         """Look which robots are there, and ask those that were not asked before."""
-        held = await self._transport.held(self._pattern)
+        held = self._transport.presence.held(self._pattern)
         lost, was = {one.where: one for one in held if not one.key}, self._held
         addresses = ((Address.parse(one.key), one) for one in held)
         self._held = {  # also of processes that have lost their files since the last look
@@ -137,7 +138,7 @@ class StopOrder:
         } | {address: one for address, one in addresses if address is not None}
         new, before = (None, _now()), self._unlisted
         self._unlisted = {one.where: (one, before.get(one.where, new)[1]) for one in held if not one.key}
-        seen = {one for one in self._directory.present("robot") if self._name in {None, one.name}}
+        seen = set(self._directory.present("robot", self._name or "*"))
         for address in sorted(seen | self._held.keys()):
             if address not in self._told:
                 told = self._told[address] = _Told(address, _now())

@@ -240,9 +240,9 @@ async def check_lookup(join: Join, open_service: Open) -> None:
 
 async def _until_seen(who: Transport, service: Service) -> None:
     seen: list[str] = []
-    watch = await who.watch("lookup/*/*", lambda key, _: seen.append(key))
+    watch = who.presence.watch("lookup/*/*", lambda key, _: seen.append(key))
     await until(lambda: service.address.key in seen, "a lookup service is seen")
-    await watch.close()
+    watch()
 
 
 async def _close(*closing: Service | Transport) -> None:

@@ -66,15 +66,16 @@ async def presence_is_seen_by_early_and_late(join: Join) -> None:
     """First what is there, then each change, for those who watch before and after."""
     member, early, late = await join(), await join(), await join()
     seen: list[tuple[str, bool]] = []
-    await early.watch("robot/*/*", lambda key, there: seen.append((key, there)))
+    early.presence.watch("robot/*/*", lambda key, there: seen.append((key, there)))
     one = await member.announce("robot/a/1")
     await member.announce("view/a/1")
     await until(lambda: seen == [("robot/a/1", True)], "an arrival is told once, if the pattern matches")
+    promise(early.presence.there("robot/a/1"), "what was told can be asked")
     await until_present(late, "*/a/*", ["robot/a/1", "view/a/1"])
     first: list[tuple[str, bool]] = []
-    watching = await late.watch("robot/*/*", lambda key, there: first.append((key, there)))
+    watching = late.presence.watch("robot/*/*", lambda key, there: first.append((key, there)))
     promise(first == [("robot/a/1", True)], "what is there already is told before `watch` returns")
-    await watching.close()
+    watching()
     await one.close()
     await one.close()
     await until(lambda: seen[1:] == [("robot/a/1", False)], "a departure is told once")
@@ -87,7 +88,7 @@ async def presence_ends_with_the_last_holder(join: Join) -> None:
     """A key is present as long as anybody holds it; closing a transport lets go of all."""
     one, other, watcher = await join(), await join(), await join()
     seen: list[tuple[str, bool]] = []
-    await watcher.watch("robot/**", lambda key, there: seen.append((key, there)))
+    watcher.presence.watch("robot/**", lambda key, there: seen.append((key, there)))
     await one.announce("robot/a/1")
     await other.announce("robot/a/1")
     await until(lambda: seen == [("robot/a/1", True)], "two holders are one presence")
@@ -112,7 +113,7 @@ async def who_is_seen_can_be_asked(join: Join) -> None:
             asking = caller.request(key, b"", timeout=PATIENCE)
             answers.append(asyncio.ensure_future(replies_of(asking)))
 
-    await caller.watch("robot/*/*", greet)
+    caller.presence.watch("robot/*/*", greet)
     for number in range(20):
         await server.serve(f"robot/a/{number}", handler)
         await server.announce(f"robot/a/{number}")
@@ -129,23 +130,23 @@ async def many_are_present(join: Join) -> None:
     for key in keys:
         await member.announce(key)
     seen: set[str] = set()
-    watching = await watcher.watch("robot/*/*", lambda key, _: seen.add(key))
+    watching = watcher.presence.watch("robot/*/*", lambda key, _: seen.add(key))
     await until(lambda: seen == keys, "all are seen")
-    await watching.close()
+    watching()
     await until_present(watcher, "robot/*/*", sorted(keys))
     await close_all(member, watcher)
 
 
-async def who_is_seen_is_not_silent(join: Join) -> None:
-    """What is present here and there is silent nowhere; what was taken back neither."""
+async def who_is_seen_does_not_hang(join: Join) -> None:
+    """What is present here and there hangs nowhere; what was taken back does not either."""
     one, other = await join(), await join()
     tokens = [await one.announce(f"robot/a/{number}") for number in range(3)]
     await until_present(other, "robot/a/*", [f"robot/a/{number}" for number in range(3)])
-    promise(await other.silent("robot/**") == [], "who is seen is not silent")
+    promise(await other.presence.hanging("robot/**") == [], "who is seen does not hang")
     for token in tokens:
         await token.close()
     await until_present(other, "robot/a/*", [])
-    promise(await other.silent("**") == [], "who has left is not silent")
+    promise(await other.presence.hanging("**") == [], "who has left does not hang")
     await close_all(one, other)
 
 
@@ -172,7 +173,7 @@ async def two_that_announce_at_once_know_of_each_other(join: Join) -> None:
         there = [key for key, token in zip(keys, tokens, strict=True) if token is not None]
         promise(there != [], "of two one may come")
         for member, token in zip((one, other), tokens, strict=True):
-            seen = sorted(await member.present(f"robot/{number}/*"))
+            seen = sorted(member.presence.keys(f"robot/{number}/*"))
             promise(token is None or seen == there, "who has settled knows all who came at the same time")
     await close_all(one, other)
 
@@ -202,8 +203,8 @@ async def a_closed_transport_says_so(join: Join) -> None:
         lambda: replies_of(server.request("robot/a/1", b"", timeout=1)),
         lambda: server.subscribe("robot/a", lambda _key, _body: None),
         lambda: server.announce("robot/a/1"),
-        lambda: server.watch("robot/a", lambda _key, _there: None),
-        lambda: server.present("robot/a"),
+        lambda: server.presence.until("robot/a", there=True, within=1),
+        lambda: server.presence.hanging("robot/a"),
     )
     for attempt in attempts:
         try:

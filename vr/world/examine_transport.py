@@ -20,7 +20,7 @@ TRANSPORT_CHECKS: tuple[Callable[[Join], Awaitable[None]], ...] = (
     examine_presence.presence_ends_with_the_last_holder,
     examine_presence.who_is_seen_can_be_asked,
     examine_presence.many_are_present,
-    examine_presence.who_is_seen_is_not_silent,
+    examine_presence.who_is_seen_does_not_hang,
     examine_presence.two_that_announce_at_once_know_of_each_other,
     examine_presence.a_closed_transport_says_so,
     examine_presence.a_handler_may_close_its_transport,

@@ -30,15 +30,14 @@ import msgspec
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.on_loop import Replies, answered
-from robotree.vr.network.pattern import matches
+from robotree.vr.pattern import matches
+from robotree.vr.presence import Held, Presence
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
     End,
-    Held,
     Occupied,
     OnReply,
-    PresenceHandler,
     Registration,
     RequestHandler,
     Respond,
@@ -471,14 +470,12 @@ class MemoryTransport:
         self._known: dict[MemoryTransport, tuple[set[str], set[str]]] = {}
         """What each other one that is seen serves and holds."""
         self._where: dict[str, MemoryTransport] = {}
-        self._holders: Counter[str] = Counter()
-        """How many of those that are seen hold a key, this one included."""
+        self.presence = Presence(held=self._held, unheard=self._unheard, hand_on=self._soon)
         self._inbox: list[Callable[[], None]] = []
         """What has arrived while it was paused."""
         self._subscriptions: dict[int, tuple[str, SampleHandler]] = {}
         self._heard: dict[str, list[int]] = {}
         """Which of these a key concerns, as far as it was asked."""
-        self._watches: dict[int, tuple[str, PresenceHandler]] = {}
         self._cut_off_handlers: dict[int, CutOffHandler] = {}
         self._cut_off = False
         self._numbers = itertools.count()
@@ -682,11 +679,11 @@ class MemoryTransport:
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         """See `Transport.announce`."""
         self._check(key)
-        if others := [other for pattern in unless for other in self._visible(pattern)]:
+        if others := [other for pattern in unless for other in self.presence.keys(pattern)]:
             raise Occupied(others)
         self.tokens[key] += 1
         if self.tokens[key] == 1:
-            self._count(key, there=True)
+            self.presence.count(key, there=True)
             self._let_know(lambda other: other.learn_holder(self, key, there=True))
         return _Entry(lambda: self._unannounce(key))
 
@@ -695,27 +692,7 @@ class MemoryTransport:
         self._check("")
         await asyncio.sleep(within)
 
-    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        """See `Transport.watch`."""
-        self._check(pattern)
-        number = next(self._numbers)
-        for key in self._visible(pattern):
-            handler(key, True)
-        self._watches[number] = (pattern, handler)
-        return _Entry(partial(self._watches.pop, number, None))
-
-    async def present(self, pattern: str) -> list[str]:
-        """See `Transport.present`."""
-        self._check(pattern)
-        return self._visible(pattern)
-
-    async def silent(self, pattern: str) -> list[Held]:
-        """See `Transport.silent`."""
-        return [one for one in await self.held(pattern) if one.key and one.key not in self._holders]
-
-    async def held(self, pattern: str) -> list[Held]:
-        """See `Transport.held`."""
-        self._check(pattern)
+    def _held(self, pattern: str) -> list[Held]:
         found: list[Held] = []
         for member in self.network.members:
             if member not in self.network.unlisted:
@@ -723,6 +700,21 @@ class MemoryTransport:
             elif member is not self:
                 asleep = self.network.held(member, "").asleep
                 found.append(Held("", member.name, f"list {member.name}", "its entry is gone", asleep))
+        return found
+
+    def _unheard(self, pattern: str) -> list[tuple[Held, bool]]:
+        """Return what is held by others that are silent, and if they are paused or have long been silent."""
+        found: list[tuple[Held, bool]] = []
+        for member in self.network.members:
+            way = self.network.way(member, self)
+            if way is None or member in self.network.unlisted:
+                continue
+            held = [self.network.held(member, key) for key in member.tokens if matches(pattern, key)]
+            found += [
+                (one, way.silent and (way.lost or one.asleep))
+                for one in held
+                if way.silent or not self.presence.there(one.key)
+            ]
         return found
 
     async def watch_itself(self, handler: CutOffHandler) -> Registration:
@@ -736,11 +728,8 @@ class MemoryTransport:
         if self.tokens[key] > 1:
             self.tokens[key] -= 1
         elif self.tokens.pop(key, 0):
-            self._count(key, there=False)
+            self.presence.count(key, there=False)
             self._let_know(lambda other: other.learn_holder(self, key, there=False))
-
-    def _visible(self, pattern: str) -> list[str]:
-        return sorted(key for key in self._holders if matches(pattern, key))
 
     # -- what the network brings ------------------------------------------------------------------
 
@@ -781,7 +770,7 @@ class MemoryTransport:
             if self._where.get(key) is other:
                 del self._where[key]
         for key in sorted(tokens):
-            self._count(key, there=False)
+            self.presence.count(key, there=False)
         self.judge_itself()
 
     def learn_server(self, other: MemoryTransport, key: str, *, there: bool) -> None:
@@ -799,7 +788,7 @@ class MemoryTransport:
         if other not in self._known or (key in self._known[other][1]) == there:
             return
         (self._known[other][1].add if there else self._known[other][1].discard)(key)
-        self._count(key, there=there)
+        self.presence.count(key, there=there)
 
     def judge_itself(self) -> None:
         """See whether any other process can reach this one, and say when that changes."""
@@ -817,7 +806,7 @@ class MemoryTransport:
         self.tokens.clear()
         self._subscriptions.clear()
         self._heard.clear()
-        self._watches.clear()
+        self.presence.close()
         self._inbox.clear()
         for task in self._others():
             task.cancel()
@@ -851,21 +840,6 @@ class MemoryTransport:
         for member in self.network.members:
             if member is not self and (way := self.network.way(self, member)) is not None:
                 way.know(partial(news, member))
-
-    def _count(self, key: str, *, there: bool) -> None:
-        before = self._holders[key]
-        self._holders[key] = before + (1 if there else -1)
-        if not self._holders[key]:
-            del self._holders[key]
-        if bool(before) != (key in self._holders):
-            for number, (pattern, _) in list(self._watches.items()):
-                if matches(pattern, key):
-                    self._soon(self._notify, number, key, there)
-
-    def _notify(self, number: int, key: str, there: bool) -> None:  # noqa: FBT001 # as the handler takes it
-        _, handler = self._watches.get(number, ("", None))
-        if handler is not None:
-            handler(key, there)
 
 
 def _ignore(*_: object) -> None:

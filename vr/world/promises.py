@@ -61,7 +61,7 @@ async def served(server: Transport, caller: Transport, handler: RequestHandler) 
 async def until_present(who: Transport, pattern: str, keys: list[str]) -> None:
     """News travels: what is present here becomes present there."""
     async with asyncio.timeout(PATIENCE):
-        while await who.present(pattern) != keys:  # noqa: ASYNC110 # the question is the thing examined
+        while who.presence.keys(pattern) != keys:  # noqa: ASYNC110 # the question is the thing examined
             await asyncio.sleep(0.005)
 
 

@@ -75,7 +75,7 @@ class Realm:
         transport = member or self.network.join(robot.name)
         self.processes.append(process := self.shared or Process(runner_here()))
         if host := options.pop("host", ""):
-            options["shared"] = Shared(transport, host)
+            options["shared"] = Shared(host)
         defaults = {"registrar": Registrar(transport), "unix": lambda: self.unix, "process": process}
         agent = RobotAgent(robot, transport, **defaults | options)
         await agent.start()

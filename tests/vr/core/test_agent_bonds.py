@@ -353,7 +353,7 @@ async def test_a_delete_whose_asker_goes_away_is_carried_out_all_the_same(realm:
         task.cancel()
     await realm.until(pair.closed.is_set, within=LONGEST_END + 1.0)
     assert rover.description().bond is None
-    assert not await realm.operator.present("robot/pair/*")
+    assert not realm.operator.presence.keys("robot/pair/*")
     await asyncio.gather(stuck, deleting, return_exceptions=True)
 
 
@@ -364,7 +364,7 @@ async def test_a_process_that_ends_in_order_leaves_nothing_behind(realm: Any) ->
     assert rover.description().bond is None
     assert await realm.until(lambda: realm.listed() == ["rover"]) < 1.0
     await asyncio.sleep(0.01)
-    assert await realm.operator.present("robot/*/*") == [rover.address.key]
+    assert realm.operator.presence.keys("robot/*/*") == [rover.address.key]
 
 
 async def test_a_robot_that_is_freed_and_changes_while_it_ends_is_not_listed_again(realm: Any) -> None:

@@ -174,7 +174,7 @@ async def test_a_robot_that_is_listed_can_be_called_at_once(realm: Any) -> None:
             agent = next(member for member in realm.network.members if key in member.served)
             answers.append(agent)
 
-    await realm.operator.watch("robot/*/*", seen)
+    realm.operator.presence.watch("robot/*/*", seen)
     await realm.start(Arm("arm-1"))
     assert len(answers) == 1
 

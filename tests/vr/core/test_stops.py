@@ -155,11 +155,11 @@ async def test_who_wakes_up_while_it_is_being_looked_for_is_not_released(realm: 
     await fleet.stop("rover")
     realm.network.freeze(rover.transport)
     await asyncio.sleep(5)
-    resuming = asyncio.create_task(fleet.resume("rover"))
-    await asyncio.sleep(0.01)
-    realm.network.thaw(rover.transport)
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(in rover, which hangs"):
+        await fleet.resume("rover")
+    realm.network.thaw(rover.transport)  # the news of it is on its way
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(it came to sight only after that had been"):
-        await resuming
+        await fleet.resume("rover")
     assert stopped(rover) == [True]
     await realm.until(lambda: bool(fleet.directory.present("robot")))
     assert await fleet.resume("rover") == ["rover"]

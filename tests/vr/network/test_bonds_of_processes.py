@@ -184,7 +184,7 @@ async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_realm
     """Thousands wait in the child's process too, and the lease is kept for two terms."""
     await begin(start, ("robot", "rover"))
     transport = await join_realm()
-    (key,) = await transport.present("robot/rover/*")
+    (key,) = transport.presence.keys("robot/rover/*")
     child = Address.parse(key)
     assert child is not None
     carrier = RobotAgent(Carrier("carrier"), transport, term=DEFAULT_TERM / 2)
@@ -222,7 +222,7 @@ async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
 ) -> None:
     (rover,) = await begin(start, ("robot", "rover"))
     transport = await join_realm()
-    (key,) = await transport.present("robot/rover/*")
+    (key,) = transport.presence.keys("robot/rover/*")
     rover.signal(signal.SIGSTOP)
     call = Call(key="k", command="fly", arguments={"text": "x" * 3_000_000}, deadline=5.0)
     body = seal(call, now=time.monotonic(), within=60.0).body

@@ -22,7 +22,7 @@ async def test_a_taken_name_is_refused_until_its_holder_has_gone() -> None:
         await claim(other, new_address("robot", "arm"))
     await held.close()
     await claim(other, new_address("robot", "arm"))
-    assert len(await one.present("robot/arm/*")) == 1
+    assert len(one.presence.keys("robot/arm/*")) == 1
 
 
 @in_virtual_time
@@ -33,7 +33,7 @@ async def test_a_name_whose_holder_hangs_is_not_given_to_another() -> None:
     held = await claim(one, new_address("robot", "arm"))
     network.freeze(one)
     await asyncio.sleep(2 * network.lease)
-    assert not await other.present("robot/**")
+    assert not other.presence.keys("robot/**")
     with pytest.raises(NameInSilence, match=r"a robot named 'arm' is in one, which hangs; choose .*thaw"):
         await claim(other, new_address("view", "arm"))
     network.kill(one)

@@ -23,7 +23,7 @@ async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
     rover = await start("robot", "rover")
     await rover.ready()
     transport = await join_realm()
-    (key,) = await transport.present("robot/rover/*")
+    (key,) = transport.presence.keys("robot/rover/*")
     address = Address.parse(key)
     assert address is not None
     recorder: Any = Recorder(transport)
@@ -33,7 +33,7 @@ async def test_a_call_that_was_given_up_is_refused_by_the_process_that_wakes(
         await client.call("move", {"x": 1.0})
     rover.signal(signal.SIGCONT)
     async with asyncio.timeout(60):
-        while not await transport.present(key):  # noqa: ASYNC110 # the presence itself is asked for
+        while not transport.presence.keys(key):  # noqa: ASYNC110 # the presence itself is asked for
             await asyncio.sleep(0.01)
     replies = transport.request(key, recorder.sent[0], timeout=30)
     (answer,) = [decode_reply(body, key=key) async for body in replies]

@@ -123,7 +123,7 @@ async def test_of_two_made_at_once_under_one_name_one_stays(realm: Realm, hosts:
     making = [realm.client(number).create(Bundle(ADDER, "adder.py"), "sum") for number in hosts]
     results = await asyncio.gather(*making, return_exceptions=True)
     assert [type(result) for result in results].count(DuplicateName) == 1
-    assert len(await realm.operator.present("robot/sum/*")) == 1
+    assert len(realm.operator.presence.keys("robot/sum/*")) == 1
     await until(lambda: realm.names == ["sum"], "the one that stays is listed")
 
 

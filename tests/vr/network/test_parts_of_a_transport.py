@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.network.on_loop import Inbox, Replies, Turns
-from robotree.vr.network.pattern import Handlers, Keys, matches
-from robotree.vr.network.zenoh.presence import Presence
+from robotree.vr.network.zenoh.settling import Settling
+from robotree.vr.pattern import Handlers, Keys, matches
 from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.promises import replies_of
 
@@ -21,7 +21,7 @@ from robotree.vr.world.promises import replies_of
 @in_virtual_time
 async def test_a_token_that_returns_within_a_moment_has_not_gone() -> None:
     told: list[tuple[str, bool]] = []
-    presence = Presence(lambda key, there: told.append((key, there)), settle=0.05)
+    presence = Settling(lambda key, there: told.append((key, there)), settle=0.05)
     for there in (True, True, False, False, True, False, True):
         presence.change("robot/a/1", there)
         await asyncio.sleep(0.04)
@@ -38,20 +38,9 @@ async def test_a_token_that_returns_within_a_moment_has_not_gone() -> None:
 
 
 @in_virtual_time
-async def test_a_closed_watch_is_not_told_of_a_departure_that_was_held_back() -> None:
-    told: list[bool] = []
-    presence = Presence(lambda _, there: told.append(there))
-    presence.change("robot/a/1", True)
-    presence.change("robot/a/1", False)
-    presence.close()
-    await asyncio.sleep(1)
-    assert told == [True]
-
-
-@in_virtual_time
 async def test_a_watch_waits_for_news_of_all_who_are_there_but_not_for_ever() -> None:
     loop = asyncio.get_running_loop()
-    presence = Presence(lambda _key, _there: None)
+    presence = Settling(lambda _key, _there: None)
     presence.change("a", True)
     loop.call_later(0.1, presence.change, "b", True)
     loop.call_later(0.2, presence.change, "c", False)

@@ -25,7 +25,7 @@ Enter = Callable[[], Awaitable[LocalTransport]]
 
 async def arrived(transport: LocalTransport, name: str) -> None:
     async with asyncio.timeout(60):
-        while not await transport.present(f"robot/{name}/*"):  # noqa: ASYNC110 # what is asked is the test
+        while not transport.presence.keys(f"robot/{name}/*"):  # noqa: ASYNC110 # what is asked is the test
             await asyncio.sleep(0.005)
 
 
@@ -34,7 +34,9 @@ async def test_a_killed_process_is_missed_at_once(start: Start, join_realm: Ente
     await process.ready()
     transport = await join_realm()
     gone: list[float] = []
-    await transport.watch("robot/*/*", lambda _, there: None if there else gone.append(time.perf_counter()))
+    transport.presence.watch(
+        "robot/*/*", lambda _, there: None if there else gone.append(time.perf_counter())
+    )
     await arrived(transport, "arm")
     waiting = transport.request("robot/arm/1", b"long", timeout=30)
     assert await anext(waiting) == b"ack"
@@ -52,7 +54,7 @@ async def test_a_stopped_process_is_silent_then_missed_then_back(start: Start, j
     await process.ready()
     transport = await join_realm()
     seen: list[bool] = []
-    await transport.watch("robot/*/*", lambda _, there: seen.append(there))
+    transport.presence.watch("robot/*/*", lambda _, there: seen.append(there))
     await arrived(transport, "arm")
     process.signal(signal.SIGSTOP)
     got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.3))
@@ -71,7 +73,7 @@ async def test_sixteen_at_once_all_know_each_other(start: Start, join_realm: Ent
     transport = await join_realm()
     expected = sorted(f"robot/r{number}/1" for number in range(16))
     seen: set[str] = set()
-    await transport.watch("robot/*/*", lambda key, _: seen.add(key))
+    transport.presence.watch("robot/*/*", lambda key, _: seen.add(key))
     await until(lambda: sorted(seen) == expected, "the newcomer sees all")
     results = await asyncio.gather(
         *(replies_of(transport.request(key, b"hi", timeout=10)) for key in expected)
@@ -187,7 +189,7 @@ async def test_a_process_that_hangs_is_waited_for_as_long_as_it_may_still_begin(
     )
     assert isinstance((await given_up)[1], Unreachable)
     assert time.monotonic() - began > HANGS - 2 * TICK
-    assert not await transport.present("robot/arm/1")
+    assert not transport.presence.keys("robot/arm/1")
     process.signal(signal.SIGCONT)
     assert await asking == ([b"ack", b"hi"], None)
 

@@ -201,7 +201,7 @@ async def test_a_path_too_long_for_a_socket_is_no_obstacle(tmp_path: Path) -> No
     one, other = await join("test", root=deep), await join("test", root=deep)
     token = await one.announce("robot/a/1")
     async with asyncio.timeout(5):
-        while not await other.present("robot/*/*"):  # noqa: ASYNC110 # the question is the thing examined
+        while not other.presence.keys("robot/*/*"):  # noqa: ASYNC110 # the question is the thing examined
             await asyncio.sleep(0.005)
     await token.close()
     for transport in (one, other):
@@ -252,7 +252,7 @@ class ByHand(Mesh):
         """Each change of whether the other one is there."""
         self.waiting: list[tuple[What, int]] = []
         """What is ready and was not done yet."""
-        self.watch("robot/*/*", lambda _, there: self.met.append(there))
+        self.presence.watch("robot/*/*", lambda _, there: self.met.append(there))
 
     def enter(self) -> None:
         self._enter()
@@ -262,7 +262,7 @@ class ByHand(Mesh):
         self._dial_all()
 
     def appear_or_vanish(self, key: str = "caller/here/1") -> None:
-        (self.withdraw if key in self.present("caller/*/*") else self.announce)(key)
+        (self.withdraw if key in self.presence.keys("caller/*/*") else self.announce)(key)
 
     def due(self) -> list[Callable[[], None]]:
         """What this one could do next, each in any order."""
@@ -307,7 +307,8 @@ def test_two_that_dial_each_other_at_once_meet_in_whatever_order_their_greetings
             newcomer._check_complete()
             assert newcomer.met or not newcomer._complete.is_set(), f"seed {seed}: it looked and saw nobody"
         assert (there.met, newcomer.met) == ([True], [True]), f"seed {seed}: they lost each other"
-        assert there.present("*/*/*") == newcomer.present("*/*/*"), f"seed {seed}: news overtook a greeting"
+        seen, known = there.presence.keys("*/*/*"), newcomer.presence.keys("*/*/*")
+        assert seen == known, f"seed {seed}: news overtook a greeting"
         for mesh in (there, newcomer):
             mesh.end()
 
@@ -327,12 +328,12 @@ def test_a_newcomer_waits_for_one_that_is_busy_and_not_for_one_that_hangs(tmp_pa
     while not entered.is_set():
         for step in there.due():
             step()
-    assert newcomer.present("robot/*/*") == [f"robot/r{there.place.tag}/1"]
+    assert newcomer.presence.keys("robot/*/*") == [f"robot/r{there.place.tag}/1"]
     newcomer.close().result(10.0)
 
     there.place.beat(time.monotonic() - 2 * TICK)
     newcomer, entered = enter()
     assert entered.wait(10.0), "it hangs: its last sign of life is old"
-    assert newcomer.present("robot/*/*") == []
+    assert newcomer.presence.keys("robot/*/*") == []
     newcomer.close().result(10.0)
     there.end()

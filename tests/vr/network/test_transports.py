@@ -6,8 +6,9 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
+from robotree.vr.presence import PresenceHandler, Undo
 from robotree.vr.testing import TRANSPORT_CHECKS, Join, check_transport, run_in_virtual_time
-from robotree.vr.transport import PresenceHandler, Registration, Transport
+from robotree.vr.transport import Registration, Transport
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 
 Check = Callable[[Join], Awaitable[None]]
@@ -69,9 +70,15 @@ class Stubborn(MemoryTransport):
 class Blind(MemoryTransport):
     """Does not tell what was there before."""
 
-    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        there = await self.present(pattern)
-        return await super().watch(pattern, lambda key, now: None if key in there else handler(key, now))
+    def __init__(self, network: MemoryNetwork, name: str) -> None:
+        super().__init__(network, name)
+        watch = self.presence.watch
+
+        def blind(pattern: str, handler: PresenceHandler) -> Undo:
+            there = self.presence.keys(pattern)
+            return watch(pattern, lambda key, now: None if key in there else handler(key, now))
+
+        self.presence.watch = blind  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize("broken", [Mute, Stubborn, Blind])

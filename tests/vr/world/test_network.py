@@ -38,7 +38,7 @@ async def pair(delay: float = 0.01) -> tuple[MemoryNetwork, Echo, MemoryTranspor
     network = MemoryNetwork(delay=delay, chance=random.Random(1).random)
     server, caller = Echo(network.join("server")), network.join("caller")
     seen: list[tuple[str, bool]] = []
-    await caller.watch("robot/**", lambda key, there: seen.append((key, there)))
+    caller.presence.watch("robot/**", lambda key, there: seen.append((key, there)))
     await server.open()
     await asyncio.sleep(0.1)
     assert seen == [(KEY, True)]
@@ -55,7 +55,7 @@ async def test_a_paused_process_reads_what_waits_when_it_goes_on() -> None:
     assert seen == [(KEY, True)]
     await asyncio.sleep(network.lease)
     assert seen[1:] == [(KEY, False)]
-    (silent,) = await caller.silent("**")
+    (silent,) = await caller.presence.hanging("**")
     assert silent.asleep
     network.resume(server.transport)
     await asyncio.sleep(0.1)
@@ -107,7 +107,7 @@ async def test_one_that_is_heard_no_more_in_one_direction_still_hears() -> None:
     network, server, caller, seen = await pair()
     watched: list[bool] = []
     await caller.announce("caller")
-    await server.transport.watch("caller", lambda _, there: watched.append(there))
+    server.transport.presence.watch("caller", lambda _, there: watched.append(there))
     network.cut_one_way(server.transport, caller)
     asking = replies_of(caller.request(KEY, b"x", timeout=1.0))
     assert isinstance((await asking)[1], NoAnswer)
@@ -142,7 +142,7 @@ async def test_a_machine_that_vanishes_is_noticed_after_its_lease_and_a_killed_p
     assert seen == [(KEY, True)]
     await asyncio.sleep(0.2)
     assert seen[1:] == [(KEY, False)]
-    assert await caller.silent("**") == []
+    assert await caller.presence.hanging("**") == []
     other = Echo(network.join("other"))
     await other.open()
     await asyncio.sleep(0.1)
@@ -242,5 +242,5 @@ async def test_no_accident_harms_the_others(accident: str) -> None:
     for _ in range(5):
         await asyncio.sleep(1.0)
         assert await replies_of(caller.request(KEY, b"x", timeout=1.0)) == ([b"x"], None)
-    assert await caller.present("**") == [KEY]
+    assert caller.presence.keys("**") == [KEY]
     assert server.asked == [b"x"] * 5

@@ -89,7 +89,7 @@ def test_a_process_that_returns_is_gone_for_the_others() -> None:
         await asyncio.sleep(1.0)
 
     async def watcher(process: SimulatedProcess) -> None:
-        await process.transport.watch("robot/*/*", lambda key, there: told.append(f"{key} {there}"))
+        process.transport.presence.watch("robot/*/*", lambda key, there: told.append(f"{key} {there}"))
         await asyncio.Event().wait()
 
     with World(1) as world:
@@ -116,9 +116,9 @@ def test_what_is_asked_of_a_process_from_outside_is_noted() -> None:
 
     with World(1) as world:
         process = world.start("idle", idle)
-        world.runner.at(1.0, lambda: process.do(lambda: process.transport.present("**"), "present"))
+        world.runner.at(1.0, lambda: process.do(lambda: process.transport.presence.hanging("**"), "hanging"))
         world.run(2.0)
-        assert (1.0, "idle", "present done", "[]") in world.trace
+        assert (1.0, "idle", "hanging done", "[]") in world.trace
 
 
 def test_a_world_that_has_ended_can_be_forgotten() -> None:

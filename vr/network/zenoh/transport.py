@@ -21,15 +21,14 @@ import zenoh
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
 from robotree.vr.network.zenoh.making import made
-from robotree.vr.network.zenoh.presence import Presence
 from robotree.vr.network.zenoh.session import LEASE, Session
+from robotree.vr.network.zenoh.settling import Settling
+from robotree.vr.presence import Presence
 from robotree.vr.transport import (
     CutOffHandler,
     DirectHandler,
-    Held,
     Occupied,
     OnReply,
-    PresenceHandler,
     Registration,
     RequestHandler,
     Respond,
@@ -81,6 +80,8 @@ class ZenohTransport:
         self._tasks: set[asyncio.Task[None]] = set()
         self._asking: set[Replies] = set()
         self._turns = Turns()
+        # Zenoh knows only those that it is connected with, and of them not who hangs
+        self.presence = Presence(held=lambda _: [], unheard=lambda _: [], hand_on=self._turns.put)
         self.declared: set[_Declared] = set()
         """What is declared now. A token that nobody refers to any more is taken back by Zenoh."""
 
@@ -92,7 +93,9 @@ class ZenohTransport:
         """
         try:
             await made(self._pool, self.session.open, lambda _: self.session.close())
+            await self._fill()
         except BaseException:
+            self._pool.submit(self.session.close)
             self._pool.shutdown(wait=False)
             raise
 
@@ -209,7 +212,7 @@ class ZenohTransport:
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         """See `Transport.announce`."""
         session = self._open(key)
-        if others := [other for pattern in unless for other in await self.present(pattern)]:
+        if others := [other for pattern in unless for other in await self._tokens(pattern)]:
             raise Occupied(others)
         return await self._declare(
             lambda: session.liveliness().declare_token(key), zenoh.LivelinessToken.undeclare
@@ -220,34 +223,40 @@ class ZenohTransport:
         self._open("")
         await asyncio.sleep(within)
 
-    async def watch(self, pattern: str, handler: PresenceHandler) -> Registration:
-        """See `Transport.watch`."""
-        session = self._open(pattern)
-        presence = Presence(handler)
-        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: presence.change(*item))
+    async def watch_itself(self, handler: CutOffHandler) -> Registration:
+        """See `Transport.watch_itself`: who may come and find this process nobody can tell here."""
+        self._open("")
+        del handler
+        return _Nothing()
+
+    async def close(self) -> None:
+        """See `Transport.close`."""
+        if self._closing is None:
+            self.presence.close()
+            self._closing = asyncio.ensure_future(self._close())
+        await asyncio.shield(self._closing)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    async def _fill(self) -> None:
+        """Have the table follow what Zenoh says of tokens, from now on."""
+        session = self._open("")
+        settling = Settling(lambda key, there: self.presence.count(key, there=there))
+        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: settling.change(*item))
 
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
         def declare() -> zenoh.Subscriber:
             # never with the default handler: it blocks for ever once 256 tokens are there
-            return session.liveliness().declare_subscriber(pattern, _direct(take), history=True)
+            return session.liveliness().declare_subscriber("**", _direct(take), history=True)
 
-        def undo() -> None:
-            inbox.close()
-            presence.close()
+        await self._declare(declare, zenoh.Subscriber.undeclare)
+        # history comes bit by bit, and nothing says where it ends; a query of the same does end
+        await settling.hear_of(await self._tokens("**"), HISTORY)
 
-        watching = await self._declare(declare, zenoh.Subscriber.undeclare, undo)
-        try:
-            # history comes bit by bit, and nothing says where it ends; a query of the same does end
-            await presence.hear_of(await self.present(pattern), HISTORY)
-        except BaseException:
-            await watching.close()
-            raise
-        return watching
-
-    async def present(self, pattern: str) -> list[str]:
-        """See `Transport.present`."""
+    async def _tokens(self, pattern: str) -> list[str]:
+        """Ask for the tokens under a pattern."""
         session = self._open(pattern)
         keys: set[str] = set()
         complete = self._loop.create_future()
@@ -267,30 +276,6 @@ class ZenohTransport:
         await self.in_thread(ask)
         await complete
         return sorted(keys)
-
-    async def silent(self, pattern: str) -> list[Held]:
-        """See `Transport.silent`: Zenoh knows only those that it is connected with."""
-        self._open(pattern)
-        return []
-
-    async def held(self, pattern: str) -> list[Held]:
-        """See `Transport.held`: other machines' records are not to be had."""
-        self._open(pattern)
-        return []
-
-    async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        """See `Transport.watch_itself`: who may come and find this process nobody can tell here."""
-        self._open("")
-        del handler
-        return _Nothing()
-
-    async def close(self) -> None:
-        """See `Transport.close`."""
-        if self._closing is None:
-            self._closing = asyncio.ensure_future(self._close())
-        await asyncio.shield(self._closing)
-
-    # -- inside -----------------------------------------------------------------------------------
 
     async def in_thread(self, action: Callable[[], _R]) -> _R:
         """Do what may block."""

@@ -10,13 +10,13 @@ import asyncio
 import contextlib
 from collections.abc import Iterable
 
-from robotree.vr.transport import PresenceHandler
+from robotree.vr.presence import PresenceHandler
 
 SETTLE = 0.05
 """[s] for which a token must stay away until it counts as gone."""
 
 
-class Presence:
+class Settling:
     """Passes on arrivals at once and departures when they have settled. Lives on the event loop."""
 
     def __init__(self, handler: PresenceHandler, settle: float = SETTLE) -> None:
@@ -52,13 +52,6 @@ class Presence:
         elif there and key not in self._there:
             self._there.add(key)
             self._handler(key, True)
-
-    def close(self) -> None:
-        """Say nothing any more."""
-        for leaving in self._leaving.values():
-            leaving.cancel()
-        self._leaving.clear()
-        self._there.clear()
 
     def _gone(self, key: str) -> None:
         self._leaving.pop(key, None)

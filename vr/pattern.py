@@ -89,6 +89,9 @@ class Keys:
         keys = self._counts if group == _ANY else self._groups.get(group, ())
         return sorted(key for key in keys if matches(pattern, key))
 
+    def __contains__(self, key: str) -> bool:
+        return key in self._counts
+
     def __iter__(self) -> Iterator[str]:
         """Pass each key once."""
         return iter(self._counts)
