@@ -25,7 +25,7 @@ from robotree.protocol.messages import AnyMessage
 from robotree.protocol.services.peer import Send
 from robotree.protocol.services.statustext import Sentence
 from robotree.proxy.session import SUPERVISOR_SYSTEM, ControllerSession, Effect, Event, OnlineChanged, Redial
-from robotree.vr.running.runner import Runner, Threads, Waiter
+from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)
 
@@ -119,8 +119,8 @@ class Connection:
         self._ticked_at = -math.inf
         """[s] When the last one was."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._awaited: list[tuple[type[Any], float, Waiter]] = []
-        """Which kind of message is waited for, heard after which moment [s], and who waits."""
+        self._awaited: list[tuple[type[Any], float, Callable[[], None]]] = []
+        """Which kind of message is waited for, heard after which moment [s], and how to wake who waits."""
 
     def now(self) -> float:
         """The time [s] on the clock of this connection."""
@@ -157,20 +157,18 @@ class Connection:
             loop.call_soon_threadsafe(action)
 
     @contextmanager
-    def awaiting(self, kind: type[Any], since: float) -> Generator[Waiter]:
-        """Wake a thread when a message is heard: `with connection.awaiting(Tool, since) as waiter: …`.
+    def awaiting(self, kind: type[Any], since: float, wake: Callable[[], None]) -> Generator[None]:
+        """Wake a thread when a message is heard, or when the controller goes online or offline.
 
         Args:
             kind: of message.
             since: [s] on this connection's clock, after which it must be heard.
-
-        Yields:
-            What is woken. A message that was heard before this began wakes nobody: look first.
+            wake: wakes the thread. What was heard before this began wakes nobody: look first.
         """
-        entry = (kind, since, self.runner.waiter())
+        entry = (kind, since, wake)
         self._awaited.append(entry)
         try:
-            yield entry[2]
+            yield
         finally:
             self._awaited.remove(entry)
 
@@ -196,6 +194,8 @@ class Connection:
                 case OnlineChanged(online=online):
                     self._note(online=online)
                     self._on_event(effect)
+                    for _, _, wake in tuple(self._awaited):
+                        wake()
                 case _:
                     self._on_event(effect)
 
@@ -323,9 +323,9 @@ class Connection:
             self._acted = True
             self._carry_out(effects)
         if self._awaited:
-            for kind, since, waiter in tuple(self._awaited):  # threads enter and leave meanwhile
+            for kind, since, wake in tuple(self._awaited):  # threads enter and leave meanwhile
                 if self.session.twin.after(kind, since) is not None:
-                    waiter.wake()
+                    wake()
 
     def _note(self, *, online: bool) -> None:
         if online:

@@ -46,7 +46,7 @@ class PendingGoal:
     repeatable: bool
     """Carried out twice, it ends the same."""
     _waiter: Waiter
-    """In which the command's thread waits for the end."""
+    """In which the command's thread waits for the end when it has been asked to end itself."""
     fraction: float = 0.0
     """Progress, 0 to 1."""
     end: End | None = None
@@ -58,16 +58,25 @@ class PendingGoal:
         return self.activity.context.epoch
 
     def wait(self, timeout: float) -> bool:
-        """Wait for the end, at most `timeout` [s]; returns whether it has ended. Not on the loop."""
+        """Wait for the end, at most `timeout` [s]; returns whether it has ended. Not on the loop.
+
+        A cancel of the command does not end this wait; `Activity.wait_for` is what commands wait in else.
+        """
         if self.end is None:
             self._waiter.wait(timeout)
         return self.end is not None
+
+    def progress(self, fraction: float) -> None:
+        """Note how far it is."""
+        self.fraction = fraction
+        self.activity.wake()
 
     def finish(self, end: End) -> None:
         """Set the end; only the first call counts."""
         if self.end is None:
             self.end = end
             self._waiter.wake()
+            self.activity.wake()
 
 
 class PendingGoals:
@@ -101,7 +110,7 @@ class PendingGoals:
         """Take an event of the session; those that are about no pending goal are ignored."""
         match event:
             case GoalProgress(key=key, progress=fraction) if key in self._goals:
-                self._goals[key].fraction = fraction
+                self._goals[key].progress(fraction)
             case GoalEnded(key=key) if key in self._goals:
                 self._goals.pop(key).finish(event)
             case GoalSilent(key=key) if key in self._goals:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import random
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
@@ -51,8 +52,6 @@ T = TypeVar("T", bound=Message)
 
 HELD_BY = "held_by"
 """Attribute of a robot whose controller obeys another program: the name of that holder."""
-POLL_PERIOD = 0.05
-"""[s] between two checks of a waiting command for a cancel. The end of its goal wakes it at once."""
 CANCEL_TIMEOUT = 0.8
 """[s] that a cancelled command waits for the controller to confirm the end of its goal: less than the
 second that agents allow. An unconfirmed cancel is sent again after that."""
@@ -244,20 +243,15 @@ class RobotProxy(Robot):
             CommandFailed: the controller is offline, or does not tell it.
         """
         self._wait_until_settled()
-        twin, deadline = self._session.twin, self._connection.now() + READING_TIMEOUT
-        with self._connection.awaiting(kind, since) as waiter:
-            while True:
-                message = twin.after(kind, since)
-                if message is not None:
-                    return message
-                if not self.online:
-                    raise self._failed(f"{self._session.trouble}; {NEXT}")
-                left = deadline - self._connection.now()
-                if left <= 0:
-                    name = kind.codec.definition.name
-                    raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
-                waiter.wait(min(left, POLL_PERIOD))
-                self.check()
+        twin, activity = self._session.twin, running()
+        with self._connection.awaiting(kind, since, activity.wake):
+            activity.wait_for(lambda: twin.after(kind, since) is not None or not self.online, READING_TIMEOUT)
+        if (message := twin.after(kind, since)) is not None:
+            return message
+        if not self.online:
+            raise self._failed(f"{self._session.trouble}; {NEXT}")
+        name = kind.codec.definition.name
+        raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
 
     @property
     def asked_at(self) -> float:
@@ -292,13 +286,13 @@ class RobotProxy(Robot):
 
     def _wait_for(self, pending: PendingGoal) -> None:
         """Wait for the end of a goal; cancel it when the command is asked to end."""
-        told = -1.0
+        shown = -1.0
         try:
-            while not pending.wait(POLL_PERIOD):
-                if pending.fraction != told:
-                    told = pending.fraction
-                    self.progress(told)
-                self.check()
+            while pending.end is None:
+                if pending.fraction != shown:
+                    shown = pending.fraction
+                    self.progress(shown)
+                pending.activity.wait_for(partial(_has_news, pending, shown))
         except (CommandCancelled, DeadlineExceeded):
             self._pending.cancel(pending)
             pending.wait(CANCEL_TIMEOUT)
@@ -369,3 +363,7 @@ class RobotProxy(Robot):
                 self.on_change()
             case _:
                 self._pending.handle(event)
+
+
+def _has_news(pending: PendingGoal, shown: float) -> bool:
+    return pending.end is not None or pending.fraction != shown

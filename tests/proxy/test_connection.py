@@ -24,7 +24,7 @@ from robotree.proxy.session import ControllerSession, Event, OnlineChanged
 from robotree.vr.testing import until
 
 Controller = Any
-COMMAND: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=5))
+COMMAND: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=5), wake=lambda: None)
 GRIP = Request(Verb.GRIP, (0.02,))
 
 

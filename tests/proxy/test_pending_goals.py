@@ -31,7 +31,7 @@ class Wire:
 
 
 def of_a_command(*, ended: bool) -> Any:
-    return SimpleNamespace(cancelled=ended, context=SimpleNamespace(epoch=5))
+    return SimpleNamespace(cancelled=ended, context=SimpleNamespace(epoch=5), wake=lambda: None)
 
 
 @pytest.mark.parametrize("cancelled", [True, False])

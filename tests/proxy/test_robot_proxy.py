@@ -16,7 +16,7 @@ from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reason, Verb
 from robotree.protocol.services.goal_client import GoalClient
-from robotree.proxy import outcome, robot_proxy, session
+from robotree.proxy import outcome, session
 from robotree.proxy.arm import Arm
 from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy
@@ -203,11 +203,10 @@ async def test_get_info_tells_the_present_moment(scene: Scene) -> None:
 async def test_the_frame_that_a_reading_waits_for_wakes_it(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(robot_proxy, "POLL_PERIOD", 60.0)
     monkeypatch.setattr(robot_proxy, "READING_TIMEOUT", 60.0)
     async with asyncio.timeout(10.0):
         for _ in range(3):
-            await scene.client.call("get_info", {})
+            assert (await scene.client.call("get_info", {}))["x"] == pytest.approx(0.1)
 
 
 async def test_grip_knows_open_and_closed(scene: Scene) -> None:
