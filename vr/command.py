@@ -10,6 +10,7 @@ A command is plain sequential code and runs in its own thread, one at a time per
 
 from __future__ import annotations
 
+import copy
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar, get_args, get_origin, overload
@@ -27,6 +28,8 @@ from robotree.vr.units import shorten
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
 _CACHE = "__robotree_commands__"
+_CHANGEABLE = frozenset({list, dict})
+"""Types of arguments that code can change."""
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 """What makes something else of a method."""
 
@@ -53,6 +56,8 @@ class Command(msgspec.Struct, frozen=True):
             BadArgument: a class of the author's refuses to be made of them.
             Exception: what the author's code raises.
         """
+        if not _CHANGEABLE.isdisjoint(map(type, arguments.values())):
+            arguments = copy.deepcopy(arguments)  # they are part of the robot's state, which no code changes
         if not self.builds:
             return self.function(robot, **arguments)
         built = {

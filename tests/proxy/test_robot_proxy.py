@@ -16,7 +16,7 @@ from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import listen
 from robotree.protocol.messages import Goal, GoalState, Gripper, ModeKind, Reason, Verb
 from robotree.protocol.services.goal_client import GoalClient
-from robotree.proxy import outcome, session
+from robotree.proxy import outcome, robot_proxy, session
 from robotree.proxy.arm import Arm
 from robotree.proxy.guard import Span
 from robotree.proxy.robot_proxy import RobotProxy

@@ -64,7 +64,7 @@ from robotree.vr.requests import (
     SafeStop,
 )
 from robotree.vr.robot import Robot
-from robotree.vr.running.live import LiveRobot, NotDescribed
+from robotree.vr.running.live import LiveRobot, NotDescribed, OnDescribed
 from robotree.vr.running.process import LONGEST_END, Process
 from robotree.vr.running.runner import runner_of
 from robotree.vr.transport import Registration, Transport
@@ -139,9 +139,7 @@ class RobotAgent:
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.live, self._hooks, self._children)
         self._callers = Callers(self.live, transport.presence)
-        self._outside = OutsideCalls(
-            self.live, is_open=lambda: self.open, describe=self._describe_soon, attend=self._callers.attend
-        )
+        self._outside = OutsideCalls(self.live, is_open=lambda: self.open, attend=self._callers.attend)
         self._begin_life()
 
     @property
@@ -519,7 +517,7 @@ class RobotAgent:
 
     # -- for calls, in other threads --------------------------------------------------------------
 
-    def _describe_soon(self, unknown: NotDescribed, done: Callable[[VrError | None], None]) -> None:
+    def _describe_child(self, unknown: NotDescribed, done: OnDescribed) -> None:
         """Ask the child in a slot anew who it is. From any thread, without waiting.
 
         Args:
@@ -538,24 +536,6 @@ class RobotAgent:
             done(error)
 
         self._on_loop(lambda: self._keep(ask()))
-
-    def _describe_child(self, unknown: NotDescribed) -> None:
-        """Do the same in a worker's thread, and wait for the answer.
-
-        Raises:
-            VrError: it does not answer, or lacks the command.
-        """
-        waiter, outcome = self._process.runner.waiter(), list[VrError | None]()
-
-        def done(error: VrError | None) -> None:
-            outcome.append(error)
-            waiter.wake()
-
-        self._describe_soon(unknown, done)
-        while not outcome:
-            waiter.wait(None)
-        if (error := outcome[0]) is not None:
-            raise error
 
     def _keep(self, work: Awaitable[Any]) -> None:
         task = asyncio.ensure_future(work)

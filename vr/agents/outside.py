@@ -83,7 +83,6 @@ class OutsideCalls:
         live: LiveRobot,
         *,
         is_open: Callable[[], bool],
-        describe: Callable[[NotDescribed, Callable[[VrError | None], None]], None],
         attend: Callable[[str, str], None],
     ) -> None:
         """Begin, on the event loop.
@@ -91,10 +90,9 @@ class OutsideCalls:
         Args:
             live: the robot.
             is_open: returns whether it takes anything new.
-            describe: asks a child for a command, without waiting; calls back with None, or why it is in vain.
             attend: ends a call when a caller's presence goes; takes presence and key.
         """
-        self._live, self._is_open, self._describe, self._attend = live, is_open, describe, attend
+        self._live, self._is_open, self._attend = live, is_open, attend
         self._units = SerialWorker(live.process.runner, f"{live.robot.name} units")
 
     def take(self, body: bytes, respond: Respond, end: End) -> bool:
@@ -155,7 +153,7 @@ class OutsideCalls:
                 else:
                     self._refuse(error, end)
 
-            self._describe(unknown, described)
+            self._live.describe_child(unknown, described)
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:

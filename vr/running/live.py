@@ -146,6 +146,10 @@ class Log:
         self._lines.append(Said(self._number, self._unix(), level, text, command))
 
 
+OnDescribed = Callable[[VrError | None], None]
+"""Called when a child was asked for a command: with None, or with why it was in vain."""
+
+
 class LiveRobot:
     """See the module."""
 
@@ -158,6 +162,8 @@ class LiveRobot:
     _reminder: float = math.inf
     """[s] when the watchdog looks next."""
     _last_obeyed: int = -1
+    _written: int = 0
+    """What the journal has said of the last event."""
 
     _at_work = ("", 0)
     """The call that runs and how many wait, as others were last told."""
@@ -169,7 +175,7 @@ class LiveRobot:
         process: Process,
         *,
         transport: Transport,
-        describe_child: Callable[[NotDescribed], None],
+        describe_child: Callable[[NotDescribed, OnDescribed], None],
         obeyed: Callable[[], int | None] | None,
         on_effect: Callable[[Effect], None],
     ) -> None:
@@ -180,8 +186,7 @@ class LiveRobot:
             core: its state.
             process: whose threads carry it out.
             transport: the way to children in other processes.
-            describe_child: asks the child in a slot anew who it is; called in a worker's thread. Raises a
-                `VrError` if it does not answer, or lacks the command.
+            describe_child: asks the child in a slot anew who it is, from any thread, without waiting.
             obeyed: returns the epoch that what stands behind the robot obeys, None before it was heard; None:
                 nothing stands behind it.
             on_effect: carries out what is not about calls. In any thread.
@@ -244,24 +249,23 @@ class LiveRobot:
         Raises:
             VrError: the event is refused; nothing has changed.
         """
-        now, refusal, number = self._runner.now(), None, 0
+        now, refusal = self._runner.now(), None
         with self._lock:
             effects: list[Effect] = []
             if self.core.due <= now and not isinstance(event, on.Tick):
-                effects, _ = self._handle(on.Tick(unix=self._runner.unix()), now)
+                effects = self._handle(on.Tick(unix=self._runner.unix()), now)
             try:
-                following, number = self._handle(event, now)
+                effects += self._handle(event, now)
             except VrError as error:
                 refusal = error
             else:
-                effects += following
                 if listener is not None and isinstance(event, on.Invoke):
                     self._attend(event.call.key, listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
             shows = self._shows(effects)
-            due = self.core.due
-        if number and self._journal is not None:
-            self._journal.commit(number)
+            due, written = self.core.due, self._written
+        if self._journal is not None:
+            self._journal.commit(written)
         if refusal is None and accepted is not None:
             accepted()
         if turned is not None:
@@ -308,7 +312,7 @@ class LiveRobot:
         fields, notes = robot.field_values.taken_over(state.fields)
         slots = set(state.slots.by_name)
         try:
-            effects += self._handle(on.Reload(slots=specs, fields=fields), now)[0]
+            effects += self._handle(on.Reload(slots=specs, fields=fields), now)
         except VrError as refusal:
             return partial(done, refusal)
         gone = sorted(slots - set(state.slots.by_name))
@@ -337,10 +341,12 @@ class LiveRobot:
         if turn is not None:
             self._turns[key] = turn
 
-    def _handle(self, event: Event, now: float) -> tuple[list[Effect], int]:
-        """Let an event change the state, and write it down; returns what follows and the number to commit."""
+    def _handle(self, event: Event, now: float) -> list[Effect]:
+        """Let an event change the state, and write it down; returns what follows. Under the lock."""
         effects = self.core.handle(event, now)
-        return effects, 0 if self._journal is None else self._journal.append(self.key, now, event)
+        if self._journal is not None:
+            self._written = self._journal.append(self.key, now, event)
+        return effects
 
     def _remind_at(self, due: float) -> None:
         """Have the watchdog look when something is due; a later time than the one it knows waits for that.
@@ -756,10 +762,27 @@ class LiveRobot:
                     turn=pending if may_run_here and listener is not None else None,
                 )
             except NotDescribed as unknown:
-                child.describe_child(unknown)
-                continue
-            break
+                self._describe(child, unknown, frame)
+            else:
+                break
         pending.accepted = True
+
+    def _describe(self, child: LiveRobot, unknown: NotDescribed, frame: Frame) -> None:
+        """Wait until a child has asked its own child for a command.
+
+        Raises:
+            VrError: that one does not answer, or lacks the command; or the waiting command is to end.
+        """
+        outcome: list[VrError | None] = []
+
+        def described(error: VrError | None) -> None:
+            outcome.append(error)
+            frame.wake()
+
+        child.describe_child(unknown, described)
+        frame.wait(lambda: bool(outcome))
+        if (error := outcome[0]) is not None:
+            raise error
 
     def _call_afar(self, pending: PendingCall, key: str, call: Call) -> None:
         """Call a child that lives in another process, where it answers under a key."""

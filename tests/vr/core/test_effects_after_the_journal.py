@@ -1,0 +1,169 @@
+"""What is said and done follows from what is written down."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import pytest
+
+from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr.address import Address
+from robotree.vr.core import events as on
+from robotree.vr.core.events import Event
+from robotree.vr.core.machine import encode_state
+from robotree.vr.errors import CommandCancelled, StaleEpoch
+from robotree.vr.running.process import Process
+
+
+class Book:
+    """A journal that remembers how far it was committed."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.committed = 0
+
+    def append(self, _robot: str, _now: float, event: Event) -> int:
+        self.events.append(event)
+        return len(self.events)
+
+    def commit(self, number: int) -> None:
+        self.committed = max(self.committed, number)
+
+    @property
+    def is_whole(self) -> bool:
+        return self.committed == len(self.events)
+
+
+class Page(VirtualRobot):
+    """Has room for a list."""
+
+    @command
+    def sort(self, numbers: list[float]) -> list[float]:
+        numbers.append(9.0)
+        return sorted(numbers)
+
+
+def kept(book: Book, agent: Any) -> list[tuple[str, bool]]:
+    """From now on, what follows in a robot: its name, and whether all before it was committed."""
+    found: list[tuple[str, bool]] = []
+
+    def note(go_on: Callable[[Any], None], effect: Any) -> None:
+        found.append((type(effect).__name__, book.is_whole))
+        go_on(effect)
+
+    agent.live._on_effect = partial(note, agent.live._on_effect)
+    return found
+
+
+async def test_accepted_is_said_when_the_call_is_committed(realm: Any) -> None:
+    book = Book()
+    page = await realm.start(Page("page"), process=Process(realm.runner, book))
+    said: list[bool] = []
+    post = page.live.post
+
+    def look(event: Event, *, accepted: Callable[[], None] | None = None, **rest: Any) -> None:
+        def accept() -> None:
+            said.append(book.is_whole)
+            if accepted is not None:
+                accepted()
+
+        post(event, accepted=accept, **rest)
+
+    page.live.post = look
+    assert await realm.client(page).call("sort", {"numbers": [2.0, 1.0]}) == [1.0, 2.0, 9.0]
+    assert said
+    assert all(said)
+
+
+async def test_a_refused_event_that_let_time_pass_commits_what_the_time_has_changed(realm: Any) -> None:
+    book = Book()
+    process = Process(realm.runner, book)
+    page = await realm.start(Page("page"), process=process)
+    boss = Address("robot", "boss", "1")
+    process.at = lambda *_: lambda: None  # the watchdog comes too late
+    page.live.post(on.Ask(parent=boss, slot="hand", lineage=("boss",), term=1.0, unix=realm.unix, key="k"))
+    follows = kept(book, page)
+    await realm.until(lambda: page.live.core.due < realm.runner.now())
+    with pytest.raises(StaleEpoch):
+        page.live.post(on.Prolong(parent=boss, epoch=1, lineage=("boss",)))
+    assert follows == [("LeaseEnded", True)]
+
+
+async def test_a_reload_is_committed_before_anybody_hears_of_it(realm: Any) -> None:
+    book = Book()
+    page = await realm.start(Page("page"), process=Process(realm.runner, book))
+    heard: list[bool] = []
+    page.live.reload(Page("page"), lambda _: heard.append(book.is_whole))
+    assert heard == [True]
+    assert isinstance(book.events[-1], on.Reload)
+
+
+async def test_code_that_changes_its_arguments_changes_nothing_of_the_state(realm: Any) -> None:
+    seen: list[bool] = []
+
+    class Curious(Page):
+        @command
+        def sort(self, numbers: list[float]) -> list[float]:
+            before = encode_state(page.live.core.state)
+            numbers.append(9.0)
+            seen.append(encode_state(page.live.core.state) == before)
+            return numbers
+
+    page = await realm.start(Curious("page"))
+    assert await realm.client(page).call("sort", {"numbers": [1.0]}) == [1.0, 9.0]
+    assert seen == [True]
+
+
+# -- a wait for somebody else ----------------------------------------------------------------------
+
+
+class Arm(Robot):
+    """An arm."""
+
+    @command
+    def go(self) -> None: ...
+
+
+class Mover(VirtualRobot):
+    """Has no arm, so that nobody knows what its command looks like."""
+
+    arm = Child("Arm")
+    go = arm.exposed()
+
+
+class Shop(VirtualRobot):
+    """Lets the command through once more."""
+
+    mover = Child("Mover")
+    go = mover.exposed()
+
+
+class Boss(VirtualRobot):
+    """Calls it."""
+
+    shop = Child("Shop")
+
+    @command
+    def work(self) -> None:
+        self.shop.go()
+
+
+async def test_a_cancel_ends_the_wait_for_a_description_at_once(realm: Any) -> None:
+    mover = await realm.start(Mover("mover"), process=Process(realm.runner))
+    realm.shared = Process(realm.runner)
+    boss, shop = await realm.start(Boss("boss")), await realm.start(Shop("shop"))
+    await realm.client(shop).enslave("mover", mover.address)
+    await realm.client(boss).enslave("shop", shop.address)
+    realm.network.pause(mover.transport)
+    key = "k" * 18
+    work = asyncio.ensure_future(realm.client(boss).call("work", {}, key=key))
+    await realm.until(lambda: key in boss.live.frames)
+    asked = realm.runner.now()
+    await realm.client(boss).cancel(key)
+    with pytest.raises(CommandCancelled):
+        await work
+    assert realm.runner.now() - asked < 0.1
+    realm.network.resume(mover.transport)
