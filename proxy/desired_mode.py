@@ -32,13 +32,7 @@ HOLDING_MODES = {
     ModeKind.FAULT: "its controller cannot move",
 }
 """Modes in which a controller takes no goal until it is released, as clauses."""
-REFUSALS = {
-    Reason.STOPPED,
-    Reason.STALE_EPOCH,
-    Reason.NOT_IN_CONTROL,
-    Reason.BAD_EPOCH,
-    Reason.OTHER_LIFE,
-}
+REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL, Reason.BAD_EPOCH, Reason.OTHER_LIFE}
 """Reasons in a MODE that only answer a release: it is not obeyed. It is not sent again, because it could undo
 a later stop."""
 

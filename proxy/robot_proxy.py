@@ -29,15 +29,7 @@ from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.outcome import error_of, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
-from robotree.proxy.translate import (
-    READERS,
-    UNITS,
-    Readers,
-    Target,
-    component_of,
-    goal_key,
-    time_to_live,
-)
+from robotree.proxy.translate import READERS, UNITS, Readers, Target, component_of, goal_key, time_to_live
 from robotree.vr.command import command, commands_of
 from robotree.vr.context import Activity, running
 from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect

@@ -308,14 +308,7 @@ class ControllerSession:
     # -- requests to the controller ----------------------------------------------------------------
 
     def start(
-        self,
-        key: int,
-        request: Request,
-        *,
-        epoch: int,
-        ttl: float,
-        now: float,
-        repeatable: bool = False,
+        self, key: int, request: Request, *, epoch: int, ttl: float, now: float, repeatable: bool = False
     ) -> list[Effect]:
         """Ask for a movement under the `epoch` of a lease; the rest is as for `GoalClient.start`."""
         verb, args = request
@@ -372,7 +365,8 @@ class ControllerSession:
         """
         if self._claim is not None and not self._claim.settled:
             return False
-        return self._beats > 1 or (self._beats == 1 and self.twin.told_at(Mode) >= self._opened_at)
+        told = self._report is not None and self._report.heard_at >= self._opened_at
+        return self._beats > 1 or (self._beats == 1 and told)
 
     def _keep_claim(self, now: float, *, beats: bool = False) -> list[Effect]:
         """Send the claim, if it is due or a heartbeat goes out."""

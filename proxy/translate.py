@@ -13,14 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from robotree.protocol.messages import (
-    AnyMessage,
-    Gripper,
-    Joints,
-    LocalPositionNed,
-    NamedValueFloat,
-    Tool,
-)
+from robotree.protocol.messages import AnyMessage, Gripper, Joints, LocalPositionNed, NamedValueFloat, Tool
 
 FOREVER = 0.0
 """Time to live of a goal without a deadline."""

@@ -45,11 +45,6 @@ class Twin:
         entry = self._latest.get(kind)
         return None if entry is None or entry[1] <= moment else cast("T", entry[0])
 
-    def told_at(self, kind: type[Any]) -> float:
-        """[s] when the last message of a kind was heard; minus infinity when there never was any."""
-        entry = self._latest.get(kind)
-        return -math.inf if entry is None else entry[1]
-
     def age(self, now: float) -> float:
         """[s] since the last telemetry; infinite when there never was any."""
         return now - self.heard_at

@@ -191,12 +191,7 @@ class Children(Slotted, Generic[K]):
     def spec(self) -> SlotSpec:
         """Describe the group, without children."""
         return SlotSpec(
-            name=self.name,
-            kind=self.kind,
-            doc=self.doc,
-            group=self.name,
-            least=self.least,
-            most=self.most,
+            name=self.name, kind=self.kind, doc=self.doc, group=self.name, least=self.least, most=self.most
         )
 
 

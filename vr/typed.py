@@ -115,9 +115,7 @@ def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
         return {one.name: Part(hints[one.name], one.required, _default(one.default)) for one in structs}
     return {
         one.name: Part(
-            hints[one.name],
-            one.default is one.default_factory is dataclasses.MISSING,
-            _default(one.default),
+            hints[one.name], one.default is one.default_factory is dataclasses.MISSING, _default(one.default)
         )
         for one in dataclasses.fields(cls)
         if one.init
