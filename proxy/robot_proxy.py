@@ -124,11 +124,8 @@ class RobotProxy(Robot):
         self._pending = PendingGoals(self._connection)
         self._mode_requests = ModeRequests(name)
         self._epochs = EpochCheck(name)
-        self._effects: dict[str, Effect] = {
-            each: known.spec.effect for each, known in commands_of(type(self)).items()
-        }
         self._sent: WeakKeyDictionary[Activity, int] = WeakKeyDictionary()
-        """How many motions each running command has asked for."""
+        """Number of the last motion that each running command has asked for, from 0 on."""
 
     async def run(self) -> None:
         """Keep the connection up until cancelled.
@@ -211,8 +208,14 @@ class RobotProxy(Robot):
         self._epochs.admit(context.epoch)
         ttl = time_to_live(context.deadline_at - self._connection.now())
         effect = self._effect_of(motion)
+        activity = running()
+        number = self._sent[activity] = self._sent.get(activity, -1) + 1
         pending = self._pending.start(
-            self._next_key(), motion.request(), activity=running(), ttl=ttl, repeatable=effect != "once"
+            goal_key(context.key, number),
+            motion.request(),
+            activity=activity,
+            ttl=ttl,
+            repeatable=effect != "once",
         )
         try:
             self._wait_for(pending)
@@ -269,13 +272,6 @@ class RobotProxy(Robot):
         elif self._mode_requests.withdraw(resume):
             self._connection.perform(self._session.withdraw(now))
 
-    def _next_key(self) -> int:
-        """The key of the running command's next goal."""
-        activity = running()
-        number = self._sent.get(activity, 0)
-        self._sent[activity] = number + 1
-        return goal_key(activity.context.key, number)
-
     def _wait_for(self, pending: PendingGoal) -> None:
         """Wait for the end of a goal; cancel it when the command is asked to end."""
         shown = -1.0
@@ -298,8 +294,8 @@ class RobotProxy(Robot):
 
     def _effect_of(self, motion: Motion) -> Effect:
         """The effect of repeating a motion of the running command: `once` if either declares it."""
-        declared: Effect = self._effects.get(self.context.command, "once")
-        return "once" if "once" in {declared, motion.effect} else "repeat"
+        known = commands_of(type(self)).get(self.context.command)
+        return "once" if known is None or "once" in {known.spec.effect, motion.effect} else "repeat"
 
     def _raise_outcome(self, pending: PendingGoal, effect: Effect) -> None:
         """Raise the error that the end of a goal means for the command."""

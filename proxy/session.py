@@ -160,9 +160,15 @@ class ControllerSession:
 
     @property
     def denial(self) -> str:
-        """Why the controller does not obey us, as a clause; empty: it does, or has not answered yet."""
+        """Why the controller does not obey us, and what to do, as a clause; empty: it does, or is silent."""
         denied = None if self._claim is None else self._claim.denied
-        return "" if denied is None else denial_in_words(denied)
+        if denied is None:
+            return ""
+        if denied.reason == Reason.BAD_EPOCH:
+            why = f"its controller has obeyed epoch {denied.epoch}, and none above it is left"
+            return f"{why}; reset it at its machine: robotree sim … --reset-epoch"
+        holder = f"{denied.name!r}" if denied.name else "another program"
+        return f"{holder} holds its controller; end that program, or start this proxy with --take-over"
 
     def settling(self, now: float) -> bool:
         """Whether it is offline only because the first messages on a new link have not arrived yet."""
@@ -464,12 +470,3 @@ class ControllerSession:
 def _sends(effects: Sequence[CommandEffect]) -> list[Effect]:
     """The messages to send for a command. Its result does not matter: without rates everything is sent."""
     return [effect for effect in effects if isinstance(effect, Send)]
-
-
-def denial_in_words(denied: ClaimDenied) -> str:
-    """Why a controller does not obey us, and what to do, as a clause."""
-    if denied.reason == Reason.BAD_EPOCH:
-        why = f"its controller has obeyed epoch {denied.epoch}, and none above it is left"
-        return f"{why}; reset it at its machine: robotree sim … --reset-epoch"
-    holder = f"{denied.name!r}" if denied.name else "another program"
-    return f"{holder} holds its controller; end that program, or start this proxy with --take-over"
