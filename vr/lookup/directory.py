@@ -48,7 +48,7 @@ class Directory:
     def __init__(self, transport: Transport) -> None:
         """Prepare to look."""
         self._transport = transport
-        self._union = Union()
+        self._union = Union(lambda address: transport.presence.there(address.key))
         self._followers: dict[str, asyncio.Task[None]] = {}
         self._heard: dict[str, list[Listed | Unlisted]] = {}
         self._answered: dict[str, asyncio.Event] = {}
@@ -158,7 +158,7 @@ class Directory:
         if address is None:
             return
         if address.role != "lookup":
-            self._tell(self._union.see(address, there) or [Change("presence")])
+            self._tell(self._union.see(address) or [Change("presence")])
         elif there:
             self._union.add_service(key)
             self._answered[key] = asyncio.Event()

@@ -6,7 +6,7 @@ withdrew it, and if the agent is seen alive.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Literal
 
 import msgspec
@@ -31,11 +31,11 @@ class Change(msgspec.Struct, frozen=True):
 class Union:
     """What the services say, put together. Each method returns what it changed."""
 
-    def __init__(self) -> None:
-        """Begin with no service and nobody alive."""
+    def __init__(self, alive: Callable[[Address], bool]) -> None:
+        """Begin with no service; `alive` says who is present now."""
         self.listings: dict[Address, Listing] = {}
         """What is to be seen."""
-        self._alive: set[Address] = set()
+        self._alive = alive
         self._views: dict[str, dict[Address, Listing]] = {}
         self._memory: dict[Address, Listing] = {}
         self._withdrawn: dict[Address, int] = {}
@@ -86,12 +86,9 @@ class Union:
         """Take a service's news; also of one that is not counted yet, if an agent withdrew."""
         return self._look((self._apply(service, news),))
 
-    def see(self, address: Address, alive: bool) -> list[Change]:  # noqa: FBT001 # it is a fact
+    def see(self, address: Address) -> list[Change]:
         """Take notice that an agent has come to life or died."""
-        if alive:
-            self._alive.add(address)
-        else:
-            self._alive.discard(address)
+        if not self._alive(address):
             self._memory.pop(address, None)
         self._bound_withdrawn(address)
         return self._look((address,))
@@ -111,7 +108,7 @@ class Union:
     def _bound_withdrawn(self, address: Address) -> None:
         """Forget the oldest withdrawals, if one is too many now: most who are not alive never come back."""
         self._absent.pop(address, None)
-        if address in self._withdrawn and address not in self._alive:
+        if address in self._withdrawn and not self._alive(address):
             self._absent[address] = None
         if len(self._absent) > MOST_ABSENT:
             oldest = next(iter(self._absent))
@@ -132,7 +129,7 @@ class Union:
         return changes
 
     def _best(self, address: Address) -> Listing | None:
-        if address not in self._alive:
+        if not self._alive(address):
             return None
         said = [view[address] for view in (self._memory, *self._views.values()) if address in view]
         latest = max(said, key=lambda listing: listing.revision, default=None)

@@ -18,8 +18,20 @@ def listed(address: Address, revision: int) -> Listed:
     return Listed(listing=Listing(address=address, kinds=("Arm", "Robot"), revision=revision))
 
 
-def union() -> Union:
-    both = Union()
+class Seen(Union):
+    """Knows who is alive from what it was shown."""
+
+    def __init__(self) -> None:
+        self.alive = set[Address]()
+        super().__init__(self.alive.__contains__)
+
+    def show(self, address: Address, *, alive: bool) -> list[Change]:
+        (self.alive.add if alive else self.alive.discard)(address)
+        return self.see(address)
+
+
+def union() -> Seen:
+    both = Seen()
     both.add_service(QUICK)
     both.add_service(SLOW)
     return both
@@ -29,9 +41,9 @@ def test_who_came_and_went_leaves_no_trace_for_ever() -> None:
     """Each withdrawal is heard when its agent has already gone."""
     both = union()
     for number in range(MOST_ABSENT + 50):
-        both.see(agent(number), alive=True)
+        both.show(agent(number), alive=True)
         both.hear(SLOW, listed(agent(number), 1))
-        both.see(agent(number), alive=False)
+        both.show(agent(number), alive=False)
         both.hear(SLOW, Unlisted(address=agent(number), revision=2))
     assert len(both._withdrawn) == len(both._absent) == MOST_ABSENT
 
@@ -39,7 +51,7 @@ def test_who_came_and_went_leaves_no_trace_for_ever() -> None:
 def test_who_lives_is_not_forgotten_for_those_who_have_gone() -> None:
     both = union()
     living = agent(0)
-    both.see(living, alive=True)
+    both.show(living, alive=True)
     both.hear(QUICK, Unlisted(address=living, revision=2))
     for number in range(1, MOST_ABSENT + 50):
         both.hear(QUICK, Unlisted(address=agent(number), revision=2))
@@ -49,10 +61,10 @@ def test_who_lives_is_not_forgotten_for_those_who_have_gone() -> None:
 def test_who_hung_for_a_while_is_not_listed_again_by_an_old_word() -> None:
     both = union()
     address = agent(0)
-    both.see(address, alive=True)
+    both.show(address, alive=True)
     both.hear(QUICK, Unlisted(address=address, revision=2))
-    both.see(address, alive=False)
-    both.see(address, alive=True)
+    both.show(address, alive=False)
+    both.show(address, alive=True)
     assert both.hear(SLOW, listed(address, 1)) == []
     again = listed(address, 3)
     assert both.hear(QUICK, again) == [Change("arrived", again.listing)]
