@@ -26,8 +26,8 @@ CAUGHT = {
     "a release names the stop that it ends": 3,
     "a call ends with the program that asked for it": 5,
     "a child's command ends by the deadline of its parent's": 10,
-    "a call that comes twice is carried out once": 21,
     "a release ends the stops that were known when it was asked for": 24,
+    "a call that comes twice is carried out once": 44,
 }
 """The seed that breaks a law without a safeguard. The others are covered by a second one of `SAFEGUARDS`."""
 DIGEST = f"""

@@ -1,7 +1,8 @@
 """What a robot shows of itself: description, state, listing, and what its code says.
 
-A change may come from any thread and very often; it only sets a flag. The state is published at once after a
-change, but not more than ten times a second, and once in each round of its process while nothing changes.
+A change may come from any thread and very often; it only sets a flag. The state is looked at at once after a
+change, and ten times a second while a command runs. It is published when it is another one, and else once in
+each round of its process, or twice.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import msgspec
 
 from robotree.vr.address import Address
 from robotree.vr.agents.hooks import Hooks
-from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.description import BondSpec, Listing, RobotDescription
 from robotree.vr.errors import TransportError, VrError
@@ -31,7 +32,7 @@ from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot
 
 QUICK = 0.1
-"""[s] Least time between two states, and the period while a command runs."""
+"""[s] Least time between two looks at the state, and the period while a command runs."""
 LISTING_PATIENCE = 5.0
 """[s] for one change of the listing; a lookup service that hangs must not keep the others from the next
 one."""
@@ -72,8 +73,10 @@ class Publisher:
         self._dirty = True
         self._hurrying = False
         """Whether a change is to be published that was not yet."""
-        self._published = 0.0
-        """[s] When the state was published last."""
+        self._shown = 0.0
+        """[s] When it was last looked at whether the state is another one."""
+        self._published = (b"", 0.0)
+        """The state that was published last, and when [s]."""
         self._timer: asyncio.TimerHandle | None = None
         """For the next state after a change, or while a command runs."""
         self._rounds = shared.rounds
@@ -118,7 +121,7 @@ class Publisher:
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
         if self._timer is None and not self._stopped:
-            self._timer = self._loop.call_at(self._published + QUICK, self._beat)
+            self._timer = self._loop.call_at(self._shown + QUICK, self._beat)
 
     def _repeat(self) -> None:
         if self._timer is None:
@@ -134,9 +137,9 @@ class Publisher:
         except TransportError:  # the transport is closed
             self.stop()
             return
-        self._published = self._loop.time()
+        self._shown = self._loop.time()
         if busy:
-            self._timer = self._loop.call_at(self._published + QUICK, self._beat)
+            self._timer = self._loop.call_at(self._shown + QUICK, self._beat)
 
     def _show(self) -> bool:
         """Publish state and listing if they may have changed, else the same state; return if it is busy."""
@@ -148,9 +151,16 @@ class Publisher:
             self._same = None
             self.update_listing()
         elif self._same is not None and not self._hooks.own_readings:
-            self._transport.publish(f"{self._address.key}/state", self._same[1])
+            self._tell(self._same[1])
             return False
         return self._publish()
+
+    def _tell(self, body: bytes) -> None:
+        """Publish a state, unless it has just been published."""
+        (before, when), now = self._published, self._loop.time()
+        if body != before or now >= when + ROUND / 2:
+            self._published = body, now
+            self._transport.publish(f"{self._address.key}/state", body)
 
     def _publish(self) -> bool:
         """Publish how it is now; return whether it is busy."""
@@ -162,7 +172,7 @@ class Publisher:
                 self._live.look_at_robot()
                 state = msgspec.structs.replace(before[0], readings=self._readings())
             body = encode(state)
-            self._transport.publish(f"{self._address.key}/state", body)
+            self._tell(body)
         except TransportError:
             raise
         except Exception:  # noqa: BLE001 # an author's code may be behind it

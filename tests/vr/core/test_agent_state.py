@@ -25,6 +25,10 @@ class Arm(Robot):
             self.sleep(0.1)
             self.progress(step / 20)
 
+    @command
+    def rest(self) -> None:
+        self.sleep(10.0)
+
     def readings(self) -> dict[str, float]:
         return {"z": self.z, "broken": float("inf"), "name": "arm"}  # type: ignore[dict-item]
 
@@ -90,6 +94,22 @@ async def test_a_working_robot_tells_ten_times_a_second_how_far_it_is(realm: Any
     await working
     await asyncio.sleep(0.2)
     assert (listener.last.busy, "progress" in listener.last.readings) == ("", False)
+
+
+async def test_a_working_robot_tells_twice_a_second_what_stays_as_it_is(
+    realm: Any, listener: Listener
+) -> None:
+    arm = await realm.start(Arm("arm-1"))
+    resting = asyncio.create_task(realm.client(arm).call("rest", {}))
+    await realm.until(lambda: arm.description().busy == "rest")
+    await asyncio.sleep(0.2)
+    listener.take()
+    await asyncio.sleep(5.0)
+    assert 8 <= len(listener.take()) <= 11
+    arm.robot.z = 0.6
+    await asyncio.sleep(0.15)
+    assert listener.last.readings == {"z": 0.6}
+    await resting
 
 
 async def test_changes_are_told_soon_but_not_more_than_ten_times_a_second(
