@@ -252,9 +252,9 @@ def _observed(look: Callable[[], Any]) -> Any:
 class Exposed:
     """A child's command under a name of this robot."""
 
-    def __init__(self, child: Child[Any], command: str, units: Mapping[str, str] | None = None) -> None:
+    def __init__(self, child: Child[Any], command: str, units: Mapping[str, str]) -> None:
         """Made by `Child.exposed`."""
-        self.child, self.command, self.units = child, command, dict(units or {})
+        self.child, self.command, self.units = child, command, units
 
     def seen(self, spec: CommandSpec) -> CommandSpec:
         """Return a command of the child as callers from above see it.
@@ -296,13 +296,12 @@ class Exposed:
     def for_caller(self, spec: CommandSpec, result: Any) -> Any:
         """Return what the child gave in its units, in those of the callers."""
         given = {field.name or "result": field.unit for field in spec.result}
-        if isinstance(result, dict):
-            parts = cast("dict[str, Any]", result)
-            return Record(
-                (name, _converted(value, given[name], self.units[name]) if name in self.units else value)
-                for name, value in parts.items()
-            )
-        return _converted(result, given["result"], self.units["result"]) if "result" in self.units else result
+        parts = cast("dict[str, Any]", result) if isinstance(result, dict) else {"result": result}
+        seen = {
+            name: _converted(value, given[name], self.units[name]) if name in self.units else value
+            for name, value in parts.items()
+        }
+        return Record(seen) if isinstance(result, dict) else seen["result"]
 
     def __set_name__(self, owner: type[Any], name: str) -> None:
         self.command = self.command or name

@@ -26,16 +26,14 @@ _LONGEST_NAME = 200
 
 
 def beside(path: Path, source: str) -> dict[str, bytes]:
-    """Return the files that belong to a page, by their path from its folder.
-
-    Args:
-        path: of the page.
-        source: its text.
+    """Return the files that belong to the page of a source, by their path from its folder.
 
     Raises:
         BrokenSource: they are too large or too many, one cannot be read, or an import leads above the folder.
     """
-    return _Collector(path).collect(source)
+    collector = _Collector(path)
+    collector.look(source, PurePosixPath(path.name))
+    return collector.found
 
 
 class _Collector:
@@ -43,11 +41,7 @@ class _Collector:
         self.path, self.folder = path, path.absolute().parent
         self.found: dict[str, bytes] = {}
 
-    def collect(self, source: str) -> dict[str, bytes]:
-        self._look(source, PurePosixPath(self.path.name))
-        return self.found
-
-    def _look(self, source: str, module: PurePosixPath) -> None:
+    def look(self, source: str, module: PurePosixPath) -> None:
         """Take what one module imports and names; a mistake in its syntax is told when it is loaded."""
         try:
             tree = parse(source)
@@ -79,26 +73,21 @@ class _Collector:
                 told = f"line {node.lineno}: an import leads above the folder of the page"
                 raise BrokenSource(path=str(self.path), reason=f"{told}; put the module beside it")
             base = parents[node.level - 1]
-        within = base.joinpath(*(node.module or "").split(".")) if node.module else base
         if node.module:
-            yield within
+            base = base.joinpath(*node.module.split("."))
+            yield base
         for alias in node.names:
-            yield within / alias.name
+            yield base / alias.name
 
     def _take_module(self, name: PurePosixPath) -> None:
         """Take a module, and the packages in which it lies, if they are there."""
         if not name.parts or name.parts[0] == _OURS:
             return
-        for parent in [*reversed(name.parents)][1:]:
-            self._take_source(parent / "__init__.py")
-        for file in (name.with_name(f"{name.name}.py"), name / "__init__.py"):
-            self._take_source(file)
-
-    def _take_source(self, file: PurePosixPath) -> None:
-        if str(file) in self.found or str(file) == self.path.name or not self.folder.joinpath(file).is_file():
-            return
-        data = self._take(file)
-        self._look(data.decode("utf-8-sig", "replace"), file)
+        packages = [parent / "__init__.py" for parent in [*reversed(name.parents)][1:]]
+        for file in (*packages, name.with_name(f"{name.name}.py"), name / "__init__.py"):
+            known = str(file) in {*self.found, self.path.name}
+            if not known and self.folder.joinpath(file).is_file():
+                self.look(self._take(file).decode("utf-8-sig", "replace"), file)
 
     def _take_data(self, text: str, folder: PurePosixPath) -> None:
         """Take the files that a text names, if there are any."""

@@ -22,21 +22,21 @@ OF_EVERY_KIND = frozenset({"set"})
 HOOKS = ("readings", "safe_stop", "resume", "begins", "one_at_a_time", "reading_units", "isolated")
 """What a page may define for its host to use."""
 
-_WAITS = {"time.sleep": "write self.sleep(seconds): a cancel and a stop end it at once"}
-_CLOCK = "write self.now(), which a rehearsal and a replay repeat"
-_CHANCE = "write self.random(), which a rehearsal and a replay repeat"
-_NOT_REPEATED = {
+_WAIT = ("holds the robot up", "write self.sleep(seconds): a cancel and a stop end it at once")
+_ASIDE = "call it in a thread (concurrent.futures), and wait with self.sleep until it is done"
+_BLOCK = ("may block", f"no cancel and no stop ends it: {_ASIDE}")
+_CLOCK = ("is another one each time", "write self.now(), which a rehearsal and a replay repeat")
+_CHANCE = ("is another one each time", "write self.random(), which a rehearsal and a replay repeat")
+_CALLS = {
+    "time.sleep": _WAIT,
+    **dict.fromkeys(("input", "os.system", "os.wait", "select.select", "requests.", "subprocess."), _BLOCK),
+    **dict.fromkeys(("socket.", "urllib.request.", "http.client.", "httpx."), _BLOCK),
     **dict.fromkeys(("time.time", "time.monotonic", "time.perf_counter", "time.time_ns"), _CLOCK),
     **dict.fromkeys(("datetime.datetime.now", "datetime.datetime.utcnow", "datetime.date.today"), _CLOCK),
     **dict.fromkeys(("uuid.uuid4", "uuid.uuid1", "os.urandom"), _CHANCE),
+    **dict.fromkeys(("random.", "secrets.", "numpy.random."), _CHANCE),
 }
-_CHANCES = ("random", "secrets", "numpy.random")
-_BLOCKING = ("requests", "subprocess", "socket", "urllib.request", "http.client", "httpx")
-_BLOCKING_CALLS = frozenset({"input", "os.system", "os.wait", "select.select"})
-_ASIDE = (
-    "no cancel and no stop ends it: call it in a thread (concurrent.futures), and wait with self.sleep "
-    "until it is done"
-)
+"""Calls, or with a dot at the end modules, that a page should not use: what is wrong, and what to write."""
 _CHANGES = {
     *("append", "extend", "insert", "add", "update", "pop", "popitem"),
     *("remove", "discard", "clear", "setdefault"),
@@ -162,12 +162,10 @@ def _last(node: ast.AST) -> str:
 def _mark(method: ast.FunctionDef) -> str | None:
     """Return the effect of a command; None: the method is none."""
     for one in method.decorator_list:
-        if isinstance(one, ast.Call) and _last(one.func) == "command":
-            given = {each.arg: each.value for each in one.keywords}
-            effect = given.get("effect")
-            return str(effect.value) if isinstance(effect, ast.Constant) else "once"
-        if _last(one) == "command":
-            return "once"
+        call = one if isinstance(one, ast.Call) else ast.Call(one, [], [])
+        if _last(call.func) == "command":
+            effects = (each.value for each in call.keywords if each.arg == "effect")
+            return next((str(one.value) for one in effects if isinstance(one, ast.Constant)), "once")
     return None
 
 
@@ -195,14 +193,9 @@ def _of_calls(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
         if first != "input" and first not in imported:
             continue
         name = f"{imported.get(first, first)}{dot}{rest}"
-        if name in _WAITS:
-            yield Finding(node.lineno, f"{name} holds the robot up", _WAITS[name])
-        elif name in _BLOCKING_CALLS or name.startswith(tuple(f"{one}." for one in _BLOCKING)):
-            yield Finding(node.lineno, f"{name} may block", _ASIDE)
-        elif name in _NOT_REPEATED:
-            yield Finding(node.lineno, f"{name} is another one each time", _NOT_REPEATED[name])
-        elif name.startswith(tuple(f"{one}." for one in _CHANCES)):
-            yield Finding(node.lineno, f"{name} is another one each time", _CHANCE)
+        for known, (what, instead) in _CALLS.items():
+            if name == known or (known.endswith(".") and name.startswith(known)):
+                yield Finding(node.lineno, f"{name} {what}", instead)
 
 
 def _of_units(tree: ast.Module) -> Iterator[Finding]:
