@@ -19,6 +19,7 @@ import traceback
 import weakref
 from collections import Counter
 from collections.abc import Callable, Mapping
+from concurrent import futures
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -135,9 +136,8 @@ def built(cls: type[VirtualRobot], name: str, given: Mapping[str, Any]) -> Virtu
     for attribute, value in vars(robot).items():
         if isinstance(value, Slotted):
             told = f"{cls.__name__}.__init__ sets self.{attribute} to a Child, which makes no slot"
-            raise TypeError(
-                f"{told}; write {attribute} = {type(value).__name__}({value.kind!r}) in the class"
-            )
+            slot = f"{attribute} = {type(value).__name__}({value.kind!r})"
+            raise TypeError(f"{told}; write {slot} in the class")
     if hasattr(robot, "name"):
         robot.field_values.give(given)  # what is asked for comes before what a constructor sets
     return robot
@@ -149,24 +149,21 @@ def expect_constructor(cls: type[VirtualRobot]) -> None:
     Raises:
         TypeError: says what to write instead.
     """
+    kind = cls.__name__
     for name in _CALLED:
         method = getattr(cls, name)  # a slot may have it: an author who writes one sees what it hides
         if inspect.isfunction(method) and method is not getattr(VirtualRobot, name):
-            raise TypeError(
-                f"{cls.__name__}.{name}: a method cannot have this name; every robot uses it itself"
-            )
+            raise TypeError(f"{kind}.{name}: a method cannot have this name; every robot uses it itself")
     if dataclasses.is_dataclass(cls):
-        raise TypeError(
-            f"{cls.__name__}.__init__ is that of a dataclass: take @dataclass away; "
-            "settings are attributes with a type and a default"
-        )
+        instead = "take @dataclass away; settings are attributes with a type and a default"
+        raise TypeError(f"{kind}.__init__ is that of a dataclass: {instead}")
     if cls.__init__ is VirtualRobot.__init__:
         return
     try:
         inspect.signature(cls).bind("name")
     except TypeError:
         raise TypeError(
-            f"{cls.__name__}.__init__ must take the robot's name and nothing else: "
+            f"{kind}.__init__ must take the robot's name and nothing else: "
             "write def __init__(self, name: str) and super().__init__(name); what people choose is a setting"
         ) from None
 
@@ -209,27 +206,25 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         BadName: it refused the name it was given.
         BrokenSource: it raised anything else, or did not end.
     """
-    outcome: list[tuple[Any, BaseException | None]] = []
-    ended = threading.Event()
-
-    def done(value: object, error: BaseException | None) -> None:
-        outcome.append((value, error))
-        ended.set()
-
+    outcome: futures.Future[tuple[Any, BaseException | None]] = futures.Future()
     context = contextvars.copy_context()  # who takes what it says
-    thread = InterruptibleThread(lambda: context.run(work), done, name=f"load {path}")
+    thread = InterruptibleThread(
+        lambda: context.run(work),
+        lambda value, error: outcome.set_result((value, error)),
+        name=f"load {path}",
+    )
     if limit == math.inf:
         thread.run()
     else:
         thread.start()
-    if not ended.wait(limit):
+    if not futures.wait([outcome], limit).done:
         thread.interrupt()
-        ended.wait(_FAREWELL)
-    if not outcome:
+        futures.wait([outcome], _FAREWELL)
+    if not outcome.done():
         told = f"it did not end within {limit:g} s, ignores every interruption and still runs"
         _log.error("%s is abandoned while being loaded: %s; restart this host", path, told)
         raise BrokenSource(path=path, reason=f"{told}; restart the host")
-    value, error = outcome[0]
+    value, error = outcome.result()
     if error is None:
         return cast("_T", value)
     if isinstance(error, BadName):
