@@ -314,7 +314,7 @@ class RobotAgent:
             notes = await turned
         self._hooks.become(robot)
         self.live.page = page
-        self.live.on_change()
+        self.live.changed()
         return notes
 
     # -- changes ----------------------------------------------------------------------------------
@@ -322,7 +322,7 @@ class RobotAgent:
     def notify(self) -> None:
         """Take note that the robot has changed: reachable or not, halted, its attributes. From any thread."""
         self.live.look_at_robot()
-        self._publisher.changed()
+        self.live.changed()
 
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
@@ -351,7 +351,7 @@ class RobotAgent:
         if tenure is None:
             self._unwatch_parent()
         self._publisher.update_listing()
-        self._publisher.changed()
+        self.live.changed()
 
     def _cut_off(self, reason: str) -> None:
         """End all motion when nobody could end it any more: no stop would reach the robot."""

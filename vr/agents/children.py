@@ -101,7 +101,7 @@ class Children:
             raise
         self._live.post(on.Bind(slot=slot, bond=bond))
         self._watch(slot, child, bond.lease.epoch)
-        self._live.on_change()
+        self._live.changed()
         if self._closed:  # the parent was deleted meanwhile
             await self._free_if_bound(slot)
 
@@ -149,7 +149,7 @@ class Children:
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)
-        self._live.on_change()
+        self._live.changed()
 
     # -- asking -----------------------------------------------------------------------------------
 
@@ -253,7 +253,7 @@ class Children:
             )
         )
         if granted.robot is not None:
-            self._live.on_change()
+            self._live.changed()
 
     async def describe(self, slot: str, command: str) -> RobotDescription:
         """Ask the child in a slot anew who it is.

@@ -1,8 +1,8 @@
 """What a robot shows of itself: description, state, listing, and what its code says.
 
-A change may come from any thread and very often; it only sets a flag. The state is looked at at once after a
-change, and ten times a second while a command runs. It is published when it is another one, and else once in
-each round of its process, or twice.
+A change may come from any thread and very often; it only sets a flag (`LiveRobot.has_news`). The state is
+looked at at once after a change, and ten times a second while a command runs. It is published when it is
+another one, and else once in each round of its process, or twice.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 
 
 class Publisher:
-    """Publishes what one robot shows. Lives on the event loop; `changed` may be called from any thread."""
+    """Publishes what one robot shows. Lives on the event loop."""
 
     def __init__(
         self,
@@ -70,9 +70,6 @@ class Publisher:
         self._registrar, self._host = registrar, shared.host
         self._address: Address = live.core.state.address
         self._loop = asyncio.get_running_loop()
-        self._dirty = True
-        self._hurrying = False
-        """Whether a change is to be published that was not yet."""
         self._shown = 0.0
         """[s] When it was last looked at whether the state is another one."""
         self._published = (b"", 0.0)
@@ -94,7 +91,7 @@ class Publisher:
         self._line = 0
         """Number of the line of the log that was published last."""
         self._line_waits = False
-        live.on_change, live.log.on_line = self.changed, self._new_line
+        live.on_news, live.log.on_line = self._hurry_soon, self._new_line
 
     def begin(self) -> None:
         """Publish from now on."""
@@ -110,13 +107,10 @@ class Publisher:
         if self._timer is not None:
             self._timer.cancel()
 
-    def changed(self) -> None:
-        """Note that there is something new to show. From any thread."""
-        self._dirty = True
-        if not self._hurrying:
-            self._hurrying = True
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-                self._loop.call_soon_threadsafe(self._hurry)
+    def _hurry_soon(self) -> None:
+        """There is something new to show. From any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+            self._loop.call_soon_threadsafe(self._hurry)
 
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
@@ -131,7 +125,6 @@ class Publisher:
         self._timer = None
         if self._stopped:
             return
-        self._hurrying = False
         try:
             busy = self._show()
         except TransportError:  # the transport is closed
@@ -145,7 +138,7 @@ class Publisher:
         """Publish state and listing if they may have changed, else the same state; return if it is busy."""
         robot = self._live.robot
         attributes = dict(robot.attributes)
-        dirty, self._dirty = self._dirty or attributes != self._attributes, False
+        dirty, self._live.has_news = self._live.has_news or attributes != self._attributes, False
         self._attributes = attributes
         if dirty:
             self._same = None

@@ -100,7 +100,7 @@ class Stops:
             self._take_own(confirmations, doubt)
             if not doubt:
                 live.post(on.Release(generation=seen))
-                self._live.on_change()
+                self._live.changed()
         return Done(confirmed=tuple(confirmations.settle()))
 
     # -- inside -----------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class Stops:
         generation = max(self._stop.parts)
         self._settling[generation] = asyncio.get_running_loop().create_future()
         confirming = self._hooks.safe_stop(reason)
-        self._live.on_change()
+        self._live.changed()
         self._ask(generation, HARDWARE, self._own(confirming, budget))
         if self._children is not None:
             for slot in self._stop.parts[generation]:

@@ -643,7 +643,8 @@ class Mesh:
     def _give_up(self, peer: _Peer, now: float) -> None:
         """End what was asked of a process that has died or hangs, if it cannot begin with it any more.
 
-        This is the one place where a partner that hangs is waited for.
+        This is the one place that knows of a process that hangs. For one that beats and does not answer each
+        request says itself how long it waits.
         """
         for number, exchange in list(peer.exchanges.items()):
             if peer.tag not in self._peers or exchange.void_at <= now:

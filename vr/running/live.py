@@ -10,8 +10,6 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-import threading
-from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import FrameType
@@ -31,9 +29,10 @@ from robotree.vr.description import Arguments, CommandSpec
 from robotree.vr.envelope import seal
 from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
 from robotree.vr.fields import SET
-from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned, Said
+from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
 from robotree.vr.robot import Robot
 from robotree.vr.running.frame import DEEPEST, Frame, Listener, Manner, PendingCall
+from robotree.vr.running.log import Log
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
@@ -46,13 +45,6 @@ LONGEST_NOTE = 80
 LATE = 0.001
 """[s] that a deadline may be noticed late, so that deadlines which differ by rounding share one timer."""
 
-KEPT = 500
-"""Lines of each robot's log."""
-LONGEST = 500
-"""Characters of a line."""
-BURST, RATE = 200, 50.0
-"""Lines at once, and lines a second."""
-
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
@@ -64,86 +56,6 @@ class NotDescribed(Exception):
         """Name both."""
         super().__init__(f"{slot}.{command}")
         self.slot, self.command = slot, command
-
-
-class Log:
-    """What one robot says. Its methods may be called from any thread.
-
-    It keeps the last `KEPT` lines, and takes `BURST` lines at once and `RATE` a second after that; of what
-    comes quicker it says how many lines were dropped.
-    """
-
-    def __init__(self, now: Callable[[], float], unix: Callable[[], float]) -> None:
-        """Begin empty.
-
-        Args:
-            now: returns the time [s] on a monotonic clock.
-            unix: returns the time [s] since 1970.
-        """
-        self.on_line: Callable[[], None] = lambda: None
-        """Called when there are new lines. In any thread, very often: must be quick."""
-        self._now, self._unix = now, unix
-        self._lines: deque[Said] = deque(maxlen=KEPT)
-        self._lock = threading.Lock()
-        self._number = 0
-        self._room, self._at = float(BURST), now()
-        self._dropped = 0
-        self.begun: dict[str, str] = {}
-        """Lines that have no end yet, by command and level."""
-
-    def write(self, key: str, level: Level, text: str) -> None:
-        """Take a piece of text; what has no line break yet waits for it.
-
-        Args:
-            key: of the command that says it; empty: none does.
-            level: how important it is.
-            text: of any length.
-        """
-        place = f"{key}|{level}"
-        *whole, rest = (self.begun.pop(place, "") + text).split("\n")
-        if len(rest) > LONGEST:
-            whole, rest = [*whole, rest], ""
-        if rest:
-            self.begun[place] = rest
-        for line in whole:
-            self.say(level, line)
-
-    def end(self, key: str) -> None:
-        """A command has ended: say what has no line break."""
-        for place in [one for one in self.begun if one.rpartition("|")[0] == key]:
-            level: Any = place.rpartition("|")[2]
-            self.say(level, self.begun.pop(place))
-
-    def say(self, level: Level, text: str, command: str = "") -> None:
-        """Take a line; `command`: has ended so."""
-        with self._lock:
-            now = self._now()
-            self._room = min(BURST, self._room + (now - self._at) * RATE)
-            self._at = now
-            if self._room < 1.0:
-                self._dropped += 1
-                return
-            self._room -= 1.0
-            if self._dropped:
-                self._note_dropped()
-            self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…", command)
-        self.on_line()
-
-    def since(self, number: int) -> list[Said]:
-        """Return the lines after the one of a number, the oldest first."""
-        with self._lock:
-            if self._dropped:
-                self._note_dropped()
-            return [line for line in self._lines if line.number > number]
-
-    def _note_dropped(self) -> None:
-        """Say how many lines were dropped."""
-        count, self._dropped = self._dropped, 0
-        self._append("warning", f"{count} lines were dropped: it takes {RATE:g} a second")
-
-    def _append(self, level: Level, text: str, command: str = "") -> None:
-        self._number += 1
-        self._lines.append(Said(self._number, self._unix(), level, text, command))
 
 
 OnDescribed = Callable[[VrError | None], None]
@@ -161,6 +73,8 @@ class LiveRobot:
     """The page that waits for a boundary between commands."""
     _reminder: float = math.inf
     """[s] when the watchdog looks next."""
+    has_news: bool = True
+    """Whether something has changed that others may see; set back by what publishes it."""
     _last_obeyed: int = -1
     _written: int = 0
     """What the journal has said of the last event."""
@@ -208,8 +122,8 @@ class LiveRobot:
         self.describe_child = describe_child
         self._transport, self._obeyed = transport, obeyed
         self._on_effect = on_effect
-        self.on_change: Callable[[], None] = _nothing
-        """Called after each change that others may see. In any thread, very often: must be quick."""
+        self.on_news: Callable[[], None] = _nothing
+        """Called when `has_news` becomes true. In any thread."""
         self._journal = process.journal
         self._runner = process.runner
         self._lock = process.runner.lock()
@@ -271,8 +185,8 @@ class LiveRobot:
         if turned is not None:
             turned()
         self._remind_at(due if turn is None else math.inf)  # its caller watches over the deadline of a turn
-        if shows:
-            self.on_change()
+        if shows and not self.has_news:
+            self.changed()
         self._carry_out(effects)  # last, for this wakes other threads, which wait for the interpreter then
         if refusal is not None:
             raise refusal
@@ -404,6 +318,12 @@ class LiveRobot:
 
     # -- calls that come in -----------------------------------------------------------------------
 
+    def changed(self) -> None:
+        """Take note that others may see the robot differently. From any thread."""
+        if not self.has_news:
+            self.has_news = True
+            self.on_news()
+
     @property
     def stops(self) -> int:
         """How many stops have begun, the one included that the robot says of itself and has not notified."""
@@ -515,7 +435,7 @@ class LiveRobot:
         _log.warning("%s.%s has ended after all; the robot can be used again", self.name, command)
         self.log.say("info", f"{command} has ended after all; the robot can be used again")
         self.post(on.Gone(key=key))
-        self.on_change()
+        self.changed()
 
     def note(self, key: str, fraction: float, text: str) -> None:
         """Take how far a running command is."""
@@ -532,7 +452,7 @@ class LiveRobot:
         self.said[key] = (fraction, text[:LONGEST_NOTE])
         for listener in self._listeners.get(key, ()):
             listener.note(fraction, text)
-        self.on_change()
+        self.changed()
 
     def say(self, key: str, level: Level, text: str, *, piece: bool = False) -> None:
         """Take what a running command says; empty key: what other code of the robot says."""

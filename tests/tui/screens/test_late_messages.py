@@ -188,9 +188,9 @@ async def test_a_camera_that_was_chosen_while_the_views_were_asked_stays(
             return msgspec.structs.replace(described, cameras=("a", "b", "c"))
 
         monkeypatch.setattr(operator.app.fleet, "describe_view", answer)
-        cameras.all, cameras.at = [("cell", "a"), ("cell", "b")], 0
         cameras._ask(("cell",))
         await asked.wait()
+        cameras.all, cameras.at = [("cell", "a"), ("cell", "b")], 0  # after any earlier answer
         cameras.turn()
         answered.set()
         await operator.until(lambda: len(cameras.all) == 3, "the answer")

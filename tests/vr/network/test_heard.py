@@ -16,7 +16,7 @@ from robotree.vr.errors import BundleError, CommandCancelled, CommandFailed
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.requests import Heard, Said, decode_event
 from robotree.vr.running.heard import listening
-from robotree.vr.running.live import BURST, KEPT, Log
+from robotree.vr.running.log import BURST, KEPT, Log
 from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
 
