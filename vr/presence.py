@@ -143,15 +143,18 @@ class Presence:
         """Return who under a pattern lives in a process that hangs, as soon as that is certain of all.
 
         Presence alone cannot tell a process that hangs from one that never was, least of all to a newcomer.
-        Where somebody else knows who lives, the transport compares.
+        Where somebody else knows who lives, the transport compares. A process that is in doubt for `LONGEST`
+        counts as one that hangs: its names are not given away, and a stop is not reported as complete.
         """
-        latest = asyncio.get_running_loop().time() + LONGEST
+        loop, doubt = asyncio.get_running_loop(), None
+        latest = loop.time() + LONGEST
         while True:
             self._check(pattern)
             found = self._unheard(pattern)
-            certain = [one for one, hangs in found if hangs]
-            if len(certain) == len(found) or asyncio.get_running_loop().time() > latest:
-                return certain
+            doubtful = {one.key for one, certain in found if not certain}
+            doubt = doubtful if doubt is None else doubt & doubtful  # who was heard meanwhile is only slow
+            if not doubt or loop.time() > latest:
+                return [one for one, certain in found if certain or one.key in doubt]
             await asyncio.sleep(LOOK)
 
     def lives(self, key: str) -> bool:
