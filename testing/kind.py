@@ -12,12 +12,12 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.command import Command, commands_of
+from robotree.vr.command import commands_of
 from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
 from robotree.vr.kind import Kind as Interface
 from robotree.vr.kind import Promised, promises_of
 from robotree.vr.robot import Robot
-from robotree.vr.signature import signature_of
+from robotree.vr.signature import Command, signature_of
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of
 
 Source = type[Any] | RobotDescription | str | Path

@@ -10,95 +10,19 @@ A command is plain sequential code and runs in its own thread, one at a time per
 
 from __future__ import annotations
 
-import copy
-import inspect
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeVar, get_args, get_origin, overload
+from typing import Any, TypeVar, overload
 
-import msgspec
-
-from robotree.vr.description import Arguments, CommandSpec, Effect
-from robotree.vr.errors import BadArgument, CommandFailed
+from robotree.vr.description import Effect
 from robotree.vr.fields import SET, settings_spec
-from robotree.vr.plain import READY, to_plain
 from robotree.vr.robot import Robot, attributes_of
-from robotree.vr.signature import signature_of
-from robotree.vr.units import shorten
+from robotree.vr.signature import Command, signature_of
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"
 _CACHE = "__robotree_commands__"
-_CHANGEABLE = frozenset({list, dict})
-"""Types of arguments that code can change."""
 _HIDING: tuple[type[Any], ...] = (property, staticmethod, classmethod)
 """What makes something else of a method."""
-
-
-class Command(msgspec.Struct, frozen=True):
-    """One command of a class: how it looks, and what runs."""
-
-    spec: CommandSpec
-    function: Callable[..., Any]
-    """Takes the robot and the arguments by name."""
-    returns: Any
-    """Annotation of the result; `Any` where there is none."""
-    builds: Mapping[str, Any] = {}
-    """Annotations of the parameters that the function takes in another form than they travel in."""
-
-    def run(self, robot: Robot, arguments: Arguments) -> Any:
-        """Call the function, in the thread of the command.
-
-        Args:
-            robot: whose command it is.
-            arguments: plain and checked.
-
-        Raises:
-            BadArgument: a class of the author's refuses to be made of them.
-            Exception: what the author's code raises.
-        """
-        if not _CHANGEABLE.isdisjoint(map(type, arguments.values())):
-            arguments = copy.deepcopy(arguments)  # they are part of the robot's state, which no code changes
-        if not self.builds:
-            return self.function(robot, **arguments)
-        built = {
-            name: self._build(name, value) if name in self.builds else value
-            for name, value in arguments.items()
-        }
-        return self.function(robot, **built)
-
-    def plain_result(self, value: Any, *, robot: str, name: str) -> Any:
-        """Return a result as plain values, if it is what the signature promises.
-
-        Args:
-            value: what the author's code returned.
-            robot: its name.
-            name: under which the command was called.
-
-        Raises:
-            CommandFailed: it is of another type; names both.
-            TypeError: it cannot travel.
-        """
-        try:
-            plain = value if type(value) in READY else to_plain(value)
-        except TypeError as error:
-            raise TypeError(f"the result {error}") from None
-        declared = self.returns
-        if declared is not Any:
-            try:
-                msgspec.convert(plain, declared, strict=True)
-            except msgspec.ValidationError as error:
-                got = shorten(value)
-                bare = get_args(declared)[0] if get_origin(declared) is Annotated else declared
-                promised = "nothing" if bare is type(None) else inspect.formatannotation(bare)
-                detail = f"it promises {promised} but returned {got}: {error}"
-                raise CommandFailed(robot=robot, command=name, detail=detail) from None
-        return plain
-
-    def _build(self, name: str, value: Any) -> Any:
-        try:
-            return msgspec.convert(value, self.builds[name], strict=False)
-        except (TypeError, ValueError) as error:
-            raise BadArgument(command=self.spec.name, parameter=name, reason=str(error)) from None
 
 
 @overload
@@ -160,8 +84,7 @@ def _collect(cls: type[Any]) -> dict[str, Command]:
             raise TypeError(
                 f"{cls.__name__}.{name}: a command cannot have this name; every robot uses it itself"
             )
-        signature = signature_of(value, effect)
-        found[name] = Command(signature.spec, value, signature.returns, signature.builds)
+        found[name] = signature_of(value, effect)
     spec = settings_spec(cls)
     if spec.parameters:
         if SET in found:

@@ -5,36 +5,97 @@ Mistakes of an author are `TypeError`s whose sentence names the class, the comma
 
 from __future__ import annotations
 
+import copy
 import inspect
 import types
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
 from robotree.vr.arguments import check_argument
-from robotree.vr.description import CommandSpec, Effect, FieldSpec
-from robotree.vr.errors import BadArgument
-from robotree.vr.plain import to_plain
+from robotree.vr.description import Arguments, CommandSpec, Effect, FieldSpec
+from robotree.vr.errors import BadArgument, CommandFailed
+from robotree.vr.plain import READY, to_plain
+from robotree.vr.robot import Robot
 from robotree.vr.typed import USABLE, field_of, needs_building, parts_of
+from robotree.vr.units import shorten
 
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 _FIRST = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+_CHANGEABLE = frozenset({list, dict})
+"""Types of arguments that code can change."""
 _EFFECTS = ", ".join(map(repr, get_args(Effect)))
 
 
-class Signature(NamedTuple):
-    """What a method takes and returns."""
+class Command(msgspec.Struct, frozen=True):
+    """One command of a class: how it looks, and what runs."""
 
     spec: CommandSpec
-    """How it looks to its callers."""
+    function: Callable[..., Any]
+    """Takes the robot and the arguments by name."""
     returns: Any
     """Annotation of the result; `Any` where there is none."""
-    builds: Mapping[str, Any]
-    """Annotations of those parameters that the author's code takes in a form of its own."""
+    builds: Mapping[str, Any] = {}
+    """Annotations of the parameters that the function takes in another form than they travel in."""
+
+    def run(self, robot: Robot, arguments: Arguments) -> Any:
+        """Call the function, in the thread of the command.
+
+        Args:
+            robot: whose command it is.
+            arguments: plain and checked.
+
+        Raises:
+            BadArgument: a class of the author's refuses to be made of them.
+            Exception: what the author's code raises.
+        """
+        if not _CHANGEABLE.isdisjoint(map(type, arguments.values())):
+            arguments = copy.deepcopy(arguments)  # they are part of the robot's state, which no code changes
+        if not self.builds:
+            return self.function(robot, **arguments)
+        built = {
+            name: self._build(name, value) if name in self.builds else value
+            for name, value in arguments.items()
+        }
+        return self.function(robot, **built)
+
+    def plain_result(self, value: Any, *, robot: str, name: str) -> Any:
+        """Return a result as plain values, if it is what the signature promises.
+
+        Args:
+            value: what the author's code returned.
+            robot: its name.
+            name: under which the command was called.
+
+        Raises:
+            CommandFailed: it is of another type; names both.
+            TypeError: it cannot travel.
+        """
+        try:
+            plain = value if type(value) in READY else to_plain(value)
+        except TypeError as error:
+            raise TypeError(f"the result {error}") from None
+        declared = self.returns
+        if declared is not Any:
+            try:
+                msgspec.convert(plain, declared, strict=True)
+            except msgspec.ValidationError as error:
+                got = shorten(value)
+                bare = get_args(declared)[0] if get_origin(declared) is Annotated else declared
+                promised = "nothing" if bare is type(None) else inspect.formatannotation(bare)
+                detail = f"it promises {promised} but returned {got}: {error}"
+                raise CommandFailed(robot=robot, command=name, detail=detail) from None
+        return plain
+
+    def _build(self, name: str, value: Any) -> Any:
+        try:
+            return msgspec.convert(value, self.builds[name], strict=False)
+        except (TypeError, ValueError) as error:
+            raise BadArgument(command=self.spec.name, parameter=name, reason=str(error)) from None
 
 
-def signature_of(function: Callable[..., Any], effect: Effect) -> Signature:
+def signature_of(function: Callable[..., Any], effect: Effect) -> Command:
     """Read a method as its callers see it.
 
     Args:
@@ -57,7 +118,7 @@ def signature_of(function: Callable[..., Any], effect: Effect) -> Signature:
         result=tuple(_result(hints.get("return", types.NoneType), function.__qualname__)),
     )
     builds = {name: hint for name, hint in hints.items() if name != "return" and needs_building(hint)}
-    return Signature(spec, hints.get("return", Any), builds)
+    return Command(spec, function, hints.get("return", Any), builds)
 
 
 def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> list[inspect.Parameter]:

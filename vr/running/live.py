@@ -20,7 +20,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.arguments import check_arguments
 from robotree.vr.child import Exposed
-from robotree.vr.command import Command, commands_of
+from robotree.vr.command import commands_of
 from robotree.vr.context import CommandContext
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
@@ -36,6 +36,7 @@ from robotree.vr.running.log import Log
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
+from robotree.vr.signature import Command
 from robotree.vr.transport import Transport
 from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
