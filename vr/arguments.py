@@ -141,8 +141,9 @@ def _read_parts(
 
 def _is_none(field: FieldSpec, value: str | None) -> bool:
     """Whether there is none, or a person has typed so, where none is needed; of texts that cannot be told."""
-    optional = field.nullable or (not field.required and field.default is None)
-    return optional and (value is None or (field.type != "str" and value.strip().lower() in {"none", "null"}))
+    return field.optional and (
+        value is None or (field.type != "str" and value.strip().lower() in {"none", "null"})
+    )
 
 
 def _number(field: FieldSpec, value: object) -> float:

@@ -50,6 +50,11 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     doc: str = ""
 
     @property
+    def optional(self) -> bool:
+        """Whether None may be given for it."""
+        return self.nullable or (not self.required and self.default is None)
+
+    @property
     def nested(self) -> bool:
         """Whether there are values in it."""
         return self.type in {"list", "tuple", "dict", "record"}

@@ -55,8 +55,7 @@ def _differences(command: CommandSpec, promise: CommandSpec) -> Iterator[str]:
 
 def _takes(own: FieldSpec, given: FieldSpec) -> bool:
     """Whether what is meant by one description is taken under the other; ranges belong to each robot."""
-    takes_none = own.nullable or (not own.required and own.default is None)
-    if own.unit != given.unit or (given.nullable and not takes_none):
+    if own.unit != given.unit or (given.nullable and not own.optional):
         return False
     match own.type, given.type:
         case ("float", "int") | ("str", "choice"):

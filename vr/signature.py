@@ -9,7 +9,7 @@ import copy
 import inspect
 import types
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin
 
 import msgspec
 
@@ -18,7 +18,7 @@ from robotree.vr.description import Arguments, CommandSpec, Effect, FieldSpec
 from robotree.vr.errors import BadArgument, CommandFailed
 from robotree.vr.plain import READY, to_plain
 from robotree.vr.robot import Robot
-from robotree.vr.typed import USABLE, field_of, needs_building, parts_of
+from robotree.vr.typed import USABLE, field_of, hints_of, needs_building, parts_of
 from robotree.vr.units import shorten
 
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -106,7 +106,7 @@ def signature_of(function: Callable[..., Any], effect: Effect) -> Command:
         TypeError: it is no plain method, an annotation is missing or of a type that cannot travel, or there
             is no such effect.
     """
-    hints = _hints(function)
+    hints = hints_of(function, function.__qualname__)
     parameters = _expect_method(function, hints)
     if effect not in get_args(Effect):
         raise TypeError(f"{function.__qualname__}: no effect {effect!r}; write one of {_EFFECTS}")
@@ -141,15 +141,6 @@ def _expect_method(function: Callable[..., Any], hints: Mapping[str, Any]) -> li
             f"{name}: the first parameter of a command is self; write def {function.__name__}(self, …)"
         )
     return parameters[1:]
-
-
-def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    try:
-        return get_type_hints(function, include_extras=True)
-    except NameError as error:
-        raise TypeError(
-            f"{function.__qualname__}: {error}; define it in the file, outside of functions"
-        ) from None
 
 
 def field_with_default(name: str, annotation: Any, default: Any, where: str, label: str) -> FieldSpec:

@@ -102,12 +102,7 @@ def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
     """
     if not is_record(cls):
         return {}
-    try:
-        hints = get_type_hints(cls, include_extras=True)
-    except NameError as error:
-        raise TypeError(
-            f"{where}: {cls.__name__}: {error}; define it in the file, outside of functions"
-        ) from None
+    hints = hints_of(cls, f"{where}: {cls.__name__}")
     if is_typeddict(cls):
         return {name: _key(cls, name, hint) for name, hint in hints.items()}
     if issubclass(cls, msgspec.Struct):
@@ -120,6 +115,18 @@ def parts_of(cls: type[Any], where: str) -> dict[str, Part]:
         for one in dataclasses.fields(cls)
         if one.init
     }
+
+
+def hints_of(thing: Any, where: str) -> dict[str, Any]:
+    """Return the annotations of a class or a function, evaluated.
+
+    Raises:
+        TypeError: one names something that is not there.
+    """
+    try:
+        return get_type_hints(thing, include_extras=True)
+    except NameError as error:
+        raise TypeError(f"{where}: {error}; define it in the file, outside of functions") from None
 
 
 def is_record(annotation: Any) -> bool:
