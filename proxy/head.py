@@ -91,11 +91,7 @@ def _tags(m: Tags) -> dict[str, float]:
     return {"tags": float(sum(1 for age in m.age[: m.count] if age < 200))}
 
 
-def _nothing(_: Speech) -> dict[str, float]:
-    return {}
-
-
-HEAD_READERS: Readers = {**READERS, Tags: _tags, Speech: _nothing}
+HEAD_READERS: Readers = {**READERS, Tags: _tags, Speech: lambda _: {}}
 """How the telemetry of a head reads."""
 
 

@@ -91,11 +91,7 @@ class PendingGoals:
     def start(
         self, key: int, request: Request, *, activity: Activity, ttl: float, repeatable: bool
     ) -> PendingGoal:
-        """Ask the controller for a movement, as `PendingGoal` describes it.
-
-        Returns:
-            The goal; it ends at once if the controller is offline or the command has ended.
-        """
+        """Ask for a movement, as `PendingGoal` has it; it ends at once if that cannot be sent."""
         pending = PendingGoal(key, request, activity, ttl, repeatable, self._connection.runner.waiter())
         self._connection.soon(lambda: self._start(pending))
         return pending
@@ -136,7 +132,7 @@ class PendingGoals:
             self._goals.popitem()[1].finish(OutcomeLost(trouble))
 
     def _start(self, pending: PendingGoal) -> None:
-        session = self._connection.session
+        session, now = self._connection.session, self._connection.now()
         # checked on the loop, where stops and resumes come too
         ended = "its command has been ended" if pending.activity.cancelled else ""
         if trouble := ended or session.trouble or session.denial:
@@ -148,7 +144,7 @@ class PendingGoals:
             pending.request,
             epoch=pending.epoch,
             ttl=pending.ttl,
-            now=self._connection.now(),
+            now=now,
             repeatable=pending.repeatable,
         )
         self._connection.perform(goal)

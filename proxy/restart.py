@@ -1,17 +1,14 @@
 """Whether a controller restarted between two of its reports, and which report is the older one. Pure.
 
 Every report carries the controller's clock, which begins at 0 when the controller starts. Most controllers
-also send a number of their life (another one after each start); then life and clock decide. A life's number
-may come again, after 65 535 starts or because a controller without memory draws it at random: then the clock,
-which has fallen, shows the restart. One report with a wrong clock must not make all right ones after it count
-as old, so a report counts as old only if it is older by no more than LONGEST_DELAY.
+also send a number of their life, another one after each start. A number may come again, after 65 535 starts
+or drawn at random: then the clock, which has fallen, shows the restart. A report counts as old only if it is
+older by no more than LONGEST_DELAY: one with a wrong clock must not make all right ones after it old.
 
-Without the number of a life, only the clock decides. A new life is shorter than the time since the old one
-was heard. So a controller whose clock shows more than that time has not restarted, however slow its clock is
-(a simulation on a loaded machine may lose half of each second). One whose clock shows less, and has fallen
-behind ours, counts as restarted, though it may be a slow one that was not heard for long. That is the safe
-mistake: to assume a restart that did not happen stops a robot again that was released; to miss one forgets a
-stop.
+Without the number only the clock decides. A new life is shorter than the time since the old one was heard, so
+a controller whose clock shows more has not restarted, however slow its clock is (a simulation on a loaded
+machine may lose half of each second). One whose clock shows less, and has fallen behind ours, counts as
+restarted. That is the safe mistake: it stops a robot again that was released; the other one forgets a stop.
 """
 
 from __future__ import annotations
