@@ -35,6 +35,8 @@ PLANNED: Final = 64
 FOLLOWED: Final = 8
 """Cost of a set-point: its posture takes 0.1 to 1 ms to find, so a link gets 400 per second."""
 _COMMANDS: Final = (CommandLong, CommandInt)
+_COSTLY: Final = frozenset({Setpoint, Goal, *_COMMANDS})
+"""Kinds of messages of which some cost more than 1."""
 LARGEST_STOPS: Final = 8
 """Waiting stops of one link; each is answered."""
 
@@ -166,6 +168,8 @@ def _cost(event: Event) -> int:
     if not isinstance(event, Received):
         return 1
     message = event.frame.message
+    if type(message) not in _COSTLY:
+        return 1
     if isinstance(message, Setpoint):
         return FOLLOWED
     if isinstance(message, Goal):

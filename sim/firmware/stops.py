@@ -20,6 +20,7 @@ no stop, although its main mode has the number of ours: who holds may be asked t
 PX4's other sub-modes of 4 (take off, mission, return, land) are no stops either: they ask for something that
 these robots cannot do, and are refused."""
 _COMMANDS: Final = (CommandLong, CommandInt)
+_STOPPING: Final = frozenset({SetMode, LegacySetMode, *_COMMANDS})
 _PX4_MAIN, _PX4_SUB = 16, 24
 """[bit] Where PX4 keeps main mode and sub-mode in the custom mode of HEARTBEAT and SET_MODE."""
 
@@ -33,6 +34,8 @@ def modes_of(wish: LegacySetMode) -> tuple[int, int]:
 
 def stop_asked_by(message: AnyMessage) -> bool:
     """Whether a message asks for the stop."""
+    if type(message) not in _STOPPING:  # as most are
+        return False
     if isinstance(message, SetMode):
         return message.mode == ModeKind.SAFE_STOP
     if isinstance(message, LegacySetMode):

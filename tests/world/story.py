@@ -141,7 +141,7 @@ class Judge:
         return LATE + self.realm.controllers[cart].slowest + HOPS * WORST_JITTER
 
     def _look_at_carts(self) -> None:
-        now = self.world.runner.now()
+        now, silent = self.world.runner.now(), self._silent
         for name, controller in self.realm.controllers.items():
             epoch = controller.fence.epoch
             if epoch < self._fences.get(name, 0):
@@ -153,15 +153,16 @@ class Judge:
             if name in self.stopped:
                 self._look_at_stop(name, controller, process)
             if device.ticket is None or not device.moving:
-                self._silent.pop(name, None)
+                if name in silent:
+                    del silent[name]
                 continue
             if now > self.deadlines.get(device.ticket, 0.0) + self._allowance(name):
                 self.complain(f"{name} still drives {device.ticket} after its deadline")
             if now > self.stopped.get(name, now) + LOOK:
                 self.complain(f"{name} drives after its stop was confirmed")
             if process.alive and not process.runner.halted:
-                self._silent.pop(name, None)
-            elif now - self._silent.setdefault(name, now) > LONGEST_SILENCE + controller.slowest:
+                silent.pop(name, None)
+            elif now - silent.setdefault(name, now) > LONGEST_SILENCE + controller.slowest:
                 self.complain(f"{name} drives on though its proxy is silent")
 
     def _look_at_stop(self, name: str, controller: CartController, process: SimulatedProcess) -> None:

@@ -40,7 +40,7 @@ Main = Callable[["SimulatedProcess"], Coroutine[Any, Any, None]]
 
 _encode = msgspec.msgpack.Encoder(enc_hook=repr).encode
 
-Event = tuple[float, str, str, object]
+Event = tuple[Any, ...]
 """One line of the trace: when [s], in which process, what, and details."""
 
 
@@ -246,7 +246,7 @@ class World:
         return hashlib.blake2b(_encode(self.trace), digest_size=16).hexdigest()
 
     def _message(self, source: str, target: str, what: str, key: str, body: bytes) -> None:
-        self.trace.append((self.runner.now(), target, what, (key, source, zlib.crc32(body))))
+        self.trace.append((self.runner.now(), target, what, key, source, zlib.crc32(body)))
 
 
 def _ignore(_: object) -> None:
