@@ -9,6 +9,8 @@ steps at a time. So a test in virtual time and a server in real time run the sam
 
 from collections.abc import Hashable, Iterable, Mapping
 
+import msgspec
+
 from robotree.protocol.frame import Frame
 from robotree.sim.controller.inbox import Event, Inbox, Opened, Received
 from robotree.sim.firmware import COMPONENT, Firmware, Outgoing
@@ -87,4 +89,4 @@ def _spoken_by(program: Firmware, out: list[Outgoing]) -> list[Outgoing]:
     """What a program says, with its component as the speaker."""
     if program.component == COMPONENT:
         return out
-    return [each._replace(component=program.component) for each in out]
+    return [msgspec.structs.replace(each, component=program.component) for each in out]

@@ -148,7 +148,7 @@ class Commands:
         asked = (float(wish.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
         out = self.receive(CommandLong(wish.target_system, 0, MavCmd.DO_SET_MODE, 0, *asked), peer, now)
         return [
-            each._replace(message=msgspec.structs.replace(each.message, command=_LEGACY))
+            msgspec.structs.replace(each, message=msgspec.structs.replace(each.message, command=_LEGACY))
             if isinstance(each.message, CommandAck)
             else each
             for each in out

@@ -1,7 +1,9 @@
 """Messages that the controller's program sends, and their receivers."""
 
 from collections.abc import Hashable, Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from robotree.protocol.messages import AnyMessage, MavComponent, MavSeverity
 from robotree.protocol.services.peer import Send
@@ -11,7 +13,7 @@ COMPONENT: Final = MavComponent.AUTOPILOT1
 """The controller's first component, where ground stations look for it; it answers for all."""
 
 
-class Outgoing(NamedTuple):
+class Outgoing(msgspec.Struct, frozen=True):
     """Something to say: to `via` alone, or to all (None); of telemetry only the newest matters.
 
     `component` is the one of the controller that speaks.

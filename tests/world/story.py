@@ -153,8 +153,7 @@ class Judge:
             if name in self.stopped:
                 self._look_at_stop(name, controller, process)
             if device.ticket is None or not device.moving:
-                if name in silent:
-                    del silent[name]
+                silent.pop(name, None)
                 continue
             if now > self.deadlines.get(device.ticket, 0.0) + self._allowance(name):
                 self.complain(f"{name} still drives {device.ticket} after its deadline")
