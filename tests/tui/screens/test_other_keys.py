@@ -57,6 +57,16 @@ async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, oper
     assert await footer(changed) == usual
 
 
+async def test_a_footer_whose_keys_stay_the_same_is_not_built_anew(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        await operator.sees("Help", "Filter")
+        line = operator.one(KeyLine)
+        before = list(line.children)
+        with line._context():
+            await line.recompose()
+        assert list(line.children) == before
+
+
 async def test_a_form_runs_by_its_other_key_and_says_so(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet, keymap=K9S) as operator:
         await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")

@@ -37,9 +37,16 @@ class KeyLine(Part, Footer):
             keys.append(self._help())
         widths = [_width(key) for key in keys]
         last = next((place for place, key in enumerate(keys) if _is_help(key)), None)
-        kept = fitting(widths, self.screen.size.width, last)
+        kept = [keys[place] for place in fitting(widths, self.screen.size.width, last)]
+        for key in kept:
+            key.set_class(True, "-compact", update=False)  # set when it is mounted, it would be styled twice
         self.styles.grid_size_columns = len(kept)
-        yield from (keys[place] for place in kept)
+        yield from kept
+
+    async def recompose(self) -> None:
+        """Put new keys in place of the old ones if any of them differs: most changes are of hidden keys."""
+        if self.is_attached and [*map(_said, self.compose())] != [*map(_said, self.children)]:
+            await super().recompose()
 
     def _as_listed(self, keys: Iterable[Widget]) -> list[Widget]:
         """Return keys in the order of the registry, those of each widget together.
@@ -96,6 +103,13 @@ def fitting(widths: Sequence[int], room: int, needed: int | None) -> list[int]:
         else:
             left = 0  # what comes later matters less than what was left out
     return kept
+
+
+def _said(key: Widget) -> tuple[object, ...]:
+    """Return all that an operator sees of a key, and what it does."""
+    if not isinstance(key, FooterKey):
+        return (key,)
+    return key.key, key.key_display, key.description, key.action, key.has_class("-disabled"), key.tooltip
 
 
 def _is_help(key: Widget) -> bool:
