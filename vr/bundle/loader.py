@@ -37,8 +37,8 @@ from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0
 """[s] for a source to run."""
-_FAREWELL = 1.0
-"""[s] for what was interrupted to say where."""
+_INTERRUPTED_WITHIN = 1.0
+"""[s] for what was interrupted to end, so that the error can name its line."""
 
 _T = TypeVar("_T")
 _Robot = TypeVar("_Robot", bound=Robot)
@@ -103,7 +103,7 @@ def keep_with(robot: VirtualRobot) -> None:
 
 
 def forget(name: str) -> None:
-    """Let go of a module with what lies beside it, and of its text when no other module is made of it."""
+    """Remove a module and what lies beside it, and its text when no other module is made of it."""
     sys.modules.pop(name, None)
     file = file_in_tracebacks(*_pages.pop(name))
     if package := package_of(name):
@@ -219,7 +219,7 @@ def within(work: Callable[[], _T], path: str, file: str, limit: float) -> _T:
         thread.start()
     if not futures.wait([outcome], limit).done:
         thread.interrupt()
-        futures.wait([outcome], _FAREWELL)
+        futures.wait([outcome], _INTERRUPTED_WITHIN)
     if not outcome.done():
         told = f"it did not end within {limit:g} s, ignores every interruption and still runs"
         _log.error("%s is abandoned while being loaded: %s; restart this host", path, told)
