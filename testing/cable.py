@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections import deque
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Protocol
 
 from robotree.protocol.errors import LinkClosed, LinkError
@@ -34,6 +35,10 @@ class CableEnd:
         self.other: CableEnd | None = None
         self.gone = False
         """Whether nobody is there any more, and nobody was told."""
+        self.last = 0.0
+        """[s] When what was sent last arrives at the other end."""
+        self.under_way: deque[list[bytes]] = deque()
+        """The frames that have not arrived there, by piece."""
         self._cable, self._soon = cable, soon
         self._sent = self._received = 0
 
@@ -88,9 +93,6 @@ class Cable:
         """
         self._world, self._socket = world, socket
         self.open = True
-        self._last = {True: 0.0, False: 0.0}
-        self._pieces: dict[bool, deque[list[bytes]]] = {True: deque(), False: deque()}
-        """What is under way from the near end, and from the far one."""
         self.near = CableEnd(self, f"{socket.name} to its proxy", process.loop.take)
         self.far = CableEnd(self, f"{socket.name} from its proxy", _at_once)
         self.near.other, self.far.other = self.far, self.near
@@ -106,24 +108,21 @@ class Cable:
         """Bring a frame to the other end, after those before it; frames of one moment arrive as one piece."""
         if not self.open:
             return
-        world, socket, near = self._world, self._socket, source is self.near
-        last, pieces, jitter = self._last[near], self._pieces[near], socket.jitter
-        when = world.runner.now() + (
-            socket.delay + jitter * world.network.chance() if jitter else socket.delay
-        )
-        if when <= last and pieces:
-            pieces[-1].append(data)
+        world, socket = self._world, self._socket
+        jitter = socket.jitter * world.network.chance() if socket.jitter else 0.0
+        when = world.runner.now() + (socket.delay + jitter)
+        if when <= source.last and source.under_way:
+            source.under_way[-1].append(data)
             return
-        self._last[near] = when = max(when, last)
-        pieces.append([data])
+        source.last = when = max(when, source.last)
+        source.under_way.append([data])
+        world.runner.at(when, partial(self._arrive, source.under_way, target))
 
-        def arrive() -> None:
-            piece = b"".join(pieces.popleft())
-            if self.open:
-                world.note(target.address, "frames", zlib.crc32(piece))
-                target.take(piece)
-
-        world.runner.at(when, arrive)
+    def _arrive(self, under_way: deque[list[bytes]], target: CableEnd) -> None:
+        piece = b"".join(under_way.popleft())
+        if self.open:
+            self._world.note(target.address, "frames", zlib.crc32(piece))
+            target.take(piece)
 
     def end(self, reason: LinkError, mine: CableEnd | None = None) -> None:
         """End it: for the end that closes it at once, for the other one when what is under way has come."""
@@ -136,7 +135,7 @@ class Cable:
             return
         other = self.far if mine is self.near else self.near
         mine.finish(reason)
-        when = max(self._world.runner.now() + self._socket.delay, self._last[mine is self.near])
+        when = max(self._world.runner.now() + self._socket.delay, mine.last)
 
         def told() -> None:
             self.open = False
