@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -81,15 +82,17 @@ class Link(VirtualRobot):
 
     @command
     def profile(self) -> Any:
-        """How many functions and files of ours one call passes."""
-        profiler = cProfile.Profile()
-        profiler.enable()
-        self.below.step(x=1.0)
-        profiler.disable()
-        rows = pstats.Stats(profiler).stats  # type: ignore[attr-defined] # not in the stubs
-        ours = [where for where in rows if "/vr/" in where[0]]
-        calls = sum(rows[where][1] for where in ours)
-        return [calls, len({where[0] for where in ours})]
+        """How many functions and files of ours most calls pass."""
+        counts: Counter[tuple[int, int]] = Counter()
+        for _ in range(50):
+            profiler = cProfile.Profile()
+            profiler.enable()
+            self.below.step(x=1.0)
+            profiler.disable()
+            rows = pstats.Stats(profiler).stats  # type: ignore[attr-defined] # not in the stubs
+            ours = [where for where in rows if "/vr/" in where[0]]
+            counts[sum(rows[where][1] for where in ours), len({where[0] for where in ours})] += 1
+        return list(counts.most_common(1)[0][0])
 
 
 async def chain(transport: Any, process: Process | None, depth: int, leaf: type[Leaf], prefix: str) -> Any:

@@ -90,7 +90,6 @@ class Publisher:
         readings."""
         self._line = 0
         """Number of the line of the log that was published last."""
-        self._line_waits = False
         live.on_news, live.log.on_line = self._hurry_soon, self._new_line
 
     def begin(self) -> None:
@@ -179,13 +178,10 @@ class Publisher:
 
     def _new_line(self) -> None:
         """Have new lines of the log published soon. From any thread."""
-        if not self._line_waits:
-            self._line_waits = True
-            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-                self._loop.call_soon_threadsafe(self._loop.call_later, PAUSE, self._publish_log)
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
+            self._loop.call_soon_threadsafe(self._loop.call_later, PAUSE, self._publish_log)
 
     def _publish_log(self) -> None:
-        self._line_waits = False
         lines = tuple(self._live.log.since(self._line))
         if lines:
             self._line = lines[-1].number

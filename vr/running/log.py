@@ -32,7 +32,9 @@ class Log:
             unix: returns the time [s] since 1970.
         """
         self.on_line: Callable[[], None] = lambda: None
-        """Called when there are new lines. In any thread, very often: must be quick."""
+        """Called at the first new line since somebody has asked for lines. In any thread: must be quick."""
+        self._news = False
+        """Whether there are lines that nobody has asked for."""
         self._now, self._unix = now, unix
         self._lines: deque[Said] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
@@ -78,11 +80,14 @@ class Log:
             if self._dropped:
                 self._note_dropped()
             self._append(level, text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…", command)
-        self.on_line()
+            first, self._news = not self._news, True
+        if first:
+            self.on_line()
 
     def since(self, number: int) -> list[Said]:
         """Return the lines after the one of a number, the oldest first."""
         with self._lock:
+            self._news = False
             if self._dropped:
                 self._note_dropped()
             return [line for line in self._lines if line.number > number]
