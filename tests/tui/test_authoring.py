@@ -85,7 +85,7 @@ def test_a_command_that_reads_and_changes_state_is_found() -> None:
 )
 def test_a_slot_that_a_command_replaces_is_found_and_refused_by_a_host(body: str) -> None:
     (line,) = found(body)
-    assert line == "15: self.arm is a slot: to assign to it would take the child away"
+    assert line == "15: self.arm is a slot, and this takes the child away"
     source = f"{HEADER}\n    @command\n    def work(self) -> None:\n        {body}\n"
     with pytest.raises(BrokenSource, match=r"line 15: self\.arm is a slot.*another name, such as self\._arm"):
         Bundle(source, "page.py").load()
@@ -113,7 +113,7 @@ def test_a_misspelled_hook_is_found_unless_the_page_uses_the_name(line: str, hoo
     source = f"{HEADER}\n    {line}\n"
     (one,) = examine(source, KINDS)
     name = line.replace("def ", "").partition("(")[0].partition(" ")[0]
-    assert (one.line, one.what) == (13, f"nothing calls {name}; did you mean {hook}?")
+    assert (one.line, one.what, one.instead) == (13, f"nothing calls {name}", f"did you mean {hook}?")
     assert examine(f"{source}\n    def other(self):\n        return self.{name}\n", KINDS) == []
     assert examine(source.replace(name, hook), KINDS) == []
 

@@ -218,7 +218,7 @@ def _of_slots(page: _Page) -> Iterator[Finding]:
     """Find slots and exposed commands that a method replaces by something else."""
     for node in page.of_self():
         if node.attr in page.slots and not isinstance(node.ctx, ast.Load):
-            what = f"self.{node.attr} is a slot: to assign to it would take the child away"
+            what = f"self.{node.attr} is a slot, and this takes the child away"
             yield Finding(node.lineno, what, f"keep the value under another name, such as self._{node.attr}")
 
 
@@ -227,7 +227,7 @@ def _of_hooks(page: _Page, used: set[str]) -> Iterator[Finding]:
     for name, line in page.plain.items():
         near = get_close_matches(name, HOOKS, n=1, cutoff=0.75)
         if near and name not in HOOKS and name not in used:
-            yield Finding(line, f"nothing calls {name}; did you mean {near[0]}?", f"name it {near[0]}")
+            yield Finding(line, f"nothing calls {name}", f"did you mean {near[0]}?")
 
 
 def _of_state(page: _Page) -> Iterator[Finding]:
