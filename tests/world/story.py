@@ -629,16 +629,16 @@ def play(seed: int, *, keep: bool = False, reloads: int = 0) -> Outcome:
             story.tell()
         except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
             story.judge.complain(f"raised: {type(error).__name__}: {error}")
-        digest, trace = world.digest, list[object](world.trace) if keep else []
-        events = len(world.trace)
-    return Outcome(
-        seed,
-        digest,
-        story.judge.broken,
-        drives=len(story.realm.begun),
-        calls=story.calls,
-        answered=story.answered,
-        faults=story.faults,
-        events=events,
-        trace=trace,
-    )
+        outcome = Outcome(
+            seed,
+            world.digest,
+            story.judge.broken,
+            drives=len(story.realm.begun),
+            calls=story.calls,
+            answered=story.answered,
+            faults=story.faults,
+            events=len(world.trace),
+            trace=list[object](world.trace) if keep else [],
+        )
+        del story  # so that the collection at the end of the world finds it
+    return outcome
