@@ -3,7 +3,7 @@
     python bench/wire_codec.py [--rounds N] [--json]
 
 Both sides use fastcrc. Four telemetry messages: one of 40 bytes without an array, and our own joints, tool
-and heartbeat. What is done is in `robotree.protocol.tools.measure.codec`; `robotree wire bench codec` tells
+and heartbeat. What is done is in `robotree.protocol.tools.measure.codec`; `robotree wire bench codec` says
 whether the promises hold.
 """
 

@@ -2,7 +2,7 @@
 
     python bench/wire_ping.py [--rounds N] [--json]
 
-What is done is in `robotree.protocol.tools.measure.round_trips`; `robotree wire bench trips clients` tells
+What is done is in `robotree.protocol.tools.measure.round_trips`; `robotree wire bench trips clients` says
 whether the promises hold.
 """
 

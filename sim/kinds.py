@@ -51,7 +51,7 @@ class Part(NamedTuple):
     Attributes:
         component: its id.
         device: what it moves.
-        streams: what it tells about that.
+        streams: what it reports about that.
         mav_type: what its heartbeats say that it is.
         capabilities: what it offers beyond every controller of ours.
         speech: takes a text that is to be spoken; None: it cannot speak.
@@ -104,7 +104,7 @@ class Kind(Generic[W]):
         return self._controller(self.world(), system, silence, memory or FenceFile(None))
 
     def controller(self, world: W, system: int, silence: float) -> "Controller":
-        """A controller of a world that was built already; it tells no wall clock, and keeps nothing."""
+        """A controller of a world that was built already; it reports no wall clock, and keeps nothing."""
         return self._controller(world, system, silence, None)
 
     def _controller(self, world: W, system: int, silence: float, memory: "FenceFile | None") -> "Controller":

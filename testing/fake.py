@@ -1,7 +1,7 @@
 """Fakes: robots that are made from the description of a kind, and do nothing but answer.
 
 A fake is a robot like any other: its agent, its core, its lease and the check of its arguments are the real
-ones. Only what its commands do is replaced: each takes a while of virtual time, tells its progress, and
+ones. Only what its commands do is replaced: each takes a while of virtual time, reports its progress, and
 returns what the test says. What is commanded is remembered: after `go_to(x=0.3, …)` the `x` of `get_info`
 is 0.3, if `go_to` promises that a repetition ends the same (`effect="repeat"`).
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 USUAL_TIME = 1.0
 """[s] of virtual time that a command takes which moves, unless the test says otherwise."""
 PARTS = 10
-"""Times that such a command tells its progress."""
+"""Times that such a command reports its progress."""
 
 
 class Turns:

@@ -1,8 +1,8 @@
 """The demo of the companion: visitors come, are greeted, guided and served; a script leads the robot.
 
-Without a person the demo is what a recogniser, an operator and a clock would be: it tells the script who has
-come and who leaves, by what the robot's ears report; changes the role in the middle; tries what must be
-refused; stops everything, and releases it again.
+Without a person the demo is what a recogniser, an operator and a clock would be: it reports to the script
+who has come and who leaves, by what the robot's ears report; changes the role in the middle; tries what must
+be refused; stops everything, and releases it again.
 """
 
 from __future__ import annotations

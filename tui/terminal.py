@@ -59,7 +59,7 @@ def harmless(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a text without line ends: who tells one event cannot make it look like two."""
+    """Return a text without line ends: one event cannot be made to look like two."""
     return " ".join(text.split("\n")) if "\n" in text else text
 
 

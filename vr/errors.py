@@ -284,7 +284,8 @@ class Busy(CommandError):
     """The queue of commands is full."""
 
     sentence = (
-        "{robot} already has {waiting} commands waiting; wait, or cancel them with `robotree stop {robot}`"
+        "{robot} takes no more commands: {waiting} {how} already; wait, or cancel them with "
+        "`robotree cancel {robot}`"
     )
 
 
@@ -411,7 +412,7 @@ class WrongKind(BondError):
 class DoesNotFit(BondError):
     """The child is called as the slot wants, and lacks what robots of this kind can do."""
 
-    sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} is called so, but {reason}"
+    sentence = "{robot}.{slot} takes a robot of kind {wanted}; {child} has this kind, but {reason}"
 
 
 class StillBonded(BondError):
@@ -473,7 +474,10 @@ class TransportClosed(TransportError):
 class Garbled(TransportError):
     """What came cannot be read."""
 
-    sentence = "{key} sent what cannot be read: {detail}; are both sides of one version?"
+    sentence = (
+        "{key} sent a message that this version cannot read: {detail}; start both with the same version of "
+        "robotree"
+    )
 
 
 class RealmUnusable(TransportError):

@@ -410,7 +410,7 @@ class Unlisted(_Message, frozen=True, kw_only=True):
 
 
 class Heard(_Message, frozen=True, kw_only=True):
-    """A robot tells what its code says, under its key + `/log`."""
+    """A robot publishes what its code says, under its key + `/log`."""
 
     lines: tuple[Said, ...]
 

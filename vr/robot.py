@@ -57,7 +57,7 @@ class Robot:
         return {}
 
     def safe_stop(self, reason: str) -> Awaitable[None] | None:
-        """Take part in a protective stop. Quick; the agent cancels commands and tells the children.
+        """Take part in a protective stop. Quick; the agent cancels commands and stops the children.
 
         A proxy, with hardware behind it, begins at once and returns what to wait for; a virtual robot returns
         nothing: its own hooks run in a thread, one after the other, and have confirmed it when they end.

@@ -218,7 +218,7 @@ def unwrapped(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
 
 
 def _key(cls: type[Any], name: str, hint: Any) -> Part:
-    """Return one value of a TypedDict; where annotations are texts only the hint tells of `NotRequired`."""
+    """Return one value of a TypedDict; where annotations are texts only the hint shows `NotRequired`."""
     if get_origin(hint) in {Required, NotRequired}:
         return Part(get_args(hint)[0], get_origin(hint) is Required)
     return Part(hint, name in getattr(cls, "__required_keys__", ()))

@@ -61,7 +61,7 @@ AHEAD, ASIDE = 0.45, 0.20
 BESIDE = 0.06
 """[m] further aside: there a hand that holds a cup does not hide an open hand before it from the eyes."""
 CUP = 0.11
-"""[m] height of a cup; its tag tells its middle."""
+"""[m] height of a cup; its tag marks its middle."""
 HOLDS = 0.02
 """[m] fingers that came closer than this hold nothing."""
 LOW = 0.3

@@ -47,7 +47,7 @@ class TcpLink(asyncio.Protocol):
         self._outbox = Outbox(bound)
         self._paused = False
         self._reason: LinkError | None = None
-        self._last_words: object = None
+        self._closing: object = None
         self.address = address
         """The far end's; who was dialled may have reset the connection before the system can tell."""
 
@@ -101,7 +101,7 @@ class TcpLink(asyncio.Protocol):
         transport.write_eof()
         wait = asyncio.ensure_future(asyncio.wait([self.over], timeout=POLITE))
         wait.add_done_callback(lambda _: transport.abort())
-        self._last_words = wait  # asyncio itself holds its tasks weakly
+        self._closing = wait  # asyncio itself holds its tasks weakly
 
     def give_up(self) -> None:
         """Wait no longer for what was said before the end to be read."""

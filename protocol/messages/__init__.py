@@ -873,7 +873,7 @@ class Goal(Message, frozen=True, gc=False):
     target_component: int
     """Component."""
     life: int = 0
-    """Life of the controller that it was made for, as MODE tells it; in another one nothing begins.
+    """Life of the controller that it was made for, as MODE reports it; in another one nothing begins.
 
     0: any.
     """
@@ -1034,7 +1034,7 @@ class Claim(Message, frozen=True, gc=False):
     term_ms: int
     """Silence after which the claim ends by itself. [ms]"""
     life: int
-    """Life of the controller that it was made for, as MODE tells it."""
+    """Life of the controller that it was made for, as MODE reports it."""
     target_system: int
     """System."""
     target_component: int

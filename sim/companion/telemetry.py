@@ -1,4 +1,4 @@
-"""What each component of the companion tells. Pure: readings in, messages out."""
+"""What each component of the companion reports. Pure: readings in, messages out."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -83,7 +83,7 @@ def head_streams(world: CompanionWorld) -> tuple[Stream, ...]:
 
 
 def base_streams(world: CompanionWorld) -> tuple[Stream, ...]:
-    """LOCAL_POSITION_NED and BASE often; SYS_STATUS, which every controller tells, has the battery."""
+    """LOCAL_POSITION_NED and BASE often; SYS_STATUS, which every controller sends, has the battery."""
     flat = world.flat
 
     def pose(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001

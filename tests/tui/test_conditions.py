@@ -82,7 +82,7 @@ def test_a_condition_holds_where_it_should(text: str, there: Scene) -> None:
         ("mover idle", scene(mover(busy="move")), "busy: move"),
         ("reading cell.lever_angle < 0.75", scene(), "0.8"),
         ("reading cell.height > 0", scene(), "cell has no reading height; it has lever_angle"),
-        ("reading hall.height > 0", scene(), "hall tells nothing"),
+        ("reading hall.height > 0", scene(), "hall reports nothing"),
         ("result.z > 0", scene(result={"x": 1}), "the result is x 1"),
         ("result > 0", scene(result="closed"), "closed cannot be compared with 0"),
         ("refused StaleEpoch", scene(refusal="NotInControl"), "NotInControl"),

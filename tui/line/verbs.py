@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     text: str = ""
     """The same for people; may be empty."""
     doubt: SupervisorError | None = None
-    """Why it may not be the whole truth: said beside the result, and the exit code tells."""
+    """Why it may not be the whole truth: said beside the result, and shown by the exit code."""
 
 
 class Teller(Protocol):
@@ -508,13 +508,13 @@ async def cancel(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 async def stop(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     """Stop one robot, or all, protectively."""
     told = await fleet.stop(line.text("NAME") or None, on_late=teller.warn)
-    return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'nobody is there'}")
+    return Outcome({"stopped": sorted(told)}, f"stopped: {', '.join(sorted(told)) or 'there is no robot'}")
 
 
 async def resume(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Resume after a protective stop."""
     told = await fleet.resume(line.text("NAME") or None, given=line.given)
-    return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'nobody is there'}")
+    return Outcome({"resumed": sorted(told)}, f"resumed: {', '.join(sorted(told)) or 'there is no robot'}")
 
 
 # -- scripts and roles -------------------------------------------------------------------------------

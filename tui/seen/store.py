@@ -34,7 +34,7 @@ MEMORY = 500
 """Events that are kept."""
 
 PROGRESS = "progress"
-"""The reading that tells how far the running command is."""
+"""The reading that says how far the running command is."""
 
 OLD: frozenset[Status] = frozenset({"hangs", "gone", "silent", "offline"})
 """Statuses in which readings are old."""

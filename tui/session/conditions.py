@@ -200,7 +200,7 @@ def _reading(found: re.Match[str]) -> Condition:
     def judge(scene: Scene) -> Verdict:
         instruments = scene.readings.get(name)
         if instruments is None:
-            return Verdict(holds=False, seen=f"{name} tells nothing")
+            return Verdict(holds=False, seen=f"{name} reports nothing")
         if reading not in instruments:
             known = ", ".join(sorted(instruments)) or "nothing"
             return Verdict(holds=False, seen=f"{name} has no reading {reading}; it has {known}")

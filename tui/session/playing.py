@@ -1,4 +1,4 @@
-"""Plays session scripts against a fleet: waits, looks, does, and tells each step as it happens."""
+"""Plays session scripts against a fleet: waits, looks, acts, and reports each step as it happens."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class Player:
             return {}
 
     async def _robot_readings(self, name: str) -> Mapping[str, float]:
-        """Return what a robot tells by itself: it is listened to from the first question on."""
+        """Return what a robot publishes by itself: it is listened to from the first question on."""
         if name not in self._heard:
             self._heard[name] = (await self.fleet.describe(name)).readings
 

@@ -11,5 +11,5 @@ COMPONENT = 155
 
 
 def heartbeat() -> Heartbeat:
-    """What tells who listens on a port, or on a bus, that we are there."""
+    """What shows those who listen on a port, or on a bus, that we are there."""
     return Heartbeat(MavType.GCS, MavAutopilot.INVALID, 0, 0, MavState.ACTIVE)

@@ -47,7 +47,7 @@ class Stops:
     async def safe_stop(self, request: SafeStop) -> Reply:
         """Stop now; answer when everything below has confirmed it, or when the time is over.
 
-        Who orders a stop tells all robots of a tree at once, and each passes it on. Such a copy of an order
+        Who orders a stop asks all robots of a tree at once, and each passes it on. Such a copy of an order
         that is obeyed already waits for the same answer: to stop again would be as much work as there are
         ways to the robot, and would count as a new stop.
 

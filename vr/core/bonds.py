@@ -19,7 +19,7 @@ A *group* is an array of slots of one kind, `rovers[0]`, `rovers[1]` …, each o
 Only those that matter are kept: the first that are needed, those with a child or a lost one, and the lowest
 that is empty. A child keeps its index; one that is lost leaves a gap, which can be filled again.
 
-Pure: nothing here asks or tells anyone; `now` is any monotonic clock [s], `unix` seconds since 1970, both
+Pure: nothing here sends anything; `now` is any monotonic clock [s], `unix` seconds since 1970, both
 given by the caller.
 """
 

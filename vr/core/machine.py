@@ -162,14 +162,14 @@ class Calls(msgspec.Struct, kw_only=True):
         """
         if call.reads:
             if self.readers >= MOST_READERS:
-                raise Busy(robot=robot, waiting=self.readers)
+                raise Busy(robot=robot, waiting=self.readers, how="that only read run")
             self.readers += 1
             call.running = True
         elif not self.running:
             self.running = call.key
             call.running = True
         elif len(self.waiting) >= LONGEST_QUEUE:
-            raise Busy(robot=robot, waiting=len(self.waiting))
+            raise Busy(robot=robot, waiting=len(self.waiting), how="wait")
         else:
             self.waiting.append(call.key)
         self.live[call.key] = call

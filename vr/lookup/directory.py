@@ -185,7 +185,7 @@ class Directory:
     async def _follow(self, service: str) -> None:
         """Ask a service for all it holds, again and again."""
         while True:
-            # what it tells while it answers may overtake the answer
+            # what it reports while it answers may overtake the answer
             heard = self._heard[service] = []
             pause = SYNCHRONISE
             try:

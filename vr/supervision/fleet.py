@@ -94,7 +94,7 @@ class Fleet:
         return self.directory.find(Template(role="view"))
 
     def inhabited(self) -> bool:
-        """Whether any agent lives on this machine, as far as its own record tells. Needs no `start`."""
+        """Whether any agent lives on this machine, as far as its own record shows. Needs no `start`."""
         return bool(self._transport.presence.held("*/*/*"))
 
     async def hosts(self) -> Sequence[HostDescribed]:

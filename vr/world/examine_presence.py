@@ -80,7 +80,7 @@ async def presence_is_seen_by_early_and_late(join: Join) -> None:
     await one.close()
     await until(lambda: seen[1:] == [("robot/a/1", False)], "a departure is told once")
     await until_present(late, "robot/*/*", [])
-    promise(len(first) == 1, "a closed watch tells nothing")
+    promise(len(first) == 1, "a closed watch reports nothing")
     await close_all(member, early, late)
 
 

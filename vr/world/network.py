@@ -1,8 +1,8 @@
 """A network within one process of the machine: every member is a transport, every fault can be caused.
 
 It behaves as the mesh of processes does (`network/mesh.py`). Between two members there are two channels,
-urgent and bulk; what is sent on one of them arrives in its order. Each member tells the others what it serves
-and holds, and knows only what has reached it.
+urgent and bulk; what is sent on one of them arrives in its order. Each member lets the others know what it
+serves and holds, and knows only what has reached it.
 
 Faults: a member dies (`kill`), or its whole machine without a word (`vanish`); it is stopped (`pause`), or
 falls silent while it works (`freeze`); two lose each other (`cut`), in one direction only (`cut_one_way`); a

@@ -1,4 +1,4 @@
-"""A dialect of one's own beside ours: compiled, told what is wrong with it, and decoded."""
+"""A user's dialect beside ours: compiled, its mistakes reported, and decoded."""
 
 from __future__ import annotations
 

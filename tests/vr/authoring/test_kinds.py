@@ -71,7 +71,7 @@ async def test_an_own_class_of_the_same_name_does_not_fit_an_arm_slot(realm: Rea
         error = await refusal(realm.client(agent).enslave("arm", mine.address))
         assert isinstance(error, DoesNotFit)
         name = "picker.arm takes" if parent.name == "picker" else "typed.arm takes"
-        assert f"{name} a robot of kind Arm; mine is called so, but has no command " in str(error)
+        assert f"{name} a robot of kind Arm; mine has this kind, but has no command " in str(error)
         assert agent.description().slots[0].child is None
         assert mine.description().bond is None, "it was not disturbed"
 
@@ -87,7 +87,7 @@ async def test_an_exposed_command_that_the_child_lacks_is_refused_when_it_is_ens
     mine, agent = await realm.start(Arm("mine")), await realm.start(LetsThrough("through"))
     error = await refusal(realm.client(agent).enslave("arm", mine.address))
     assert isinstance(error, DoesNotFit)
-    assert "mine is called so, but has no command wave, which the page uses; it has: rise" in str(error)
+    assert "mine has this kind, but has no command wave, which the page uses; it has: rise" in str(error)
 
 
 def test_a_name_expects_what_the_page_uses_and_an_interface_what_it_promises() -> None:

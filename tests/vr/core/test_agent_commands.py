@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
-from robotree.vr.core.machine import LONGEST_QUEUE
+from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
 from robotree.vr.envelope import seal
 from robotree.vr.errors import (
     BadArgument,
@@ -312,3 +312,20 @@ async def test_a_dead_robot_is_unreachable(realm: Any) -> None:
     for question in (client.call("move", {"x": 1}), client.describe(), client.safe_stop()):
         with pytest.raises(VrError, match="nobody answers at robot/rover/"):
             await question
+
+
+class Meter(Robot):
+    """Reads, and takes its time."""
+
+    @command(effect="read")
+    def read(self) -> None:
+        self.sleep(1.0)
+
+
+async def test_who_reads_too_much_hears_how_many_read(realm: Any) -> None:
+    meter = await realm.start(Meter("meter"))
+    reading = [asyncio.create_task(realm.client(meter).call("read", {})) for _ in range(MOST_READERS)]
+    await realm.until(lambda: len(meter.live.frames) == MOST_READERS)
+    with pytest.raises(Busy, match=r"32 that only read run already; wait, or .*`robotree cancel meter`"):
+        await realm.client(meter).call("read", {})
+    await asyncio.gather(*reading)

@@ -157,9 +157,9 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
         ),
         ("raise SystemExit(3)", "", "robot.py cannot be loaded: line 1: SystemExit: 3"),
         (
-            "from robotree.vr.errors import Busy\nraise Busy(robot='x', waiting=1)",
+            "from robotree.vr.errors import Busy\nraise Busy(robot='x', waiting=1, how='wait')",
             "",
-            "robot.py cannot be loaded: line 2: Busy: x already has 1 commands waiting",
+            "robot.py cannot be loaded: line 2: Busy: x takes no more commands: 1 wait already",
         ),
         (
             HEAD + "class V(VirtualRobot):\n    @command\n    def go(self, x): ...",

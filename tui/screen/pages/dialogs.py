@@ -63,7 +63,7 @@ class Confirm(Modal[bool]):
             question: the title.
             consequence: what would happen.
             yes: the word on the button.
-            outlived: tells why there is nothing to ask any more; empty: there is. The dialog closes then.
+            outlived: returns why there is nothing to ask any more; empty: there is. The dialog closes then.
         """
         super().__init__()
         self._question, self._consequence, self._yes = question, consequence, yes

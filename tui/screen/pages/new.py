@@ -102,7 +102,7 @@ class NewPage(Form, Page):
         """The name that was offered last; any other name was typed by a person."""
         self._places = places()
         self._described: ClassOutline | None = None
-        """The class of which the page tells."""
+        """The class that the page shows."""
         self._outlined: ClassOutline | None = None
         """The class whose settings are shown."""
         self._rows: list[FieldRow] = []

@@ -113,7 +113,7 @@ class CommandForm(Form, Part, VerticalScroll):
             self._say("·", "muted", f"{self.app.keymap.spelled('panel.run')} runs it, or the button")
 
     def draw(self, readings: Mapping[str, float]) -> None:
-        """Show the values now; a form that is carried out keeps what was sent, and tells how far it is."""
+        """Show the values now; a form that is carried out keeps what was sent, and shows how far it is."""
         if self.running:
             self._draw_progress()
             return
@@ -216,7 +216,7 @@ class CommandForm(Form, Part, VerticalScroll):
         return not self.query("#outcome")
 
     def progressed(self, fraction: float, text: str) -> None:
-        """The command tells how far it is."""
+        """The command reports how far it is."""
         if self._left:
             return
         self._fraction, self._told = fraction, text

@@ -20,7 +20,7 @@ import zenoh
 
 from robotree.vr.errors import TransportClosed
 from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
-from robotree.vr.network.zenoh.making import made
+from robotree.vr.network.zenoh.declaring import made
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.network.zenoh.settling import Settling
 from robotree.vr.presence import Presence

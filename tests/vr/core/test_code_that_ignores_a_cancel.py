@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,7 +20,7 @@ from tests.vr.core.conftest import REAL_GRACE
 pytestmark = pytest.mark.real_threads
 
 
-class Heedless(Robot):
+class IgnoresCancels(Robot):
     """A robot whose author has not thought of ending."""
 
     def __init__(self, name: str) -> None:
@@ -85,14 +86,14 @@ class Heedless(Robot):
 
 
 async def test_a_command_that_asks_whether_it_is_cancelled_ends_by_itself(realm: Any) -> None:
-    rover = await realm.start(Heedless("rover"))
+    rover = await realm.start(IgnoresCancels("rover"))
     with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call("long_sum", {}, deadline=0.5)
 
 
 @pytest.mark.parametrize("stubborn", ["insist", "spin"])
 async def test_code_that_does_not_listen_is_interrupted(realm: Any, stubborn: str) -> None:
-    rover = await realm.start(Heedless("rover"))
+    rover = await realm.start(IgnoresCancels("rover"))
     with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call(stubborn, {}, deadline=0.2)
     await realm.client(rover).call("move", {})
@@ -100,7 +101,7 @@ async def test_code_that_does_not_listen_is_interrupted(realm: Any, stubborn: st
 
 
 async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_more(realm: Any) -> None:
-    rover = await realm.start(Heedless("rover"))
+    rover = await realm.start(IgnoresCancels("rover"))
     loop = asyncio.get_running_loop()
     began = loop.time()
     with pytest.raises(DeadlineExceeded):
@@ -111,14 +112,14 @@ async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_mo
         "failed",
         "rover.hang was not done within its deadline",
     )
-    assert goes_on.text.startswith("hang has ended and its code still runs: test_heedless_code.py, line ")
+    assert goes_on.text.startswith(f"hang has ended and its code still runs: {Path(__file__).name}, line ")
     rover.robot.release.set()
     await realm.until(lambda: not rover.description().abandoned)
     assert rover.robot.done == []
 
 
 async def test_a_sleep_that_outlasts_its_cancel_is_told_and_the_robot_recovers_by_itself(realm: Any) -> None:
-    rover = await realm.start(Heedless("rover"))
+    rover = await realm.start(IgnoresCancels("rover"))
     client = realm.client(rover)
     dozing = asyncio.create_task(client.call("doze", {}, key="k"))
     await realm.until(lambda: rover.description().busy == "doze")
@@ -126,7 +127,7 @@ async def test_a_sleep_that_outlasts_its_cancel_is_told_and_the_robot_recovers_b
     with pytest.raises(CommandCancelled, match="enough"):
         await dozing
     with pytest.raises(
-        StillRunning, match=r"\(test_heedless_code.py, line \d+: time.sleep\(0.6\)\); wait until"
+        StillRunning, match=r"\(test_code_that_ignores_a_cancel.py, line \d+: time.sleep\(0.6\)\); wait until"
     ):
         await client.call("move", {})
     await realm.until(lambda: not rover.description().abandoned, within=5.0)
@@ -137,7 +138,7 @@ async def test_a_sleep_that_outlasts_its_cancel_is_told_and_the_robot_recovers_b
 async def test_beside_abandoned_code_nothing_moves_until_it_has_ended(
     realm: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rover = await realm.start(Heedless("rover"), host="host-1")
+    rover = await realm.start(IgnoresCancels("rover"), host="host-1")
     client = realm.client(rover)
     states: list[State] = []
 
@@ -154,7 +155,7 @@ async def test_beside_abandoned_code_nothing_moves_until_it_has_ended(
     await client.cancel("k", reason="enough")
     with pytest.raises(CommandCancelled, match="enough"):
         await calls[0]
-    sentence = r"its defy was ended but still runs \(test_heedless_code.py, line \d+"
+    sentence = r"its defy was ended but still runs \(test_code_that_ignores_a_cancel.py, line \d+"
     with pytest.raises(StillRunning, match=sentence):
         await calls[1]  # it waited behind
     with pytest.raises(StillRunning, match=sentence):

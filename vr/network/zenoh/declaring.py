@@ -1,4 +1,4 @@
-"""Making in a thread what somebody must own: a declaration holds a name for as long as it is there.
+"""Declares in a thread what somebody must own: a declaration holds a name for as long as it exists.
 
 The wire has the like for adapters (`protocol/links/in_thread.py`). Wire and agents know nothing of each
 other, which is worth more than these lines.
