@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from textual._context import visible_screen_stack
 from textual.app import App
 
 
@@ -15,5 +16,6 @@ def shows(text: str, words: Iterable[str]) -> bool:
 
 def text_of(app: App[Any]) -> str:
     """Return what is on the screen, without colours."""
+    visible_screen_stack.set(app._background_screens)  # what a dialog leaves free is the page behind it
     strips = app.screen._compositor.render_strips()
     return "\n".join("".join(segment.text for segment in strip) for strip in strips)

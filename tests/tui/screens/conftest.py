@@ -8,6 +8,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
+from textual._compositor import Compositor
 from textual._xterm_parser import XTermParser
 from textual.css.model import RuleSet
 from textual.css.stylesheet import Stylesheet
@@ -93,10 +94,14 @@ class Operator:
         await self.until(lambda: shows(self.text, words), str(words))
 
     async def at(self, kind: type[S]) -> S:
-        """Wait until a page of this kind is in front."""
+        """Wait until a page of this kind is in front and laid out: earlier keys may not be meant for it."""
         await self.until(lambda: isinstance(self.app.screen, kind), kind.__name__)
+        there = asyncio.Event()
+        self.app.screen.call_after_refresh(there.set)
+        await self.until(lambda: there.is_set() or not isinstance(self.app.screen, kind), "its layout")
         assert isinstance(self.app.screen, kind)
         await self.settled()
+        assert self.text
         return self.app.screen
 
     def one(self, kind: type[W], selector: str = "") -> W:
@@ -149,6 +154,34 @@ def parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Stylesheet, "_parse_rules", parse_once)
 
 
+_render_update = Compositor.render_update
+
+
+def draw_nothing(
+    compositor: Compositor,
+    full: bool = False,  # noqa: FBT001, FBT002 # as Textual calls it
+    screen_stack: list[Screen[object]] | None = None,
+) -> None:
+    """Take what is to be drawn for drawn."""
+    del full, screen_stack
+    compositor._dirty_regions.clear()
+
+
+@pytest.fixture(autouse=True)
+def drawn_when_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw a page where a test looks at it, when it has come to the front, and at the end; no frame between.
+
+    Without a terminal Textual throws each frame away. They were a quarter of the processor time.
+    """
+    monkeypatch.setattr(Compositor, "render_update", draw_nothing)
+
+
+@pytest.fixture
+def every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw each frame, for a test that asks what is drawn, or when: autouse fixtures come first."""
+    monkeypatch.setattr(Compositor, "render_update", _render_update)
+
+
 @pytest.fixture(autouse=True)
 def calm(monkeypatch: pytest.MonkeyPatch) -> None:
     """No animations: they only cost time."""
@@ -190,6 +223,7 @@ def operate() -> Operate:
             operator = Operator(app, pilot)
             await operator.until(lambda: app.store.joined and len(app.screen_stack) > 1, "the main page")
             yield operator
+            assert app.fatal is not None or operator.text
         assert app.fatal is None
         assert mended or app.errors == []
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 from robotree.tui.screen.widgets.log_pane import LogPane
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ def log_lines(operator: Operator) -> str:
     return "\n".join(log.render_line(y).text for y in range(log.size.height))
 
 
+@pytest.mark.usefixtures("every_frame")
 async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
     realm: Realm, operate: Operate
 ) -> None:

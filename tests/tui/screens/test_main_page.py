@@ -69,6 +69,7 @@ async def test_the_cursor_stays_on_its_robot_while_others_come(realm: Realm, ope
         assert operator.one(RobotTable).selected == "rover-1"
 
 
+@pytest.mark.usefixtures("every_frame")
 async def test_a_cursor_key_draws_two_lines_before_anything_else(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
