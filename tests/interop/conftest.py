@@ -9,7 +9,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -17,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.command_line import ROBOTREE
 
 ROOT = Path(__file__).parents[2]
 TOOLS = ROOT / ".venv-interop" / "bin"
@@ -133,7 +134,7 @@ def tools() -> Path:
     module = folder / "robotree.py"
     module.unlink(missing_ok=True)  # of an earlier run; the verb writes nothing over
     words = ["wire", "dialect", "--lang", "python", "--include", "ardupilotmega", str(module)]
-    subprocess.run([sys.executable, "-m", "robotree.tui", *words], check=True)
+    subprocess.run([*ROBOTREE, *words], check=True)
     return TOOLS
 
 
@@ -156,8 +157,8 @@ def simulate(start: Callable[..., Program]) -> Callable[..., str]:
     """Starts simulated arms; returns the HOST:PORT where each listens."""
 
     def begin(*options: str | Path) -> str:
-        words = ("-m", "robotree.tui", "sim", "arm", "--listen", "tcp:127.0.0.1:0", *options)
-        return start(sys.executable, *words).reads(r"ready tcp:(\S+)\n")[1]
+        words = ("sim", "arm", "--listen", "tcp:127.0.0.1:0", *options)
+        return start(*ROBOTREE, *words).reads(r"ready tcp:(\S+)\n")[1]
 
     return begin
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.interop
 TSHARK = shutil.which("tshark") or ""
@@ -21,9 +22,7 @@ def test_it_reads_the_arms_words_off_the_loopback_device(
 ) -> None:
     port = arm.rpartition(":")[2]
     lua = tmp_path / "robotree.lua"
-    subprocess.run(
-        [sys.executable, "-m", "robotree.tui", "wire", "dissector", lua, "--port", port], check=True
-    )
+    subprocess.run([*ROBOTREE, "wire", "dissector", lua, "--port", port], check=True)
     fields = ("-e", "mavlink_proto.sysid", "-e", "mavlink_proto.ROBOTREE_GRIPPER_width")
     listener = start(
         *(TSHARK, "-i", "lo", "-f", f"tcp port {port}", "-X", f"lua_script:{lua}", "-l"),

@@ -15,6 +15,7 @@ from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.address import ROLES
+from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
@@ -94,7 +95,7 @@ async def test_a_demo_that_is_killed_leaves_nothing_behind(
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
     demo = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "robotree.tui", "demo", "--headless", "--realm", "killed"),
+        *(*ROBOTREE, "demo", "--headless", "--realm", "killed"),
         cwd=tmp_path,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,

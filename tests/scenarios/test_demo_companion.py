@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.command_line import ROBOTREE
 
 
 @pytest.mark.soak
@@ -18,7 +19,7 @@ def test_an_evening_with_three_visitors_ends_well(tmp_path: Path) -> None:
     runtime = tmp_path / "run"
     runtime.mkdir(mode=0o700)
     home = {"XDG_RUNTIME_DIR": str(runtime), "XDG_STATE_HOME": str(tmp_path / "state")}
-    words = (sys.executable, "-m", "robotree.tui", "demo", "companion", "--headless", "--speedup", "3")
+    words = (*ROBOTREE, "demo", "companion", "--headless", "--speedup", "3")
     played = subprocess.run(
         (*words, "--pictures", str(tmp_path / "pictures")),
         env={**os.environ, **home},

@@ -15,7 +15,8 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.testing import until
-from tests.scenarios.test_terminals import ROBOTREE, Terminal
+from tests.command_line import ROBOTREE
+from tests.scenarios.test_terminals import Terminal
 
 pytestmark = [pytest.mark.e2e, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(120)]
 

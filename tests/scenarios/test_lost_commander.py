@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import signal
-import sys
 from asyncio.subprocess import DEVNULL
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -38,6 +37,7 @@ from robotree.sim.serving.server import serving
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.testing import until
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
 
@@ -148,7 +148,7 @@ async def test_the_arm_stands_soon_after_a_kill_of_the_command_line_that_moves_i
             await fleet.call("arm-1", "go_to", {"x": 0.45, "y": -0.3, "z": 0.35, "twist": 0, "speed": FAST})
             words = ["x=0.45", "y=0.3", "z=0.35", "twist=0", f"speed={FAST}", "--realm", REALM]
             caller = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "robotree.tui", "call", "arm-1.go_to", *words, stderr=DEVNULL
+                *ROBOTREE, "call", "arm-1.go_to", *words, stderr=DEVNULL
             )
             await under_way(track)
             killed = track.places[-1][0]

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import ROBOTREE
 from tests.withheld import Withheld
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
-ROBOTREE = (sys.executable, "-m", "robotree.tui")
 LED_BY_MAKE = "make"
 """The session's leader is `make`, as in `xterm -e make demo`: it alone is told of a hang-up, and waits."""
 END = 3.0

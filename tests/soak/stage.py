@@ -8,7 +8,6 @@ import json
 import os
 import re
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -21,6 +20,7 @@ from robotree.tui.processes.crew import Crew, Member
 from robotree.tui.processes.realm import joined
 from robotree.vr.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
+from tests.command_line import ROBOTREE
 from tests.soak.observer import Observer, holds
 
 ROOT = Path(__file__).parents[2]
@@ -147,7 +147,8 @@ class Stage:
     async def verb(self, *words: str) -> Verb:
         """Start a command line."""
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "robotree.tui", *words),
+            *ROBOTREE,
+            *words,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

@@ -19,6 +19,7 @@ from robotree.vr.errors import CommandCancelled, Stopped
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e
 SOURCE = Path(__file__).parents[3] / "examples" / "controller_py" / "controller.py"
@@ -29,7 +30,7 @@ PAGE = 80
 @pytest.fixture
 def url(tmp_path: Path) -> Iterator[str]:
     shutil.copy(SOURCE, tmp_path)
-    words = [sys.executable, "-m", "robotree.tui", "wire", "dialect", "--lang", "python", "rover_wire.py"]
+    words = [*ROBOTREE, "wire", "dialect", "--lang", "python", "rover_wire.py"]
     subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
     start = [sys.executable, "controller.py", "0"]
     with subprocess.Popen(start, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
