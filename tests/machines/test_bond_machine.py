@@ -11,6 +11,7 @@ from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond, Lessee, Slots
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
+from tests.machines.checkpoint import decoded
 
 NAMES = ("left", "right")
 CHILDREN = [Address("robot", f"arm-{number}", "1") for number in range(3)]
@@ -26,6 +27,10 @@ class BondMachine(RuleBasedStateMachine):
         self.bound: dict[str, Bond] = {}
         self.lost: dict[str, str] = {}
         self.former: list[tuple[str, Bond]] = []
+
+    @rule()
+    def go_on_from_the_encoded_state(self) -> None:
+        self.slots = decoded(self.slots)
 
     @rule(slot=slot_names, child=st.sampled_from(CHILDREN))
     def begin(self, slot: str, child: Address) -> None:
@@ -59,7 +64,7 @@ class BondMachine(RuleBasedStateMachine):
     def free(self, slot: str) -> None:
         if slot in self.bound:
             bond = self.bound.pop(slot)
-            assert self.slots.free(slot) is bond
+            assert self.slots.free(slot) == bond
             self.former.append((slot, bond))
         else:
             with pytest.raises(SlotEmpty):
@@ -101,7 +106,7 @@ class BondMachine(RuleBasedStateMachine):
     def only_a_bound_slot_can_be_used(self) -> None:
         for name in NAMES:
             if name in self.bound:
-                assert self.slots.require(name) is self.bound[name]
+                assert self.slots.require(name) == self.bound[name]
             else:
                 with pytest.raises(SlotEmpty) as refused:
                     self.slots.require(name)

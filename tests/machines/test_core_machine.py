@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import hypothesis.strategies as st
 import pytest
@@ -13,23 +13,36 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from robotree.vr.address import Address
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lessee, Lessor, Slots
-from robotree.vr.core.events import Begin, ChildGone, Event, Interrupt, Renew, Settled, StopSettled
-from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, State, decode_state, encode_state
+from robotree.vr.core.events import (
+    Begin,
+    ChildGone,
+    Event,
+    Interrupt,
+    LeaseChanged,
+    Renew,
+    Settled,
+    StopSettled,
+)
+from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, State, encode_state
 from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.description import RobotDescription, SlotSpec
 from robotree.vr.errors import (
     Busy,
     CommandCancelled,
+    CommandFailed,
+    CycleOfBonds,
     DeadlineExceeded,
     KeyReused,
     NotConfirmed,
     NotInControl,
+    SlotHeld,
     StaleEpoch,
     StillRunning,
     Stopped,
     VrError,
 )
 from robotree.vr.requests import Call, Done, Raised, Returned
+from tests.machines.checkpoint import decoded
 
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
@@ -59,6 +72,9 @@ def invocation(
 class CoreMachine(RuleBasedStateMachine):
     """Every event goes to two cores, of which one is encoded and decoded now and then."""
 
+    played: ClassVar[set[type]] = set()
+    """The types of the events that were not refused."""
+
     def __init__(self) -> None:
         super().__init__()
         self.core, self.copy = new_core(), new_core()
@@ -75,6 +91,10 @@ class CoreMachine(RuleBasedStateMachine):
         """Those that may still be answered."""
         self.granted: dict[str, float] = {}
         """Until when each child is ours unless it grants more, by slot."""
+        self.declared = dict.fromkeys(SLOTS, "Tool")
+        """The kinds of the slots of the present page."""
+        self.expected: dict[str, Address] = {}
+        """Who is being asked to come, by slot."""
         self.asked: dict[int, dict[str, bool | None]] = {}
         """What each part has answered to each stop: whether it confirms; None: nothing yet."""
         self.settled: set[int] = set()
@@ -94,6 +114,7 @@ class CoreMachine(RuleBasedStateMachine):
                 self.copy.handle(event, self.now)
             raise
         assert self.copy.handle(event, self.now) == effects, "the decoded copy goes on identically"
+        self.played.add(type(event))
         self.take(effects)
         return effects
 
@@ -139,7 +160,7 @@ class CoreMachine(RuleBasedStateMachine):
 
     @rule()
     def go_on_from_the_encoded_state(self) -> None:
-        self.copy = RobotCore(decode_state(encode_state(self.copy.state)))
+        self.copy = RobotCore(decoded(self.copy.state))
 
     @rule(seconds=st.sampled_from([0.1, 1.0, TERM]))
     def time_passes(self, seconds: float) -> None:
@@ -158,6 +179,14 @@ class CoreMachine(RuleBasedStateMachine):
         tenure = self.core.state.lease.tenure
         return None if tenure is None or tenure.expires <= self.now else tenure.epoch
 
+    def wrong(self) -> int | None:
+        """An epoch that nobody has who may command the robot."""
+        return 7 if self.right() is None else None
+
+    def outranked(self) -> bool:
+        """Whether somebody else commands what stands behind the robot, and no parent the robot."""
+        return self.right() is None and self.core.state.lease.outranked
+
     @rule(reads=st.booleans(), within=st.sampled_from([0.5, 3.0, 1000.0]))
     def a_call_comes(self, *, reads: bool, within: float) -> None:
         invoke = self.invoke(reads=reads, epoch=self.right(), within=within)
@@ -170,6 +199,9 @@ class CoreMachine(RuleBasedStateMachine):
         except StillRunning:
             assert not reads
             assert self.core.state.calls.abandoned
+        except CommandFailed:
+            assert not reads
+            assert self.outranked()
         except Busy:
             assert reads or len(self.waiting) == LONGEST_QUEUE
         else:
@@ -235,7 +267,7 @@ class CoreMachine(RuleBasedStateMachine):
         key = self.running[0]
         self.handle(on.Abandon(key=key))
         assert not self.waiting, "nothing waits behind abandoned code"
-        with pytest.raises((StillRunning, Stopped)):
+        with pytest.raises((StillRunning, Stopped, CommandFailed)):
             self.handle(self.invoke(epoch=self.right()))
         self.handle(on.Gone(key=key))
 
@@ -258,6 +290,50 @@ class CoreMachine(RuleBasedStateMachine):
         assert bool(effects) <= final, "only a final order interrupts a clean-up"
         assert ended or not final
         assert not self.handle(on.Cancel(key=key, reason="now", entitled=True, final=True)) or not ended
+
+    @precondition(lambda self: self.running or self.readers or self.waiting)
+    @rule(data=st.data(), own=st.booleans())
+    def one_goes_on_without_its_caller(self, data: st.DataObject, *, own: bool) -> None:
+        key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
+        before = self.core.state.calls.live[key].detached
+        with pytest.raises((NotInControl, StaleEpoch)):
+            self.handle(on.Detach(key=key, epoch=self.wrong()))
+        calls = self.core.state.calls
+        assert key not in calls.live or calls.live[key].detached == before
+        assert not self.handle(on.Detach(key=key, epoch=self.right(), entitled=own))
+        assert key not in calls.live or calls.live[key].detached
+
+    @rule(
+        but_readers=st.booleans(),
+        final=st.booleans(),
+        by=st.sampled_from(["itself", "right", "wrong", "none"]),
+    )
+    def all_are_cancelled(self, *, but_readers: bool, final: bool, by: str) -> None:
+        """Who has no right and no lease either ends only what goes on without its caller."""
+        self.handle(on.Tick(unix=UNIX + self.now))
+        live = self.core.state.calls.live
+        epoch = {"itself": None, "none": None, "right": self.right(), "wrong": self.wrong()}[by]
+        order = on.CancelAll(
+            reason="enough", but_readers=but_readers, epoch=epoch, entitled=by == "itself", final=final
+        )
+        alone = by == "none" and self.right() is not None
+        if epoch is not None and epoch != self.right():
+            with pytest.raises(StaleEpoch):
+                self.handle(order)
+        elif alone and by == "none" and not any(call.detached for call in live.values()):
+            with pytest.raises(NotInControl):
+                self.handle(order)
+        elif order.entitled or epoch == self.right() or alone:
+            meant = [
+                key
+                for key, call in live.items()
+                if not (but_readers and call.reads) and (call.detached or not alone)
+            ]
+            waited = [key for key in self.waiting if key in meant]
+            self.handle(order)
+            assert all(key in self.replies for key in waited), "what waits ends at once"
+            assert not {*waited} & self.began, "and does not begin before"
+            assert all(live[key].cause for key in meant if key in live), "what runs is asked to end"
 
     # -- who commands it -------------------------------------------------------------------------
 
@@ -283,6 +359,33 @@ class CoreMachine(RuleBasedStateMachine):
         self.handle(on.EndLease(parent=tenure.parent, unix=UNIX + self.now, reason="it let go"))
         assert self.core.state.lease.epoch > tenure.epoch
 
+    @precondition(lambda self: self.right() is not None)
+    @rule(late=st.booleans(), above=st.sampled_from([(), ("train",), ("arm-1",)]))
+    def the_parent_renews(self, *, late: bool, above: tuple[str, ...]) -> None:
+        before = self.core.state.lease.tenure
+        assert before is not None
+        lineage = (*above, before.parent.name)
+        if late:
+            with pytest.raises(StaleEpoch):
+                self.handle(on.Prolong(parent=before.parent, epoch=before.epoch - 1, lineage=lineage))
+        elif "arm-1" in above:
+            with pytest.raises(CycleOfBonds):
+                self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
+        else:
+            effects = self.handle(on.Prolong(parent=before.parent, epoch=before.epoch, lineage=lineage))
+            tenure = self.core.state.lease.tenure
+            assert tenure is not None
+            assert (tenure.epoch, tenure.expires) == (before.epoch, self.now + TERM)
+            assert (LeaseChanged() in effects) == (lineage != before.lineage), "news of ancestors go down"
+
+    @rule(more=st.sampled_from([0, -1, 1]))
+    def the_controller_says_which_epoch_it_obeys(self, more: int) -> None:
+        lease, before = self.core.state.lease, self.core.state.lease.epoch
+        first, free = lease.found is None, lease.tenure is None
+        self.handle(on.Obeyed(epoch=before + more))
+        assert lease.epoch == (before + more + 1 if first and free and more > 0 else before)
+        assert lease.outranked or first or more <= 0 or before + more <= (lease.found or 0)
+
     # -- what it keeps ---------------------------------------------------------------------------
 
     @rule(value=st.sampled_from([0, 0.5, "a", ["a", {"b": 1}], None]), by=st.sampled_from(["page", "right"]))
@@ -299,12 +402,32 @@ class CoreMachine(RuleBasedStateMachine):
 
     # -- the robots that it commands -------------------------------------------------------------
 
-    @precondition(lambda self: len(self.granted) < len(SLOTS))
-    @rule(data=st.data())
-    def a_child_comes(self, data: st.DataObject) -> None:
-        slot = data.draw(st.sampled_from([slot for slot in SLOTS if slot not in self.granted]))
+    def empty(self) -> list[str]:
+        return [slot for slot in self.declared if slot not in {*self.granted, *self.expected}]
+
+    @precondition(lambda self: self.empty())
+    @rule(data=st.data(), at_once=st.booleans())
+    def a_child_is_asked(self, data: st.DataObject, *, at_once: bool) -> None:
+        slot = data.draw(st.sampled_from(self.empty()))
         child = Address("robot", f"child-{next(self.numbers)}", "1")
         self.handle(on.Reserve(slot=slot, child=child))
+        self.expected[slot] = child
+        if at_once:
+            self.come(slot)
+
+    @precondition(lambda self: self.expected)
+    @rule(data=st.data(), comes=st.booleans())
+    def who_was_asked_comes_or_not(self, data: st.DataObject, *, comes: bool) -> None:
+        slot = data.draw(st.sampled_from(sorted(self.expected)))
+        if comes:
+            self.come(slot)
+        else:
+            del self.expected[slot]
+            self.handle(on.Unreserve(slot=slot))
+            assert self.core.state.slots[slot].child is None
+
+    def come(self, slot: str) -> None:
+        child = self.expected.pop(slot)
         lease = Lessee.begin(epoch=next(self.numbers), term=TERM, sent=self.now - 0.1, now=self.now)
         description = RobotDescription(address=child, kinds=("Tool", "Robot"))
         self.handle(on.Bind(slot=slot, bond=Bond(child=child, lease=lease, description=description)))
@@ -356,6 +479,28 @@ class CoreMachine(RuleBasedStateMachine):
             self.handle(on.Described(slot=slot, child=child, epoch=epoch, description=description))
             assert self.renewals[-1].child == child
         assert (slot in self.granted) == (how is on.Described)
+
+    @precondition(lambda self: not self.running)
+    @rule(
+        declared=st.dictionaries(
+            st.sampled_from([*SLOTS, "more"]), st.sampled_from(["Tool", "Arm"]), min_size=1
+        ),
+        value=st.integers(0, 1),
+    )
+    def another_page_is_loaded(self, declared: dict[str, str], value: int) -> None:
+        if self.core.due <= self.now:
+            self.handle(on.Tick(unix=UNIX + self.now))
+        held = {*self.granted, *self.expected}
+        specs = tuple(SlotSpec(name=name, kind=kind) for name, kind in declared.items())
+        reload = on.Reload(slots=specs, fields={"seen": value})
+        if any(declared.get(slot) != self.declared[slot] for slot in held):
+            with pytest.raises(SlotHeld):
+                self.handle(reload)
+        else:
+            self.handle(reload)
+            self.declared = declared
+            assert self.core.state.slots.by_name.keys() == declared.keys()
+            assert self.core.state.fields == {"seen": value}
 
     # -- stops -----------------------------------------------------------------------------------
 
@@ -434,8 +579,15 @@ class CoreMachine(RuleBasedStateMachine):
         assert encode_state(self.core.state) == encode_state(self.copy.state)
 
 
-TestCoreMachine = CoreMachine.TestCase
-TestCoreMachine.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
+class TestCoreMachine(CoreMachine.TestCase):
+    """Play; every type of event that a core knows must have its turn."""
+
+    settings = settings(max_examples=300, stateful_step_count=40, deadline=None)
+
+    def runTest(self) -> None:  # noqa: N802 # as unittest calls it
+        CoreMachine.played.clear()
+        super().runTest()
+        assert CoreMachine.played == set(RobotCore._handlers)
 
 
 def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> None:

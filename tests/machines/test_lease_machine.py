@@ -12,6 +12,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initial
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Lessee, Lessor
 from robotree.vr.errors import LeaseDenied, Retracted, StaleEpoch
+from tests.machines.checkpoint import decoded
 
 NAMES = ("a", "b")
 
@@ -78,6 +79,12 @@ class LeaseMachine(RuleBasedStateMachine):
         self.parents = {name: Parent(name, offset) for name, offset in zip(NAMES, offsets, strict=True)}
         self.epochs = [self.child.epoch]
         self.retracted: set[str] = set()
+
+    @rule()
+    def go_on_from_the_encoded_states(self) -> None:
+        self.child = decoded(self.child)
+        for parent in self.parents.values():
+            parent.lease = parent.lease and decoded(parent.lease)
 
     @rule(target=on_the_way, name=st.sampled_from(NAMES))
     def ask(self, name: str) -> Message:

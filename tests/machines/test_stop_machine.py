@@ -21,6 +21,7 @@ from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualRunner
+from tests.machines.checkpoint import decoded
 
 SETTLED = 30.0
 """[s] Longer than all orders, leases and silences together."""
@@ -172,6 +173,11 @@ class StopMachine(RuleBasedStateMachine):
             (self.network.freeze if frozen else self.network.thaw)(self.members[name])
 
         self.run(act())
+
+    @rule()
+    def go_on_from_the_encoded_states(self) -> None:
+        for agent in self.agents.values():
+            agent.live.core.state = decoded(agent.live.core.state)
 
     @rule(seconds=gaps)
     def wait(self, seconds: float) -> None:
