@@ -603,3 +603,17 @@ def test_a_numbered_call_that_is_over_for_its_caller_is_refused_for_ever() -> No
     assert "k1" not in core.state.calls.ended, "its reply is forgotten"
     with pytest.raises(CommandCancelled, match="its caller has given it up"):
         core.handle(call(1, 1), 0.0)
+
+
+def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothing() -> None:
+    core, child = new_core(), Address("robot", "hand-1", "1")
+    core.handle(on.Reserve(slot="tool", child=child), 0.0)
+    lease = Lessee.begin(epoch=3, term=TERM, sent=0.0, now=0.0)
+    description = RobotDescription(address=child, kinds=("Tool", "Robot"))
+    core.handle(on.Bind(slot="tool", bond=Bond(child=child, lease=lease, description=description)), 0.0)
+    core.handle(on.Free(slot="tool"), 1.0)
+    core.handle(on.Reload(slots=(), fields={}), 1.0)
+    before = encode_state(core.state)
+    assert core.handle(on.Renewed(slot="tool", child=child, epoch=3, sent=0.5, term=TERM), 2.0) == []
+    assert core.handle(on.Lose(slot="tool", child=child, epoch=3, reason="it has ended"), 2.0) == []
+    assert encode_state(core.state) == before

@@ -144,8 +144,7 @@ class Children:
 
     def gone(self, effect: on.ChildGone) -> None:
         """A slot is empty again."""
-        bond = self._slots[effect.slot].bond
-        if bond is None and (unwatch := self._watching.pop(effect.slot, None)):
+        if effect.slot not in self._slots.bonds() and (unwatch := self._watching.pop(effect.slot, None)):
             unwatch()
         if effect.reason:
             _log.warning("%s.%s lost its child: %s", self._parent.name, effect.slot, effect.reason)

@@ -571,8 +571,12 @@ class Slots(msgspec.Struct):
         self._tidy(slot.spec.group)
 
     def held(self, name: str, child: Address, epoch: int) -> Bond | None:
-        """Return the bond in a slot if it is the one with this child, in any incarnation, and epoch."""
-        bond = self[name].bond
+        """Return the bond in a slot if it is the one with this child, in any incarnation, and epoch.
+
+        News of a child may come when another page no longer declares its slot: then there is none.
+        """
+        slot = self.by_name.get(name)
+        bond = None if slot is None else slot.bond
         if bond is None or (bond.child.identity, bond.lease.epoch) != (child.identity, epoch):
             return None
         return bond
