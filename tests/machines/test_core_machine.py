@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import hypothesis.strategies as st
@@ -14,6 +15,7 @@ from robotree.vr.address import Address
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lessee, Lessor, Slots
 from robotree.vr.core.events import (
+    AskPart,
     Begin,
     ChildGone,
     Event,
@@ -67,6 +69,11 @@ def invocation(
 ) -> on.Invoke:
     call = Call(key=key, command=command, deadline=math.inf, **fields)
     return on.Invoke(call=call, arguments={}, deadline_at=deadline_at, reads=reads)
+
+
+def asked_parts(effects: list[on.Effect]) -> set[tuple[int, str]]:
+    """Return generation and part of those that are to be asked."""
+    return {(one.generation, one.part) for one in effects if isinstance(one, AskPart)}
 
 
 class CoreMachine(RuleBasedStateMachine):
@@ -510,12 +517,23 @@ class CoreMachine(RuleBasedStateMachine):
         if self.core.due <= self.now:
             self.handle(on.Tick(unix=UNIX + self.now))
         known, before = stop.known(order), stop.generation
-        self.handle(on.SafeStop(reason="a hand", order=order))
+        effects = self.handle(on.SafeStop(reason="a hand", order=order))
         assert stop.generation == before + (0 if known else 1), "copies of one order are one stop"
         if not known:
             self.asked[stop.generation] = dict.fromkeys([HARDWARE, *self.granted])
             assert stop.parts[stop.generation].keys() == self.asked[stop.generation].keys()
+        assert asked_parts(effects) == self.unanswered([known or stop.generation])
         assert not self.waiting
+
+    def unanswered(self, generations: Iterable[int]) -> set[tuple[int, str]]:
+        asked = [(one, part, answer) for one in generations for part, answer in self.asked[one].items()]
+        return {(one, part) for one, part, answer in asked if answer is None}
+
+    @rule()
+    def those_who_carried_out_effects_are_new(self) -> None:
+        stop = self.core.state.stop
+        asked = asked_parts(self.handle(on.Restored()))
+        assert asked == (self.unanswered(self.asked) if stop.reason else set())
 
     @precondition(lambda self: self.asked)
     @rule(data=st.data(), confirms=st.booleans())

@@ -16,6 +16,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.stops import Stops
+from robotree.vr.core import events as on
 from robotree.vr.errors import NotConfirmed, VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
@@ -178,6 +180,12 @@ class StopMachine(RuleBasedStateMachine):
     def go_on_from_the_encoded_states(self) -> None:
         for agent in self.agents.values():
             agent.live.core.state = decoded(agent.live.core.state)
+            self.run(self.begin_anew(agent))
+
+    async def begin_anew(self, agent: RobotAgent) -> None:
+        """Nobody remembers whom the stops of its state have asked."""
+        agent._stops = Stops(agent.live, agent._hooks, agent._children)
+        agent.live.post(on.Restored())
 
     @rule(seconds=gaps)
     def wait(self, seconds: float) -> None:

@@ -185,6 +185,7 @@ class RobotAgent:
             self._close_process()
             raise
         self._process.robots[self.address] = self.live
+        self.live.post(on.Restored())  # a new state has nothing to go on with
         self._publisher.begin()
 
     async def listed(self) -> None:
@@ -340,6 +341,8 @@ class RobotAgent:
             self._on_loop(self._lease_changed)
         elif isinstance(effect, on.Renew):
             self._virtual("have children").renew(effect)
+        elif isinstance(effect, on.AskPart):  # stops are ordered on the event loop
+            self._stops.ask(effect)
         elif isinstance(effect, on.StopSettled):
             self._on_loop(partial(self._stops.settled, effect))
         elif isinstance(effect, on.ChildGone):

@@ -36,7 +36,8 @@ class Stops:
         self._key = live.core.state.address.key
         self._settling: dict[int, asyncio.Future[Done | Raised]] = {}
         """What waits for the answers to stops, by generation."""
-        self._asking: set[asyncio.Task[None]] = set()
+        self._asking: dict[tuple[int, str], asyncio.Task[None]] = {}
+        """By generation and part."""
         self._releases = 0
         """How many resumes wait for what stands behind the robot."""
 
@@ -54,19 +55,43 @@ class Stops:
         Raises:
             NotConfirmed: not everything below has confirmed it.
         """
-        budget = self._budget(request.within)
-        known = self._stop.known(request.order)
-        generation = known or self._begin(request, budget)
+        live, known = self._live, self._stop.known(request.order)
+        reason, order, within = request.reason or "protective stop", request.order, request.within
+        live.post(on.SafeStop(reason=reason, order=order, within=within))
+        generation = known or max(self._stop.parts)
+        if not known:
+            live.changed()
         reply = self._stop.reply(generation)
         if reply is None:
-            settled = self._settling[generation]
-            await asyncio.wait([settled], timeout=budget.within if known else None)
+            if (settled := self._settling.get(generation)) is None:
+                settled = self._settling[generation] = asyncio.get_running_loop().create_future()
+            patience = self._budget(within).within
+            await asyncio.wait([settled], timeout=patience if known else None)
             if not settled.done():  # the copy before this one has more time
-                raise NoAnswer(key=self._key, seconds=budget.within)
+                raise NoAnswer(key=self._key, seconds=patience)
             reply = settled.result()
         if isinstance(reply, Raised):
             raise reply.revive()
         return msgspec.structs.replace(reply, stops=generation)
+
+    def ask(self, effect: on.AskPart) -> None:
+        """Ask a part of the robot to confirm a stop, unless it is being asked."""
+        generation, part = effect.generation, effect.part
+        if (generation, part) in self._asking:
+            return
+        confirmed = self._confirmation(effect)
+
+        async def ask() -> None:
+            answer: Done | Raised
+            try:
+                answer = Done(confirmed=tuple(await confirmed))
+            except VrError as error:
+                answer = Raised.of(error)
+            finally:
+                del self._asking[generation, part]
+            self._live.post(on.StopAnswered(generation=generation, part=part, answer=answer))
+
+        self._asking[generation, part] = asyncio.ensure_future(ask())
 
     def settled(self, effect: on.StopSettled) -> None:
         """All parts of the robot have answered a stop."""
@@ -109,33 +134,12 @@ class Stops:
         slots = self._live.core.state.slots
         return Budget(within, depth=slots.depth, ways=slots.ways)
 
-    def _begin(self, request: SafeStop, budget: Budget) -> int:
-        """Stop, and ask all parts of the robot to confirm it; returns the generation."""
-        reason, order = request.reason or "protective stop", request.order
-        self._live.post(on.SafeStop(reason=reason, order=order))
-        generation = max(self._stop.parts)
-        self._settling[generation] = asyncio.get_running_loop().create_future()
-        confirming = self._hooks.safe_stop(reason)
-        self._live.changed()
-        self._ask(generation, HARDWARE, self._own(confirming, budget))
-        if self._children is not None:
-            for slot in self._stop.parts[generation]:
-                if slot != HARDWARE:
-                    self._ask(generation, slot, self._children.safe_stop(slot, reason, order, budget))
-        return generation
-
-    def _ask(self, generation: int, part: str, confirmed: Awaitable[Sequence[str]]) -> None:
-        async def ask() -> None:
-            answer: Done | Raised
-            try:
-                answer = Done(confirmed=tuple(await confirmed))
-            except VrError as error:
-                answer = Raised.of(error)
-            self._live.post(on.StopAnswered(generation=generation, part=part, answer=answer))
-
-        task = asyncio.ensure_future(ask())
-        self._asking.add(task)
-        task.add_done_callback(self._asking.discard)
+    def _confirmation(self, effect: on.AskPart) -> Awaitable[Sequence[str]]:
+        """Have a part stop, from now on; what is returned waits for who has confirmed it."""
+        budget = self._budget(effect.within)
+        if effect.part == HARDWARE or self._children is None:
+            return self._own(self._hooks.safe_stop(effect.reason), budget)
+        return self._children.safe_stop(effect.part, effect.reason, effect.order, budget)
 
     async def _own(self, confirming: Confirming, budget: Budget) -> Sequence[str]:
         """Wait until what stands behind the robot has confirmed a stop.

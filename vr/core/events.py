@@ -9,7 +9,7 @@ import msgspec
 from robotree.vr.address import Address
 from robotree.vr.core.bonds import Bond
 from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.requests import Call, Done, Raised, Returned
+from robotree.vr.requests import PATIENCE, Call, Done, Raised, Returned
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):
@@ -226,10 +226,16 @@ class Reload(_Value, frozen=True, kw_only=True):
 
 
 class SafeStop(_Value, frozen=True, kw_only=True):
-    """A protective stop is ordered."""
+    """A protective stop is ordered, or a copy of an order comes."""
 
     reason: str
     order: str = ""
+    within: float = PATIENCE
+    """[s] in which its parts are to answer."""
+
+
+class Restored(_Value, frozen=True, kw_only=True):
+    """The robot goes on from its encoded state: who carried out effects before has ended."""
 
 
 class Halted(_Value, frozen=True, kw_only=True):
@@ -255,7 +261,7 @@ class Release(_Value, frozen=True, kw_only=True):
 Event = (
     Invoke | Finish | Detach | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed
     | Reserve | Unreserve | Bind | Free | Lose | Renewed | Described | Set | Reload | SafeStop | Halted
-    | StopAnswered | Release
+    | Restored | StopAnswered | Release
 )  # fmt: skip
 
 
@@ -315,6 +321,17 @@ class ChildGone(_Value, frozen=True, kw_only=True):
     """Why it was lost; empty: it was released."""
 
 
+class AskPart(_Value, frozen=True, kw_only=True):
+    """Ask a part of the robot to confirm a stop, unless it is being asked; it answers by `StopAnswered`."""
+
+    generation: int
+    part: str
+    reason: str
+    order: str
+    within: float
+    """[s] in which it is to answer."""
+
+
 class StopSettled(_Value, frozen=True, kw_only=True):
     """All parts have answered a stop: reply to those who wait for it."""
 
@@ -327,5 +344,6 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
 
 
 Effect = (
-    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | Renew | ChildGone | FieldsChanged | StopSettled
+    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | Renew | ChildGone | FieldsChanged | AskPart
+    | StopSettled
 )  # fmt: skip

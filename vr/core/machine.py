@@ -21,6 +21,7 @@ from robotree.vr.address import Address
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lessor, Slots, Tenure
 from robotree.vr.core.events import (
+    AskPart,
     Begin,
     ChildGone,
     Effect,
@@ -601,11 +602,33 @@ class RobotCore:
 
     def _safe_stop(self, event: on.SafeStop, now: float) -> Effects:
         stop = self.state.stop
-        if stop.known(event.order):
-            return []
+        if generation := stop.known(event.order):
+            return self._ask_parts(generation, event)
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
-        stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
-        return self._end_all(event.reason)
+        generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
+        return [*self._end_all(event.reason), *self._ask_parts(generation, event)]
+
+    def _ask_parts(self, generation: int, order: on.SafeStop) -> Effects:
+        """Ask those that have not answered a stop."""
+        return [
+            AskPart(
+                generation=generation,
+                part=part,
+                reason=order.reason,
+                order=order.order,
+                within=order.within,
+            )
+            for part in self.state.stop.unanswered(generation)
+        ]
+
+    def _restored(self, _: on.Restored, __: float) -> Effects:
+        stop = self.state.stop
+        orders = {generation: order for order, generation in stop.orders.items()}
+        effects: Effects = []
+        for generation in stop.parts if stop.reason else ():  # what is released is not to be stopped again
+            order = on.SafeStop(reason=stop.reason, order=orders.get(generation, ""))
+            effects += self._ask_parts(generation, order)
+        return effects
 
     def _halted(self, event: on.Halted, now: float) -> Effects:
         self.state.stop.hear(event.reason, now)
@@ -646,6 +669,7 @@ class RobotCore:
         on.Set: _set,
         on.Reload: _reload,
         on.SafeStop: _safe_stop,
+        on.Restored: _restored,
         on.Halted: _halted,
         on.StopAnswered: _stop_answered,
         on.Release: _release,

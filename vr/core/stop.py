@@ -134,6 +134,10 @@ class Stop(msgspec.Struct, kw_only=True):
         except NotConfirmed as error:
             return Raised.of(error)
 
+    def unanswered(self, generation: int) -> list[str]:
+        """Return the parts that have not answered a stop."""
+        return [part for part, one in self.parts.get(generation, {}).items() if one.answer is None]
+
     def release(self) -> None:
         """End the ordered stop."""
         self.reason = ""

@@ -305,7 +305,7 @@ class LiveRobot:
         calls = self.core.state.calls
         before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
         return before != self._at_work or any(
-            not isinstance(one, Begin | Settled | on.Renew) for one in effects
+            not isinstance(one, Begin | Settled | on.Renew | on.AskPart) for one in effects
         )
 
     def _carry_out_other(self, effect: Effect) -> None:

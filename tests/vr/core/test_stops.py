@@ -10,6 +10,8 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.stops import Stops
+from robotree.vr.core.machine import decode_state, encode_state
 from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.loading import held_back
@@ -298,3 +300,20 @@ async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(real
     with pytest.raises(NotConfirmed, match="it was stopped again"):
         await resuming
     assert stopped(rover) == [True]
+
+
+async def test_a_stop_goes_on_with_a_decoded_state_and_somebody_else_who_asks(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    rover.robot.silent = True
+    asking = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
+    await asyncio.sleep(0.1)
+    live = rover.live
+    live.core.state = decode_state(encode_state(live.core.state))
+    rover._stops = Stops(live, rover._hooks, None)
+    copy = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
+    await asyncio.sleep(0.1)
+    assert rover.robot.heard == ["a hand", "a hand"], "what has not answered is asked again"
+    rover.robot.waits[-1].set_result(None)
+    assert await copy == ("rover",)
+    assert live.core.state.stop.generation == 1
+    asking.cancel()
