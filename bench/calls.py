@@ -60,7 +60,7 @@ class IsolatedLeaf(Leaf):
     isolated = True
 
 
-class Link(VirtualRobot):
+class Chained(VirtualRobot):
     """One level of a chain."""
 
     below = Child("Robot")
@@ -101,7 +101,7 @@ async def chain(transport: Any, process: Process | None, depth: int, leaf: type[
     await below.start()
     agents = [below]
     for level in range(depth):
-        agent = RobotAgent(Link(f"{prefix}-{level}"), transport, process=process)
+        agent = RobotAgent(Chained(f"{prefix}-{level}"), transport, process=process)
         await agent.start()
         client = RobotClient(transport, agent.address)
         await client.enslave("below", agents[-1].address)
@@ -274,7 +274,7 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
         tops[name], _ = await chain(transport, process, depth, leaf, name.split()[0] + str(depth))
     (key,) = transport.presence.keys("robot/far/*")
     far = Address("robot", "far", key.rpartition("/")[2])
-    agent = RobotAgent(Link("near"), transport, process=process)
+    agent = RobotAgent(Chained("near"), transport, process=process)
     await agent.start()
     near = RobotClient(transport, agent.address)
     await near.enslave("below", far)

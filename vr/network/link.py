@@ -173,7 +173,7 @@ class Overflow(Exception):
     """The receiver does not read, and no more can wait for it."""
 
 
-class Link:
+class PeerLink:
     """One end of a connection.
 
     Frames and samples wait in two queues, frames first. A frame that has begun to leave is finished first.
@@ -185,7 +185,7 @@ class Link:
         *,
         channel: Channel | None = None,
         member: str = "",
-        wants_to_write: Callable[[Link], None],
+        wants_to_write: Callable[[PeerLink], None],
     ) -> None:
         """Take a connected socket.
 

@@ -38,10 +38,10 @@ from robotree.vr.network.link import (
     End,
     Frame,
     Hello,
-    Link,
     News,
     NotAFrame,
     Overflow,
+    PeerLink,
     Reply,
     Sample,
     Topic,
@@ -105,8 +105,8 @@ class _Peer:
 
     def __init__(self, tag: str, now: float) -> None:
         self.tag = tag
-        self.links: dict[Channel, Link] = {}
-        self.refused: list[Link] = []
+        self.links: dict[Channel, PeerLink] = {}
+        self.refused: list[PeerLink] = []
         """Connections that it has dialed and is going to give up: see `_settle_who_dialed`."""
         self.greeted: set[Channel] = set()
         """On which channels it has said who it is."""
@@ -157,7 +157,7 @@ class Mesh:
         self._sockets = Sockets()
         self._door: socket.socket | None = None
         self._nudge, self._nudged = socket.socketpair()
-        self._to_flush: deque[Link] = deque()
+        self._to_flush: deque[PeerLink] = deque()
         self._readers = Readers(
             self._sockets,
             serve=self._serve_socket,
@@ -168,7 +168,7 @@ class Mesh:
         )
         self.after_reading = self._readers.after_reading
         self._complete = threading.Event()
-        self._takers: dict[type[Frame], Callable[[Link, Any], None]] = {
+        self._takers: dict[type[Frame], Callable[[PeerLink, Any], None]] = {
             Hello: self._take_greeting,
             News: self._take_news,
             Ask: self._take_request,
@@ -527,7 +527,9 @@ class Mesh:
             with self._lock:
                 peer = self._peers[tag] = _Peer(tag, now)
                 for channel, line in zip(Channel, lines, strict=True):
-                    self._add_link(peer, Link(line, channel=channel, member=tag, wants_to_write=self._later))
+                    self._add_link(
+                        peer, PeerLink(line, channel=channel, member=tag, wants_to_write=self._later)
+                    )
 
     def _accept(self) -> None:
         while self._door is not None:
@@ -535,14 +537,14 @@ class Mesh:
                 line, _ = self._door.accept()
             except OSError:
                 return
-            link = Link(line, wants_to_write=self._later)
+            link = PeerLink(line, wants_to_write=self._later)
             if link.user == os.geteuid():
                 self._sockets.add(line, link)
             else:
                 _log.warning("a process of user %d tried to enter the realm; it was refused", link.user)
                 link.close()
 
-    def _add_link(self, peer: _Peer, link: Link) -> None:
+    def _add_link(self, peer: _Peer, link: PeerLink) -> None:
         """Send the greeting: which process this is, and all that it announces. Under the lock."""
         if link.channel is None:
             return
@@ -556,12 +558,12 @@ class Mesh:
         known = {topic: list(keys.elements()) for topic, keys in self._known.items()} if urgent else {}
         link.send(pack(Hello(VERSION, self.place.tag, link.channel, known)))
 
-    def _take_greeting(self, link: Link, hello: Hello) -> None:
+    def _take_greeting(self, link: PeerLink, hello: Hello) -> None:
         """A process says who it is."""
         with self._lock:
             self._take_hello(link, hello)
 
-    def _take_hello(self, link: Link, hello: Hello) -> None:
+    def _take_hello(self, link: PeerLink, hello: Hello) -> None:
         if hello.version != VERSION:
             link.member = hello.member
             raise NotAFrame(f"version {hello.version} of the frames; this process has {VERSION}")
@@ -585,7 +587,7 @@ class Mesh:
             self._show(peer)
         self._check_complete()
 
-    def _settle_who_dialed(self, link: Link) -> _Peer | None:
+    def _settle_who_dialed(self, link: PeerLink) -> _Peer | None:
         """Return the process that has dialed; None: this one has dialed it, too, and that counts.
 
         Of two that have dialed each other the one with the smaller tag keeps its own. It does not close
@@ -697,7 +699,7 @@ class Mesh:
 
     def _serve_socket(self, what: What, events: int) -> bool:
         """Do what a socket is ready for; returns whether more may have come."""
-        if not isinstance(what, Link):
+        if not isinstance(what, PeerLink):
             what()
             return False
         if events & select.EPOLLOUT:
@@ -718,7 +720,7 @@ class Mesh:
         except (OSError, RealmUnusable) as error:
             _log.warning("realm %s: %s", self.place.realm, error)
 
-    def _read(self, link: Link) -> bool:
+    def _read(self, link: PeerLink) -> bool:
         """Read once; returns whether more may have come."""
         if link.closed:
             return False
@@ -738,7 +740,7 @@ class Mesh:
             self._ended(link)
         return not link.closed and link.full
 
-    def _ended(self, link: Link) -> None:
+    def _ended(self, link: PeerLink) -> None:
         """The far end has closed. What it said before on the other channel counts."""
         with self._lock:
             peer = self._peers.get(link.member)
@@ -755,40 +757,40 @@ class Mesh:
             if self._peers.get(link.member) is peer:
                 self._lose(peer)
 
-    def _take(self, link: Link, frame: Frame) -> None:
+    def _take(self, link: PeerLink, frame: Frame) -> None:
         if not (link.member or isinstance(frame, Hello)):
             raise NotAFrame("it did not say who it is")
         if link.refused:  # it says all of it again on the connection that stays
             return
         self._takers[type(frame)](link, frame)
 
-    def _take_reply(self, link: Link, reply: Reply) -> None:
+    def _take_reply(self, link: PeerLink, reply: Reply) -> None:
         peer = self._peers.get(link.member)
         if peer is not None and (exchange := peer.exchanges.get(reply.number)) is not None:
             exchange.void_at = 0.0
             exchange.on_reply(reply.body)
 
-    def _take_end(self, link: Link, end: End) -> None:
+    def _take_end(self, link: PeerLink, end: End) -> None:
         if (peer := self._peers.get(link.member)) is not None:
             self._end_exchange(peer, end.number, end.last)
 
-    def _take_sample(self, _: Link, sample: Sample) -> None:
+    def _take_sample(self, _: PeerLink, sample: Sample) -> None:
         with self._lock:
             hearers = self._subscribers.of(sample.key)
         for hear in hearers:
             hear(sample.key, sample.body)
 
-    def _take_news(self, link: Link, news: News) -> None:
+    def _take_news(self, link: PeerLink, news: News) -> None:
         with self._lock:
             if (peer := self._peers.get(link.member)) is not None:
                 self._learn(peer, news)
 
-    def _take_awake(self, link: Link, _: Awake) -> None:
+    def _take_awake(self, link: PeerLink, _: Awake) -> None:
         with self._lock:
             if (peer := self._peers.get(link.member)) is not None and peer.met:
                 self._show(peer)
 
-    def _take_request(self, link: Link, ask: Ask) -> None:
+    def _take_request(self, link: PeerLink, ask: Ask) -> None:
         answer = self._servers.get(ask.key)
         number = ask.number
 
@@ -813,7 +815,7 @@ class Mesh:
             if (link := peer.links.get(Channel.URGENT)) is not None:
                 self._say(link, packed)
 
-    def _say(self, link: Link, packed: bytes) -> None:
+    def _say(self, link: PeerLink, packed: bytes) -> None:
         """Send what must not be lost; if it would be, disconnect, and all is said anew on the next link."""
         try:
             link.send(packed)
@@ -884,7 +886,7 @@ class Mesh:
 
     # -- sockets
 
-    def _later(self, link: Link) -> None:
+    def _later(self, link: PeerLink) -> None:
         """Something waits on a link: have the thread send it on."""
         self._to_flush.append(link)
         self._wake()
@@ -893,19 +895,19 @@ class Mesh:
         with contextlib.suppress(OSError):  # full: it is awake anyway; closed: it has ended
             self._nudge.send(b"!")
 
-    def _flush(self, link: Link) -> None:
+    def _flush(self, link: PeerLink) -> None:
         waits = link.flush()
         if not link.closed:
             self._sockets.change(link.socket, writes=waits)
 
-    def _close_link(self, link: Link) -> None:
+    def _close_link(self, link: PeerLink) -> None:
         if not link.closed:
             self._sockets.remove(link.socket)
             link.close()
 
     def _release(self) -> None:
         """Send what waits, as far as it can be, and close all that is open."""
-        links = [what for what in self._sockets.all() if isinstance(what, Link)]
+        links = [what for what in self._sockets.all() if isinstance(what, PeerLink)]
         latest = time.monotonic() + FLUSH
         while any([link.flush() for link in links]) and time.monotonic() < latest:  # noqa: C419 # all of them
             time.sleep(0.005)

@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from robotree.vr.network.link import Channel, Link
+from robotree.vr.network.link import Channel, PeerLink
 
 READER: Final = "mesh"
 """Name of these threads, for people."""
@@ -32,7 +32,7 @@ READERS: Final = 2
 _COMES: Final = select.EPOLLIN | select.EPOLLET
 _BULK: Final = Channel.BULK
 
-What = Link | Callable[[], None]
+What = PeerLink | Callable[[], None]
 """What a socket is for: a link, or what is to be done when something has come."""
 
 Job = Callable[[], bool]
@@ -179,7 +179,7 @@ class Readers:
         """Have read what is ready."""
         for one in ready:
             what = one[0]
-            bulk = isinstance(what, Link) and what.channel is _BULK
+            bulk = isinstance(what, PeerLink) and what.channel is _BULK
             (self._others if bulk else self._urgent).append(one)
 
     def _read_all(self) -> Job | None:
