@@ -67,6 +67,8 @@ class Controller:
         self.now = 0.0
         self._began = 0.0
         self._heartbeats = HeartbeatSender()
+        self.x = 0.1
+        """[m] Where its tool is."""
         self._mode_told = LONG_AGO
         self._endpoint: Endpoint | None = None
 
@@ -81,7 +83,7 @@ class Controller:
             self._endpoint.send(message)
 
     def tell_tool(self) -> None:
-        self.say(Tool(5, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 0))
+        self.say(Tool(5, self.x, 0.2, 0.3, 1.0, 2.0, 3.0, 0.4, 0.5, 0.6, (0, 0, 32767, 0), 0))
 
     def tell_place(self) -> None:
         if self.place is not None:

@@ -205,8 +205,10 @@ async def test_the_frame_that_a_reading_waits_for_wakes_it(
 ) -> None:
     monkeypatch.setattr(robot_proxy, "READING_TIMEOUT", 60.0)
     async with asyncio.timeout(10.0):
-        for _ in range(3):
-            assert (await scene.client.call("get_info", {}))["x"] == pytest.approx(0.1)
+        for x in (0.2, 0.3, 0.4):
+            scene.controller.x = x
+            info = await scene.client.call("get_info", {})
+            assert info["x"] == pytest.approx(x), "it is heard after the question"
 
 
 async def test_grip_knows_open_and_closed(scene: Scene) -> None:
