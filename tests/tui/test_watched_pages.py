@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import threading
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -139,7 +140,7 @@ async def test_a_saved_helper_reloads_the_page_and_new_ones_are_watched_too(auth
 async def test_a_mistake_is_told_with_page_and_line_and_the_old_page_goes_on(author: Author) -> None:
     await author.watch(f"create '{author.page}' as team --watch")
     write(author.page, PAGE.format(word="second").replace("def say(self) -> str:", "def say(self) -> str"))
-    data = await author.told("cannot be loaded: line 7: expected ':'; team goes on with its old page")
+    data = await author.told("cannot be loaded: line 7: expected ':' (this host runs Python ")
     assert (data["name"], data["file"], data["line"]) == ("team", str(author.page), 7)
     assert await author.said() == "first one"
     write(author.page, PAGE.format(word="right"))
@@ -198,3 +199,25 @@ async def test_a_broken_page_can_be_watched_until_it_is_right(author: Author) ->
 def test_it_is_for_a_shell_alone(where: Where) -> None:
     with pytest.raises(BadLine, match="--watch works in a shell, not"):
         Surface(where).parse(["reload", "team", "--watch"])
+
+
+async def test_a_page_that_is_just_being_written_after_a_mistake_is_read_when_that_is_done(
+    author: Author, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await author.watch(f"create '{author.page}' as team --watch")
+    write(author.page, PAGE.format(word="second").replace("def say(self) -> str:", "def say(self) -> str"))
+    await author.told("cannot be loaded: line 7: expected ':' (this host runs Python ")
+    read, halfway = page_files.PageFiles.read, threading.Event()
+
+    def while_it_is_written(files: page_files.PageFiles) -> None:
+        """The first look at the files was before the editor began; it ends a moment later."""
+        if not halfway.is_set():
+            author.page.write_text("")
+            halfway.set()
+        read(files)
+
+    monkeypatch.setattr(page_files.PageFiles, "read", while_it_is_written)
+    await until(halfway.is_set, "the editor has begun")
+    write(author.page, PAGE.format(word="right"))
+    await author.told("team goes on with")
+    assert await author.said() == "right one"

@@ -54,19 +54,21 @@ class PageFiles:
         known = self._version
         while self._version == known:
             await asyncio.sleep(PERIOD)
-            look = await asyncio.to_thread(self._look)
-            if look != self._seen:
-                await self._settle(look)
-            if look != self._seen or self.mistaken:
-                await asyncio.to_thread(self.read)
+            if not self.mistaken and await asyncio.to_thread(self._look) == self._seen:
+                continue
+            await asyncio.to_thread(self.read)
+            while self._version != known and await self._settled() != self._seen:
+                await asyncio.to_thread(self.read)  # it was read while an editor wrote
 
-    async def _settle(self, look: Look) -> None:
-        """Wait until nobody writes, and the page is there."""
+    async def _settled(self) -> Look:
+        """Wait until nobody writes, and the page is there with something in it; return how the files look."""
+        look = await asyncio.to_thread(self._look)
         for _ in range(round(LONGEST_SAVE / SETTLE)):
             await asyncio.sleep(SETTLE)
             before, look = look, await asyncio.to_thread(self._look)
-            if look == before and self._page in look:
-                return
+            if look == before and self._page in look and look[self._page][2]:
+                break
+        return look
 
     def _look(self) -> Look:
         files = {self._page, *self._files}
