@@ -33,12 +33,12 @@ from typing import Any
 import zenoh
 
 from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.envelope import seal
+from robotree.vr.base.address import Address
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.requests import Call
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import join
-from robotree.vr.requests import Call
 from robotree.vr.running.process import Process
 
 REPEATS = 300

@@ -26,10 +26,10 @@ from pathlib import Path
 
 import zenoh
 
+from robotree.vr.base.transport import End, Respond
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.transport import End, Respond
 
 BODY = bytes(64)
 MANY = 24

@@ -18,15 +18,15 @@ import tempfile
 import time
 from collections.abc import Awaitable, Callable
 
-from robotree.vr.address import Address
 from robotree.vr.agents.run import run_lookup
-from robotree.vr.description import Listing, Template
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.requests import Found, Query, Register, Registered
+from robotree.vr.base.transport import Respond
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.requests import Found, Query, Register, Registered
-from robotree.vr.transport import Respond
 
 CROWD = 1000
 

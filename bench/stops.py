@@ -21,10 +21,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.author.robot import Robot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
-from robotree.vr.robot import Robot
 from robotree.vr.supervision.fleet import Fleet
 
 CROWD = 25

@@ -46,14 +46,14 @@ class _Nothing:
 
 
 class Crowd:
-    """A transport on which many robots speak and none has to run (`robotree.vr.transport.Transport`)."""
+    """A transport on which many robots speak and none has to run (`robotree.vr.base.transport.Transport`)."""
 
     def __init__(self, count: int, hz: float) -> None:
         """Play `count` robots that tell another state so many times a second; 0: the same each second."""
-        from robotree.vr.address import Address
-        from robotree.vr.description import RobotDescription
-        from robotree.vr.presence import Presence
-        from robotree.vr.requests import Described, State, encode
+        from robotree.vr.base.address import Address
+        from robotree.vr.base.description import RobotDescription
+        from robotree.vr.base.presence import Presence
+        from robotree.vr.base.requests import Described, State, encode
 
         self.hz = hz
         self.addresses = [Address("robot", f"r{number}", "1") for number in range(count)]

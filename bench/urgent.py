@@ -16,8 +16,8 @@ import sys
 import tempfile
 import time
 
+from robotree.vr.base.transport import Respond
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.transport import Respond
 
 FLOOD = 20_000
 """Requests in one flood."""

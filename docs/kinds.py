@@ -15,12 +15,12 @@ import msgspec
 
 from robotree.proxy.kinds import KINDS
 from robotree.vr import VirtualRobot
-from robotree.vr.address import Address
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.stubs import interface
+from robotree.vr.author.virtual_robot import exposures_of
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription
 from robotree.vr.bundle import Bundle
-from robotree.vr.command import commands_of
-from robotree.vr.description import RobotDescription
-from robotree.vr.stubs import interface
-from robotree.vr.virtual_robot import exposures_of
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "kinds"

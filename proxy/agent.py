@@ -19,10 +19,10 @@ from robotree.proxy.session import CONTROLLER
 from robotree.proxy.view import CAMERAS, WorkspaceView
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.view import ViewAgent
+from robotree.vr.base.transport import Transport
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
 from robotree.vr.running.process import Process
-from robotree.vr.transport import Transport
 
 Ready = Callable[[str], None]
 """Called with the address of an agent that is up."""

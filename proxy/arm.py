@@ -13,8 +13,8 @@ from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import twist_of
-from robotree.vr.command import command
-from robotree.vr.units import Unit
+from robotree.vr.author.command import command
+from robotree.vr.base.units import Unit
 
 LIMITS: Limits = {
     "x": Span(-0.65, 0.65, "m"),

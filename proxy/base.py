@@ -13,8 +13,8 @@ from robotree.proxy.motion import Motion
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
 from robotree.proxy.translate import READERS, UNITS, Readers
-from robotree.vr.command import command
-from robotree.vr.units import Unit
+from robotree.vr.author.command import command
+from robotree.vr.base.units import Unit
 
 LIMITS: Limits = {
     **ROVER_LIMITS,

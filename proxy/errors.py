@@ -1,6 +1,6 @@
 """What goes wrong before a proxy or a view runs.
 
-What goes wrong afterwards is raised as the errors of `robotree.vr.errors`, so that every caller knows them.
+What goes wrong afterwards is raised as the errors of `robotree.vr.base.errors`, which every caller knows.
 
     VrError
       ProxyError      UnknownKind · NoKind · SeveralKinds · BadController
@@ -11,7 +11,7 @@ BrokenSource.
 
 from __future__ import annotations
 
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 
 class ProxyError(VrError):

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, field
 from types import MappingProxyType
 
 from robotree.proxy.motion import Motion
-from robotree.vr.errors import BadArgument, StaleEpoch
-from robotree.vr.units import Range
+from robotree.vr.base.errors import BadArgument, StaleEpoch
+from robotree.vr.base.units import Range
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import READERS, Readers, goal_key
-from robotree.vr.command import command
-from robotree.vr.errors import BadArgument
-from robotree.vr.units import Range, Unit
+from robotree.vr.author.command import command
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.units import Range, Unit
 
 LIMITS: Limits = {
     "pan": Span(-1.7, 1.7, "rad"),

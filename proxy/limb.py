@@ -11,8 +11,8 @@ from robotree.proxy.arm import LIMITS as ARM_LIMITS
 from robotree.proxy.arm import Arm, GoTo, Twist
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion, Request
-from robotree.vr.command import command
-from robotree.vr.units import Unit
+from robotree.vr.author.command import command
+from robotree.vr.base.units import Unit
 
 LIMITS: Limits = {
     **ARM_LIMITS,

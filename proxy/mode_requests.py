@@ -20,7 +20,7 @@ from robotree.proxy.desired_mode import (
     StopConfirmed,
 )
 from robotree.proxy.outcome import reason_in_words
-from robotree.vr.errors import CommandFailed
+from robotree.vr.base.errors import CommandFailed
 
 REPLACED = {
     "safe_stop": "a resume came after it, before it was confirmed; if it shall stand, stop again",

@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 from typing import ClassVar, NamedTuple
 
 from robotree.protocol.messages import Verb
-from robotree.vr.description import Effect
+from robotree.vr.base.description import Effect
 
 
 class Request(NamedTuple):

@@ -8,8 +8,8 @@ from __future__ import annotations
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import PERIOD
-from robotree.vr.description import Effect
-from robotree.vr.errors import (
+from robotree.vr.base.description import Effect
+from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,

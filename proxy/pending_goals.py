@@ -12,7 +12,7 @@ from robotree.protocol.services.goal_client import GoalEnded, GoalProgress, Goal
 from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.session import Event
-from robotree.vr.context import Activity
+from robotree.vr.author.context import Activity
 from robotree.vr.running.runner import Waiter
 
 

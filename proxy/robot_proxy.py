@@ -30,12 +30,12 @@ from robotree.proxy.outcome import error_of, silence_in_words, unclear
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import CONTROLLER, SETTLED, ControllerSession, Event, HeldChanged, OnlineChanged
 from robotree.proxy.translate import READERS, UNITS, Readers, Target, component_of, goal_key, time_to_live
-from robotree.vr.command import command, commands_of
-from robotree.vr.context import Activity, running
-from robotree.vr.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
-from robotree.vr.errors import CommandCancelled, CommandFailed, DeadlineExceeded
-from robotree.vr.robot import Robot
-from robotree.vr.running.chance import bits
+from robotree.vr.author.command import command, commands_of
+from robotree.vr.author.context import Activity, running
+from robotree.vr.author.robot import Robot
+from robotree.vr.base.chance import bits
+from robotree.vr.base.description import LINK, OPEN_LINK, SIGNED_LINK, Effect
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, DeadlineExceeded
 from robotree.vr.running.runner import Runner, Threads
 
 _log = logging.getLogger(__name__)

@@ -12,9 +12,9 @@ from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.translate import readings_of
-from robotree.vr.command import command
-from robotree.vr.errors import BadArgument
-from robotree.vr.units import Unit
+from robotree.vr.author.command import command
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.units import Unit
 
 LIMITS: Limits = {
     "x": Span(-3.0, 3.0, "m"),

@@ -19,7 +19,7 @@ from robotree.protocol.services.picture import Picture
 from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import ControllerSession, Event
 from robotree.proxy.translate import UNITS
-from robotree.vr.errors import BadArgument, CommandFailed
+from robotree.vr.base.errors import BadArgument, CommandFailed
 
 CAMERAS: Mapping[str, int] = {"cell": MavComponent.CAMERA, "wrist": MavComponent.CAMERA2}
 """Cameras by their component of the controller, where a view is given no others."""

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 from robotree.testing.kind import Kind, Source, blank, kind_of
 from robotree.testing.parts import Fault, Part, Stage
-from robotree.vr.command import give_commands
-from robotree.vr.description import CommandSpec
-from robotree.vr.errors import CommandFailed, VrError
-from robotree.vr.robot import Robot
-from robotree.vr.signature import Command
+from robotree.vr.author.command import give_commands
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.signature import Command
+from robotree.vr.base.description import CommandSpec
+from robotree.vr.base.errors import CommandFailed, VrError
 
 if TYPE_CHECKING:
     from robotree.testing.journal import Step

@@ -11,9 +11,9 @@ from typing import Any, overload
 
 import msgspec
 
+from robotree.vr.base.requests import Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Event
-from robotree.vr.requests import Returned
 
 ROUNDING = 1e-9
 """By which numbers may differ and still count as the same: 30 cm are 0.30000000000000004 m."""

@@ -12,13 +12,13 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.command import commands_of
-from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
-from robotree.vr.kind import Kind as Interface
-from robotree.vr.kind import Promised, promises_of
-from robotree.vr.robot import Robot
-from robotree.vr.signature import Command, signature_of
-from robotree.vr.virtual_robot import VirtualRobot, exposures_of
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.kind import Kind as Interface
+from robotree.vr.author.kind import Promised, promises_of
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.signature import Command, signature_of
+from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 Source = type[Any] | RobotDescription | str | Path
 """Where a kind is described: a class, a description, or the path of a file with one."""

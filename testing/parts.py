@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import msgspec
 
-from robotree.vr.errors import VrError
-from robotree.vr.robot import Robot
-from robotree.vr.virtual_robot import VirtualRobot
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine

@@ -24,7 +24,7 @@ import msgspec
 from robotree.testing import chosen
 from robotree.testing.parts import Fault, PageSource, Parts
 from robotree.testing.team import Going, Team
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 MOST_FAULTS = 3
 AFTERWARDS = 3.0

@@ -19,7 +19,7 @@ from robotree.sim.firmware import COMPONENT, SILENCE
 from robotree.sim.kinds import KINDS as SIMULATED
 from robotree.testing.cable import Cable
 from robotree.testing.parts import Part, Stage
-from robotree.vr.command import commands_of
+from robotree.vr.author.command import commands_of
 
 if TYPE_CHECKING:
     from robotree.protocol.frame import Frame

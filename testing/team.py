@@ -24,17 +24,17 @@ from robotree.testing.journal import Commanded, Journal, Step
 from robotree.testing.parts import Fault, PageSource, Part, Parts
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.arguments import check_arguments
+from robotree.vr.author.child import Record
+from robotree.vr.author.fields import settings_spec
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.errors import VrError
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.loader import built
-from robotree.vr.child import Record
-from robotree.vr.description import RobotDescription
-from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.fields import settings_spec
-from robotree.vr.robot import Robot
 from robotree.vr.running.process import Process
-from robotree.vr.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.world.world import SimulatedProcess, World
 
 USUAL_DEADLINE = 60.0

@@ -20,8 +20,8 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import answer
 
 if TYPE_CHECKING:  # help must not wait for the agents
+    from robotree.vr.base.description import CommandSpec
     from robotree.vr.bundle.check import Finding
-    from robotree.vr.description import CommandSpec
 
 Kinds = Mapping[str, Mapping[str, "CommandSpec"]]
 """The commands of the kinds that come with robotree, by name of the kind."""
@@ -54,8 +54,8 @@ def check(line: Line, kinds: Kinds) -> int:
 
 def _findings(bundle: Any, kinds: Kinds) -> list[Finding]:
     """Read the page, then load it as a host would."""
+    from robotree.vr.base.errors import BundleError
     from robotree.vr.bundle.check import Finding, examine
-    from robotree.vr.errors import BundleError
 
     try:
         found = examine(bundle.source, kinds)

@@ -35,7 +35,7 @@ from robotree.tui.terminal import (
 
 if TYPE_CHECKING:
     from robotree.tui.processes.serving import Ready
-    from robotree.vr.description import CommandSpec
+    from robotree.vr.base.description import CommandSpec
 
 
 START = 0.5
@@ -159,7 +159,7 @@ def _start(line: Line, *, readonly: bool) -> int:
 def _kinds() -> dict[str, dict[str, CommandSpec]]:
     """Return the commands of the kinds of robots that come with robotree, by name of the kind."""
     from robotree import kinds
-    from robotree.vr.kind import promises_of
+    from robotree.vr.author.kind import promises_of
 
     return {name: {one.name: one for one in promises_of(getattr(kinds, name))} for name in kinds.__all__}
 

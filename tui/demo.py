@@ -23,7 +23,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import chosen
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
-from robotree.vr.address import ROLES
+from robotree.vr.base.address import ROLES
 
 ARM, ROVER, VIEW = "arm-1", "rover-1", "cell"
 LOOKUPS = ("lookup-1", "lookup-2")

@@ -21,7 +21,7 @@ from robotree.tui.demo import HOST, LOOKUPS, Wire
 from robotree.tui.errors import ValueRefused
 from robotree.tui.processes.crew import Crew
 from robotree.tui.terminal import aside, put
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.fleet import Fleet

@@ -1,7 +1,7 @@
 """What can go wrong between a person and the supervisor, on one page.
 
-Errors of robots come from `robotree.vr.errors` and pass through unchanged; here are only those that begin
-at the keyboard or in a session script.
+Errors of robots come from `robotree.vr.base.errors` and pass through unchanged; here are only those that
+begin at the keyboard or in a session script.
 
     SupervisorError
       UsageError      UnknownVerb · NotHere · BadLine · NotForRobots · NeedsTerminal · BadKeymap

@@ -28,7 +28,10 @@ def code_of(error: Exception) -> int:
         return USAGE
     if isinstance(error, NothingToAsk | OldList | SomeHang):
         return NOBODY
-    from robotree.vr.errors import Hanging, TransportError  # a mistyped verb must not wait for the agents
+    from robotree.vr.base.errors import (  # a mistyped verb must not wait for the agents
+        Hanging,
+        TransportError,
+    )
 
     return NOBODY if isinstance(error, Hanging | TransportError) else REFUSED
 

@@ -21,9 +21,9 @@ from robotree.tui.line.verbs import shipped
 from robotree.tui.terminal import answer, put
 
 if TYPE_CHECKING:  # help must not wait for the rules
+    from robotree.vr.base.written import Scalar
     from robotree.vr.scripts.program import Program
     from robotree.vr.scripts.trial import Played, Rehearsal, Trial
-    from robotree.vr.written import Scalar
 
 
 def start(line: Line) -> int:
@@ -127,7 +127,7 @@ def _dry_run(line: Line) -> int:
 
 def _tried(rehearsal: Rehearsal, text: str) -> Played:
     """Play a line as it was typed; one that cannot be played is told, and the next one may be better."""
-    from robotree.vr.errors import BrokenScript
+    from robotree.vr.base.errors import BrokenScript
     from robotree.vr.scripts.trial import Played
 
     try:

@@ -1,17 +1,23 @@
 """Virtual robots (nothing to do with goggles): agents that wrap other robots' commands into coarser ones.
 
-What an author of a robot needs is here, in pure files; every error is in `errors.py`. From the bottom up:
+What an author of a robot needs can be imported from here. From the bottom up:
+`base/` has addresses, values, messages, errors (`base/errors.py`) and the contract of a transport;
 `core/` is a robot's state and the rules that change it, without threads and clocks;
-`running/` carries out an author's code, `roles/` changes its manner, `scripts/` are robots made of rules,
-`bundle/` loads a page or a script, `network/` leads to other processes;
-`exchange/` asks and answers, `lookup/` knows which agent is where, `agents/` use all of these,
-`supervision/` finds and commands them all by name, and `world/` runs it all in virtual time, for tests.
+`network/` leads to other processes;
+`author/` is what a page uses, `exchange/` asks and answers;
+`running/` carries out an author's code, `scripts/` are robots made of rules, `lookup/` knows who is where;
+`bundle/` loads a page or a script, `world/` runs it all in virtual time, for tests;
+`agents/` use all of these, and `supervision/` finds and commands them all by name.
 """
 
-from robotree.vr.child import Child, Children, Record
-from robotree.vr.command import command
-from robotree.vr.context import CallFuture, CommandContext
-from robotree.vr.errors import (
+from robotree.vr.author.child import Child, Children, Record
+from robotree.vr.author.command import command
+from robotree.vr.author.context import CallFuture, CommandContext
+from robotree.vr.author.fields import state
+from robotree.vr.author.kind import Kind, promised
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import (
     BadArgument,
     ChildCancelled,
     CommandCancelled,
@@ -23,11 +29,7 @@ from robotree.vr.errors import (
     SlotEmpty,
     VrError,
 )
-from robotree.vr.fields import state
-from robotree.vr.kind import Kind, promised
-from robotree.vr.robot import Robot
-from robotree.vr.units import Range, Unit
-from robotree.vr.virtual_robot import VirtualRobot
+from robotree.vr.base.units import Range, Unit
 
 __all__ = [
     # a robot

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 from robotree.vr import Child, CommandFailed, Range, Unit, command
-from robotree.vr.roles import Limit, RolePlayer
+from robotree.vr.scripts.roles import Limit, RolePlayer
 
 # -- the flat, as data -------------------------------------------------------------------------------------
 

@@ -14,12 +14,12 @@ import pytest
 from robotree.proxy import kinds
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.sim.serving.server import serving
-from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.base.address import Address
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0

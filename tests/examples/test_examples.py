@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from robotree.tui.session.script import Do, read
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.virtual_robot import exposures_of, slots_of
+from robotree.vr.base.errors import BadArgument, CommandFailed, SlotEmpty
 from robotree.vr.bundle import Bundle
-from robotree.vr.command import commands_of
-from robotree.vr.errors import BadArgument, CommandFailed, SlotEmpty
-from robotree.vr.virtual_robot import exposures_of, slots_of
 
 Workshop = Any
 PAGE = 90

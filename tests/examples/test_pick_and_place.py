@@ -9,7 +9,7 @@ from robotree.kinds import Arm
 from robotree.testing import Fake, rehearse, rehearse_seeds
 from robotree.testing.team import Team
 from robotree.vr import BadArgument, CommandCancelled, DeadlineExceeded, Failed
-from robotree.vr.errors import Stopped
+from robotree.vr.base.errors import Stopped
 
 WAY = {"x": "30 cm", "y": 0, "to_x": 0.3, "to_y": "20 cm"}
 HOLDING = {"holding": True}

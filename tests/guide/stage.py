@@ -19,9 +19,9 @@ from robotree.tui.session.playing import Player
 from robotree.tui.session.script import read
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
+from robotree.vr.author.robot import Robot
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.robot import Robot
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.world import SimulatedProcess, World

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.errors import NoSuchSlot, SlotEmpty, SlotOccupied
 from robotree.vr.core.bonds import Bond, Lessee, Slots
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
 from tests.machines.checkpoint import decoded
 
 NAMES = ("left", "right")

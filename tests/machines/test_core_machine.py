@@ -11,7 +11,24 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.errors import (
+    Busy,
+    CommandCancelled,
+    CommandFailed,
+    CycleOfBonds,
+    DeadlineExceeded,
+    KeyReused,
+    NotConfirmed,
+    NotInControl,
+    SlotHeld,
+    StaleEpoch,
+    StillRunning,
+    Stopped,
+    VrError,
+)
+from robotree.vr.base.requests import Call, Done, Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lessee, Lessor, Slots
 from robotree.vr.core.events import (
@@ -27,23 +44,6 @@ from robotree.vr.core.events import (
 )
 from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, State, encode_state
 from robotree.vr.core.stop import HARDWARE, Stop
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import (
-    Busy,
-    CommandCancelled,
-    CommandFailed,
-    CycleOfBonds,
-    DeadlineExceeded,
-    KeyReused,
-    NotConfirmed,
-    NotInControl,
-    SlotHeld,
-    StaleEpoch,
-    StillRunning,
-    Stopped,
-    VrError,
-)
-from robotree.vr.requests import Call, Done, Raised, Returned
 from tests.machines.checkpoint import decoded
 
 UNIX = 1_000_000.0

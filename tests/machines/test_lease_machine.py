@@ -9,9 +9,9 @@ import msgspec
 from hypothesis import settings
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, multiple, rule
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import LeaseDenied, Retracted, StaleEpoch
 from robotree.vr.core.bonds import Lessee, Lessor
-from robotree.vr.errors import LeaseDenied, Retracted, StaleEpoch
 from tests.machines.checkpoint import decoded
 
 NAMES = ("a", "b")

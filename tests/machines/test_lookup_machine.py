@@ -15,8 +15,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invariant, rule
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing, Template
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService

@@ -10,11 +10,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from robotree.vr import context
-from robotree.vr.address import Address
+from robotree.vr.author import context
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.errors import CommandFailed, SlotEmpty, VrError
 from robotree.vr.core.bonds import Bond, Lessee
-from robotree.vr.description import CommandSpec, RobotDescription
-from robotree.vr.errors import CommandFailed, SlotEmpty, VrError
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.scripts.script import Script, script_class

@@ -17,8 +17,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.stops import Stops
+from robotree.vr.base.errors import NotConfirmed, VrError
 from robotree.vr.core import events as on
-from robotree.vr.errors import NotConfirmed, VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop

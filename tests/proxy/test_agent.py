@@ -16,15 +16,15 @@ from robotree.proxy.agent import run_proxy, run_view, running_proxy
 from robotree.proxy.arm import Arm
 from robotree.proxy.errors import BadController, UnknownKind
 from robotree.sim.serving.server import Server, serving
-from robotree.vr.address import Address
-from robotree.vr.errors import BadName, DuplicateName, VrError
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import BadName, DuplicateName, VrError
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.client import RobotClient, ViewClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
-from robotree.vr.testing import until
-from robotree.vr.transport import Transport
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 
 @pytest.fixture

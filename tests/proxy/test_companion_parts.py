@@ -14,12 +14,12 @@ from robotree.proxy import kinds
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.sim.kinds import HEAD, LEFT_ARM, RIGHT_ARM
 from robotree.sim.serving.server import serving
-from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import BadArgument, CommandFailed, Stopped
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import BadArgument, CommandFailed, Stopped
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 PARTS = {
     "base": ("base", 1),

@@ -21,7 +21,7 @@ from robotree.proxy.connection import Connection
 from robotree.proxy.motion import Request
 from robotree.proxy.pending_goals import NotSent, OutcomeLost, PendingGoal, PendingGoals
 from robotree.proxy.session import ControllerSession, Event, OnlineChanged
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 Controller = Any
 COMMAND: Any = SimpleNamespace(cancelled=False, context=SimpleNamespace(epoch=5), wake=lambda: None)

@@ -19,10 +19,10 @@ from robotree.protocol.services.goal_server import GoalServer
 from robotree.proxy.agent import running_proxy
 from robotree.proxy.arm import Arm
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import CommandFailed, StaleEpoch
+from robotree.vr.base.errors import CommandFailed, StaleEpoch
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 
 @asynccontextmanager

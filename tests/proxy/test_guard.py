@@ -12,7 +12,7 @@ from robotree.proxy.arm import GoTo, Grip
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Span, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.rover import Move, check_arrival
-from robotree.vr.errors import BadArgument, StaleEpoch
+from robotree.vr.base.errors import BadArgument, StaleEpoch
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 near = st.floats(-1, 1)

@@ -15,7 +15,7 @@ from robotree.proxy import kinds
 from robotree.proxy.errors import NoKind, SeveralKinds, UnknownKind
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.session import ControllerSession
-from robotree.vr.errors import BadName, BrokenSource, NoSuchFile, VrError
+from robotree.vr.base.errors import BadName, BrokenSource, NoSuchFile, VrError
 
 URL = "tcp:127.0.0.1:1"
 DOOR = '''"""A door."""

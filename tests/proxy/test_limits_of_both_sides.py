@@ -22,7 +22,7 @@ from robotree.sim.arm import tuning as arm_tuning
 from robotree.sim.firmware.device import WIDEST
 from robotree.sim.rover import device as sim_rover
 from robotree.sim.testing import ArmBench, RoverBench
-from robotree.vr.errors import BadArgument
+from robotree.vr.base.errors import BadArgument
 
 NEAR = 1e-3
 """How far beyond a limit is asked, in its unit."""

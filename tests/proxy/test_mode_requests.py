@@ -27,12 +27,12 @@ from robotree.proxy.connection import GRID
 from robotree.proxy.desired_mode import RELEASE_TIMEOUT, REPEAT_PERIOD
 from robotree.proxy.motion import Request
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.base.errors import CommandFailed, NotConfirmed
 from robotree.vr.core.confirmation import Budget, unmeasured
-from robotree.vr.errors import CommandFailed, NotConfirmed
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.stop import CONFIRM
-from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import in_virtual_time
 
 BEAT = Heartbeat(0, 0, 0, 0, 4)
 

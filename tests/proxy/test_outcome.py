@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robotree.protocol.messages import GoalState, Reason
 from robotree.protocol.services.goal_client import GoalEnded
 from robotree.proxy.outcome import SENTENCES, error_of, explain, silence_in_words
-from robotree.vr.errors import (
+from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     CommandInDoubt,

@@ -23,8 +23,8 @@ from robotree.proxy.robot_proxy import RobotProxy
 from robotree.proxy.rover import Move, Rover
 from robotree.proxy.translate import goal_key
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.command import command
-from robotree.vr.errors import (
+from robotree.vr.author.command import command
+from robotree.vr.base.errors import (
     BadArgument,
     CommandCancelled,
     CommandFailed,
@@ -34,8 +34,8 @@ from robotree.vr.errors import (
     Stopped,
 )
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 Controller = Any
 IN_STOP = "its controller is in safe stop: somebody asked for it"

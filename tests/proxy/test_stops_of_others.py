@@ -28,7 +28,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.parser import Parser
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import within_realm
 
 pytestmark = pytest.mark.e2e

@@ -23,8 +23,8 @@ from robotree.proxy.connection import Connection, Dial
 from robotree.proxy.session import ControllerSession
 from robotree.proxy.view import ATTEMPTS, LARGEST, SMALLEST, PictureSpec, WorkspaceView
 from robotree.sim.serving.server import serving
-from robotree.vr.errors import BadArgument, CommandFailed
-from robotree.vr.testing import until
+from robotree.vr.base.errors import BadArgument, CommandFailed
+from robotree.vr.world.testing import until
 
 Controller = Any
 JPEG = bytes(range(256)) * 8

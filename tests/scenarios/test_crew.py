@@ -14,7 +14,7 @@ import pytest
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
-from robotree.vr.address import ROLES
+from robotree.vr.base.address import ROLES
 from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]

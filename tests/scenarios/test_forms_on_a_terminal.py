@@ -14,7 +14,7 @@ import pytest_asyncio
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 from tests.scenarios.test_terminals import Terminal
 

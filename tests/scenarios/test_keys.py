@@ -23,9 +23,9 @@ from robotree.protocol.messages import SetupSigning
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE, robotree
 
 pytestmark = pytest.mark.e2e

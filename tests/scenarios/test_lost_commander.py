@@ -36,7 +36,7 @@ from robotree.protocol.messages import (
 from robotree.sim.serving.server import serving
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e

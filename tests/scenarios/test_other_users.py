@@ -26,7 +26,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
 from robotree.tui.wire.security import realm_key
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]

@@ -19,7 +19,7 @@ from robotree.protocol.links.url import connect
 from robotree.protocol.messages import AnyMessage, CommandAck, CommandLong, MavCmd, Mode, ModeKind, Ping
 from robotree.protocol.testing import RecordingHandler
 from robotree.tui.processes.crew import Crew
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 pytestmark = pytest.mark.e2e
 

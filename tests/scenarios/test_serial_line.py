@@ -12,7 +12,7 @@ from robotree.protocol.messages import Tool
 from robotree.proxy.connection import Connection
 from robotree.proxy.session import ControllerSession
 from robotree.sim.serving.server import serving
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 pytestmark = pytest.mark.e2e
 

@@ -13,7 +13,7 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import joined
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e

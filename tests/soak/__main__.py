@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 
 from robotree.tui.errors import MemberFailed
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from tests.soak import freezes, kills, rules, stops
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table

@@ -16,7 +16,7 @@ from robotree.protocol.links.link import Link
 from robotree.protocol.links.url import connect
 from robotree.protocol.messages import Goal, GoalStatus, ModeKind, SetMode, Verb
 from robotree.protocol.testing import RecordingHandler
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from tests.scenarios.test_replay_after_a_kill import Operator
 from tests.soak.observer import BEAT, Observer, holds
 from tests.soak.stage import ARM, Stage

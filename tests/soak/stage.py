@@ -18,7 +18,7 @@ from typing import Any
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
 from robotree.tui.processes.realm import joined
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.fleet import Fleet
 from tests.command_line import ROBOTREE
 from tests.soak.observer import Observer, holds

@@ -10,7 +10,7 @@ import signal
 import time
 from collections.abc import Sequence
 
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from tests.soak.observer import holds
 from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, Verb, names
 from tests.soak.table import Row, Trial

@@ -16,7 +16,7 @@ from robotree.proxy.arm import Arm
 from robotree.proxy.rover import Rover
 from robotree.testing import Fake, Page, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
-from robotree.vr.errors import DoesNotFit, NoSuchCommand, NotInControl, Stopped, WrongKind
+from robotree.vr.base.errors import DoesNotFit, NoSuchCommand, NotInControl, Stopped, WrongKind
 from tests.testing.pages import Crowd, Half, Hidden, Hoist, Lift, Spinning, Swallowing, Typed
 
 

@@ -10,7 +10,7 @@ from robotree.examples.move_to import MoveTo
 from robotree.examples.open_close_lever import OpenCloseLever
 from robotree.testing import Page, cell, rehearse
 from robotree.vr import CommandFailed
-from robotree.vr.errors import Stopped
+from robotree.vr.base.errors import Stopped
 
 FASTER = 5.0
 """Virtual time by processor time that authors are promised; it is about 15 on a machine of 2026."""

@@ -23,8 +23,8 @@ from robotree.vr.lookup import registrar
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.testing import until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.cli import main
+from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.check import examine
-from robotree.vr.errors import BrokenSource
 
 KINDS = {"Arm": ("go_to", "get_info")}
 HEADER = """\

@@ -16,7 +16,7 @@ from robotree.tui.errors import SupervisorError
 from robotree.tui.line import manual
 from robotree.tui.line.action import Where
 from robotree.tui.line.surface import Surface
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 VERBS = [action.verb for action in manual.shell().actions if action.verb not in {"help", "quit"}]
 WORDS = [word for action in manual.shell().actions for word in action.usage.replace("[", " ").split()]

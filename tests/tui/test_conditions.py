@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from robotree.tui.errors import ValueRefused
 from robotree.tui.session.conditions import Scene, condition
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 
 MOVER = Address("robot", "mover", "1")
 ARM = Address("robot", "arm-1", "2")

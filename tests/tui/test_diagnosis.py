@@ -13,8 +13,8 @@ from robotree.tui.cli import main
 from robotree.tui.diagnosis import agents, doctor, finding, machine, meeting
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.wire.security import realm_key
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.network.rendezvous import Rendezvous, runtime_directory
 
 pytestmark = pytest.mark.usefixtures("place")

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.screen import entry
-from robotree.vr.arguments import check_arguments
-from robotree.vr.description import CommandSpec, FieldSpec
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import CommandSpec, FieldSpec
 
 GO_TO = CommandSpec(
     name="go_to",

@@ -10,8 +10,8 @@ import pytest
 
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.store import Store
-from robotree.vr.errors import VrError
-from robotree.vr.testing import until
+from robotree.vr.base.errors import VrError
+from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from tui.conftest import Realm

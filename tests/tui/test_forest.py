@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.seen.forest import Branch, drawing, forest, structure
-from robotree.vr.address import Address
-from robotree.vr.description import RobotDescription, SlotSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
 
 
 def robot(name: str, **children: str | None) -> RobotDescription:

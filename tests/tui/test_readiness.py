@@ -5,10 +5,10 @@ from __future__ import annotations
 from robotree.tui.screen.pages.enslave import openings
 from robotree.tui.seen.readiness import reasons
 from robotree.tui.seen.store import Store
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
-from robotree.vr.presence import Held
-from robotree.vr.requests import State
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import State
 
 PICK = Address("robot", "pick", "1")
 PARENT = Address("robot", "lever", "1")

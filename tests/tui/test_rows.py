@@ -14,10 +14,10 @@ from robotree.tui.seen import matching, status
 from robotree.tui.seen.rails import rails
 from robotree.tui.seen.rows import GAP, GOES, ORDERS, Order, columns, family, listed, natural, row
 from robotree.tui.seen.store import Store
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, RobotDescription, SlotSpec
-from robotree.vr.presence import Held
-from robotree.vr.requests import State
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
+from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import State
 
 
 def address(name: str) -> Address:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.tui.screen.source_outline import outline, suggested_name
-from robotree.vr.address import check_name
+from robotree.vr.base.address import check_name
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

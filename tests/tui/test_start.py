@@ -31,6 +31,8 @@ LIST = {
     "robotree.tui.processes",
     "robotree.tui.seen",
     "robotree.vr",
+    "robotree.vr.author",
+    "robotree.vr.base",
     "robotree.vr.core",
     "robotree.vr.exchange",
     "robotree.vr.lookup",
@@ -38,9 +40,6 @@ LIST = {
     "robotree.vr.supervision",
 }
 """The folders of robotree of which `ls` may load modules."""
-
-SINGLE = {"robotree.vr.running", "robotree.vr.running.chance"}
-"""Modules of other folders that it may load."""
 
 OTHERS = {"msgspec", "typing_extensions"}
 """Packages of other people that `ls` may load."""
@@ -112,6 +111,6 @@ async def test_a_list_loads_what_asks_and_nothing_of_what_answers(place: Path) -
     await lookup.close()
     await transport.close()
     assert code == DONE, "it has met the lookup service"
-    assert not {name for name in ours(modules) if not {name, name.rpartition(".")[0]} & LIST} - SINGLE
+    assert not {name for name in ours(modules) if not {name, name.rpartition(".")[0]} & LIST}
     assert strange(modules) <= OTHERS
     assert not modules & NOT_FOR_A_LIST

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from robotree.tui.seen import status
 from robotree.tui.seen.status import Status
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, RobotDescription
-from robotree.vr.requests import State
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, RobotDescription
+from robotree.vr.base.requests import State
 
 PARENT = Address("robot", "mover", "1")
 

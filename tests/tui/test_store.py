@@ -8,10 +8,10 @@ import pytest
 
 from robotree.tui.seen import rows
 from robotree.tui.seen.store import FLASH, SILENCE, Store
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
-from robotree.vr.presence import Held
-from robotree.vr.requests import Said, State
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, CommandSpec, Listing, RobotDescription, SlotSpec
+from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import Said, State
 
 
 def address(name: str, incarnation: str = "1") -> Address:

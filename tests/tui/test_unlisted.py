@@ -14,7 +14,7 @@ from robotree.tui.line.grammar import parse
 from robotree.tui.line.shell import Console, obey
 from robotree.tui.terminal import answering
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from conftest import Realm

@@ -17,7 +17,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of
 from robotree.tui.line.verbs import Outcome, shipped
-from robotree.vr.errors import (
+from robotree.vr.base.errors import (
     BadArgument,
     BrokenSource,
     CommandFailed,
@@ -32,7 +32,7 @@ from robotree.vr.errors import (
     VrError,
     WrongKind,
 )
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from conftest import Realm

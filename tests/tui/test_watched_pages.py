@@ -18,8 +18,8 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.carrying import function_of
 from robotree.tui.line.surface import Surface
-from robotree.vr.errors import NoSuchRobot
-from robotree.vr.testing import until
+from robotree.vr.base.errors import NoSuchRobot
+from robotree.vr.world.testing import until
 from tests.tui.test_verbs import Listener
 
 if TYPE_CHECKING:

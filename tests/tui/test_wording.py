@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from robotree.tui.line.manual import overview, page, shell
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.seen import wording
-from robotree.vr.address import Address
-from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 
 def field(name: str = "x", **changes: object) -> FieldSpec:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from typing import Any
 
-from robotree.vr.transport import Transport
+from robotree.vr.base.transport import Transport
 
 
 class Recorder:

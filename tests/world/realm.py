@@ -16,14 +16,14 @@ from robotree.proxy.motion import Motion, Request
 from robotree.proxy.robot_proxy import RobotProxy
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
+from robotree.vr.author.command import command
+from robotree.vr.base.units import Unit
 from robotree.vr.bundle import Bundle
-from robotree.vr.command import command
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.units import Unit
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.controller import FIRST_EPOCH, CartController
 

@@ -23,11 +23,11 @@ from robotree.proxy.guard import EpochCheck
 from robotree.sim.firmware.watchdog import Watchdog
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.stops import Stops
+from robotree.vr.base.envelope import Envelope, Received, opened
+from robotree.vr.base.requests import Call
 from robotree.vr.core.bonds import Lessee, Lessor
 from robotree.vr.core.machine import Calls, RobotCore
 from robotree.vr.core.stop import Stop
-from robotree.vr.envelope import Envelope, Received, opened
-from robotree.vr.requests import Call
 from robotree.vr.supervision.releases import Releases
 
 

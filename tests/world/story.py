@@ -15,7 +15,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
 from robotree.protocol.messages import ModeKind
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.supervision.fleet import CALLER, Fleet
 from robotree.vr.world.world import SimulatedProcess, World

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 from robotree.protocol.services.fence import Fence
-from robotree.vr.errors import StaleEpoch, VrError
+from robotree.vr.base.errors import StaleEpoch, VrError
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.world import World
 from tests.world.controller import CartController

@@ -8,8 +8,8 @@ from functools import partial
 
 import pytest
 
+from robotree.vr.base.errors import VrError
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import VrError
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.scripts.engine import Engine
 from robotree.vr.scripts.happening import Happening, Order

@@ -12,7 +12,7 @@ from robotree.tui.processes.realm import joined
 from robotree.tui.seen import status
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 
 async def agents(realm: str, name: str, entries: Sequence[meeting.Entry]) -> list[Finding]:

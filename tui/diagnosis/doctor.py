@@ -14,7 +14,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.processes.state_files import state_home
 from robotree.tui.terminal import answer
 from robotree.tui.wire.security import NOTHING, REALM, REALM_KEY, VARIABLE, examined
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.network.rendezvous import runtime_directory
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 from robotree.tui.diagnosis.finding import Finding
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
 from robotree.vr.network.mesh import HANGS
 from robotree.vr.network.rendezvous import Rendezvous, process_of, runtime_directory
 

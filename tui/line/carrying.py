@@ -61,7 +61,7 @@ async def carry_out(fleet: Fleet, line: Line, teller: Teller) -> Outcome | Refus
     Returns:
         What came of it; or why nothing did, where that is for people. Mistakes of ours pass through.
     """
-    from robotree.vr.errors import VrError
+    from robotree.vr.base.errors import VrError
 
     try:
         return await function_of(line.verb)(fleet, line, teller)

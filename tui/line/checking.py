@@ -19,7 +19,7 @@ def name(text: str) -> None:
     Raises:
         BadName: it cannot be a name.
     """
-    from robotree.vr.address import check_name  # help must not wait for the agents
+    from robotree.vr.base.address import check_name  # help must not wait for the agents
 
     check_name(text)
 

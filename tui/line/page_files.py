@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+from robotree.vr.base.errors import BundleError
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import BundleError
 
 PERIOD = 0.25
 """[s] between two looks at the files."""

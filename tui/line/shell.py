@@ -138,8 +138,8 @@ async def once(line: Line, realm: str) -> int:
         The exit code.
     """
     from robotree.tui.processes.realm import anybody_met, joined
-    from robotree.vr.address import ROLES
-    from robotree.vr.errors import VrError
+    from robotree.vr.base.address import ROLES
+    from robotree.vr.base.errors import VrError
 
     console = Console(as_json=line.flag("--json"))
     if not anybody_met(realm):  # joining would leave an empty folder behind

@@ -22,8 +22,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Mapping, Sequence
 
     from robotree.tui.line.page_files import PageFiles
-    from robotree.vr.description import CommandSpec, Listing, RobotDescription
-    from robotree.vr.requests import Reloaded, Said, State
+    from robotree.vr.base.description import CommandSpec, Listing, RobotDescription
+    from robotree.vr.base.requests import Reloaded, Said, State
     from robotree.vr.supervision.fleet import Fleet
 
 CALL_LIMIT = 120.0
@@ -102,7 +102,7 @@ async def ls(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def _hanging(fleet: Fleet) -> dict[str, tuple[str, str]]:
     """Return the robots that live in processes that answer nobody: where, and what can be done about it."""
-    from robotree.vr.address import Address
+    from robotree.vr.base.address import Address
 
     found = [(Address.parse(one.key), one) for one in await fleet.hanging()]
     return {
@@ -116,8 +116,8 @@ def _some_hang(hanging: Mapping[str, tuple[str, str]]) -> SomeHang | None:
 
 def _unknown(name: str) -> Listing:
     """Return a listing of a robot of which nobody can say what it is."""
-    from robotree.vr.address import Address
-    from robotree.vr.description import Listing
+    from robotree.vr.base.address import Address
+    from robotree.vr.base.description import Listing
 
     return Listing(address=Address("robot", name, ""), kinds=("?",))
 
@@ -181,7 +181,7 @@ async def stubs(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Write the interface of a robot."""
     import asyncio
 
-    from robotree.vr.stubs import interface
+    from robotree.vr.author.stubs import interface
 
     name, path = line.text("NAME"), line.text("--out")
     robot = await fleet.describe(name)
@@ -350,7 +350,7 @@ async def reload(fleet: Fleet, line: Line, teller: Teller) -> Outcome:
     if line.flag("--watch"):
         page = path or (await fleet.describe(name)).page
         if not page:
-            from robotree.vr.errors import NoPage
+            from robotree.vr.base.errors import NoPage
 
             raise NoPage(robot=name)
         files = _files_of(path, wanted) if path else _files_of(*values.source(page))
@@ -397,7 +397,7 @@ async def _take_over(fleet: Fleet, name: str, files: PageFiles, teller: Teller, 
     """
     import asyncio
 
-    from robotree.vr.errors import NoSuchRobot, NotVirtual, ReloadWaits, TransportError, VrError
+    from robotree.vr.base.errors import NoSuchRobot, NotVirtual, ReloadWaits, TransportError, VrError
 
     busy = (await fleet.describe(name)).busy
     if busy and not now:
@@ -434,7 +434,7 @@ def _mistake(name: str, path: str, sentence: str) -> Outcome:
 
 async def set_(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     """Change settings of a robot."""
-    from robotree.vr.errors import NoSettings, NoSuchCommand
+    from robotree.vr.base.errors import NoSettings, NoSuchCommand
 
     name, given = line.text("NAME"), values.assignments(line.many("PARAMETER=VALUE"))
     try:
@@ -491,7 +491,7 @@ async def _limit(fleet: Fleet, robot: str, command: str) -> float:
 
 async def _spec(fleet: Fleet, robot: str, command: str) -> CommandSpec | None:
     """Return what a command says of its result, for the units; None: the robot has gone meanwhile."""
-    from robotree.vr.errors import VrError
+    from robotree.vr.base.errors import VrError
 
     try:
         return (await fleet.describe(robot)).command(command)
@@ -535,8 +535,8 @@ async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
     if wanted.lower().endswith((".yaml", ".yml")):
         import asyncio
 
+        from robotree.vr.base.errors import BrokenScript
         from robotree.vr.bundle import Bundle
-        from robotree.vr.errors import BrokenScript
 
         bundle = await asyncio.to_thread(Bundle.read, wanted)
         try:
@@ -549,7 +549,7 @@ async def role(fleet: Fleet, line: Line, _teller: Teller) -> Outcome:
 
 async def _way_down(fleet: Fleet, name: str) -> tuple[str, str]:
     """Return who must be told to change a robot's role, and the path of slots from there down to it."""
-    from robotree.vr.errors import NoRoles
+    from robotree.vr.base.errors import NoRoles
 
     robot = await fleet.describe(name)
     if robot.command("play") is None:

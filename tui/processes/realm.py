@@ -49,7 +49,7 @@ def folder_of(realm: str) -> Path:
         RealmUnusable: it cannot be made, or belongs to somebody else.
     """
     from robotree.files import private_folder
-    from robotree.vr.errors import RealmUnusable
+    from robotree.vr.base.errors import RealmUnusable
     from robotree.vr.network.rendezvous import runtime_directory
 
     top = runtime_directory()

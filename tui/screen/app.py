@@ -30,10 +30,10 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.teleoperable import bounds
 from robotree.tui.screen.widgets.control_filter import ControlFilter
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 log = logging.getLogger(__name__)
 

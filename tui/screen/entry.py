@@ -1,7 +1,7 @@
 """What stands in the fields of a form, and what comes of it. Pure.
 
 A form is made from a command's types; the same reader judges it that the robot itself uses
-(`robotree.vr.arguments`), so nothing that the form lets through is refused for its form later.
+(`robotree.vr.base.arguments`), so nothing that the form lets through is refused for its form later.
 
 Angles are in degrees, as everywhere on the screen: `45` in a field for an angle is 45°, also where a command
 declares radians. The command line that does the same says `45deg`.
@@ -20,9 +20,9 @@ from rich.cells import cell_len
 from robotree.tui.seen import wording
 from robotree.tui.seen.angles import as_shown, in_radians, is_angle, with_units
 from robotree.tui.terminal import one_line
-from robotree.vr.arguments import check_argument
-from robotree.vr.description import CommandSpec, FieldSpec
-from robotree.vr.errors import BadArgument
+from robotree.vr.base.arguments import check_argument
+from robotree.vr.base.description import CommandSpec, FieldSpec
+from robotree.vr.base.errors import BadArgument
 
 SEPARATOR = " · "
 """Between the parts of a hint."""

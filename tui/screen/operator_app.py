@@ -31,11 +31,11 @@ from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.status import took
 from robotree.tui.seen.store import Store, Weight
-from robotree.vr.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
+from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.network.rendezvous import DEFAULT_REALM
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
     from robotree.vr.supervision.fleet import Fleet
 
 log = logging.getLogger(__name__)

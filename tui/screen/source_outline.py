@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from types import GenericAlias
 from typing import Annotated, Any, Literal, Union
 
+from robotree.vr.author.signature import field_with_default
+from robotree.vr.base.description import FieldSpec
+from robotree.vr.base.units import Range, Unit
 from robotree.vr.bundle.syntax import parse, parse_expression
-from robotree.vr.description import FieldSpec
-from robotree.vr.signature import field_with_default
-from robotree.vr.units import Range, Unit
 
 ROOT = "VirtualRobot"
 
@@ -118,7 +118,7 @@ _TYPES: Mapping[str, Any] = {"float": float, "int": int, "bool": bool, "str": st
 
 
 def _settings(node: ast.ClassDef, aliases: Mapping[str, ast.expr]) -> dict[str, FieldSpec]:
-    """Return the settings that a class declares, by name; see `robotree.vr.fields`."""
+    """Return the settings that a class declares, by name; see `robotree.vr.author.fields`."""
     found: dict[str, FieldSpec] = {}
     for item in node.body:
         match item:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from robotree.tui.screen.jog import AXES, Bounds
-from robotree.vr.description import CommandSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, RobotDescription
 
 GO_TO, GET_INFO, GRIP = "go_to", "get_info", "grip"
 

@@ -7,7 +7,7 @@ from math import degrees, radians
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import CommandSpec, FieldSpec
+    from robotree.vr.base.description import CommandSpec, FieldSpec
 
 IN_DEGREES: Mapping[str, str] = {"rad": "°", "rad/s": "°/s"}
 """By declared unit: the unit of the screen."""
@@ -73,7 +73,7 @@ def with_units(field: FieldSpec, text: str) -> str:
         field: as the robot declares it.
         text: as it was typed into a form, in degrees. What cannot be read stays as it is.
     """
-    from robotree.vr.literal import read_list, read_record, write
+    from robotree.vr.base.literal import read_list, read_record, write
 
     if not field.nested:
         return str(_each(field, text, _with_unit))

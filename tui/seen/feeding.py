@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.seen import unlisted
 from robotree.tui.seen.store import Store
-from robotree.vr.address import Address
-from robotree.vr.errors import VrError
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
-    from robotree.vr.requests import Said, State
+    from robotree.vr.base.description import RobotDescription
+    from robotree.vr.base.requests import Said, State
+    from robotree.vr.base.transport import Registration
     from robotree.vr.supervision.fleet import Fleet
-    from robotree.vr.transport import Registration
 
 PAUSE = 0.4
 """[s] at least between two looks at the tree."""

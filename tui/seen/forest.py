@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import RobotDescription, SlotSpec
+    from robotree.vr.base.description import RobotDescription, SlotSpec
 
 
 @dataclass(frozen=True, slots=True)

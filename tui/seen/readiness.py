@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotree.tui.seen import status
 from robotree.tui.seen.store import Store
-from robotree.vr.description import lacking
+from robotree.vr.base.description import lacking
 
 
 def reasons(store: Store, name: str, now: float) -> tuple[str, ...]:

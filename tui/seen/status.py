@@ -7,7 +7,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import Lack, RobotDescription
+    from robotree.vr.base.description import Lack, RobotDescription
 
 Status = Literal[
     "hangs", "gone", "silent", "offline", "stopped", "abandoned", "busy", "needs", "free", "enslaved"
@@ -96,7 +96,7 @@ def lacks_of(
     """
     if not robot.slots:
         return []
-    from robotree.vr.description import lacking  # help must not wait for the agents
+    from robotree.vr.base.description import lacking  # help must not wait for the agents
 
     lead, path = f"{robot.name}." if above else "", (*above, robot.name)
     found = [lack._replace(slot=f"{lead}{lack.slot}") for lack in lacking(robot.slots)]

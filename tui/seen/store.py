@@ -16,10 +16,10 @@ from robotree.tui.seen import instruments, status, wording
 from robotree.tui.seen.status import Condition, Status
 from robotree.tui.seen.stopping import StopRound
 from robotree.tui.terminal import one_line
-from robotree.vr.address import Address
-from robotree.vr.description import Lack, Listing, RobotDescription
-from robotree.vr.presence import Held
-from robotree.vr.requests import Level, Said, State
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Lack, Listing, RobotDescription
+from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import Level, Said, State
 
 SILENCE = 4.0
 """[s] without a state after which a robot counts as silent: states come at least once a second."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import Listing, RobotDescription
+    from robotree.vr.base.description import Listing, RobotDescription
     from robotree.vr.supervision.fleet import Fleet
 
 
@@ -32,7 +32,7 @@ def robots(fleet: Fleet, tree: Sequence[RobotDescription]) -> list[Listing]:
 
 
 def _listing(robot: RobotDescription) -> Listing:
-    from robotree.vr.description import Listing
+    from robotree.vr.base.description import Listing
 
     return Listing(
         address=robot.address,
@@ -46,8 +46,8 @@ def _listing(robot: RobotDescription) -> Listing:
 
 async def views(fleet: Fleet) -> list[Listing]:
     """Return what is known of the views: see `known`."""
-    from robotree.vr.description import Listing
-    from robotree.vr.errors import VrError
+    from robotree.vr.base.description import Listing
+    from robotree.vr.base.errors import VrError
 
     found = {view.name: view for view in fleet.views()}
     for address in fleet.directory.present("view"):

@@ -14,8 +14,8 @@ from robotree.tui.seen import status
 from robotree.tui.seen.angles import IN_DEGREES, as_shown, in_degrees
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
-    from robotree.vr.requests import Said
+    from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
+    from robotree.vr.base.requests import Said
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:
@@ -68,14 +68,14 @@ def typed(thing: object) -> str:
     """Write a value as a person would type it: so that it is read back as it was."""
     if isinstance(thing, str):
         return thing
-    from robotree.vr.literal import write  # help must not wait for the agents
+    from robotree.vr.base.literal import write  # help must not wait for the agents
 
     return write(thing)
 
 
 def wanted(spec: FieldSpec) -> str:
     """Return what a field takes: `a number in m`, `one of open, close`."""
-    from robotree.vr.arguments import expected
+    from robotree.vr.base.arguments import expected
 
     return expected(spec)
 

@@ -29,7 +29,7 @@ from robotree.tui.line import values
 from robotree.tui.seen import status, wording
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 NEAR = 1e-3
 """Relative difference up to which two numbers count as equal: readings have noise."""

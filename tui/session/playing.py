@@ -24,10 +24,10 @@ from robotree.tui.session.script import Do, Expect, Pause, Report, Script, Step,
 from robotree.tui.terminal import aside, put
 
 if TYPE_CHECKING:  # a script is read before the agents are needed
-    from robotree.vr.description import RobotDescription
-    from robotree.vr.requests import State
+    from robotree.vr.base.description import RobotDescription
+    from robotree.vr.base.requests import State
+    from robotree.vr.base.transport import Registration
     from robotree.vr.supervision.fleet import Fleet
-    from robotree.vr.transport import Registration
 
 LOOK_AGAIN = 0.1
 """[s] between two looks at a condition that does not hold yet."""
@@ -148,7 +148,7 @@ class Player:
         )
 
     async def _described(self, name: str) -> RobotDescription | None:
-        from robotree.vr.errors import VrError
+        from robotree.vr.base.errors import VrError
 
         try:
             return await self.fleet.describe(name)
@@ -156,7 +156,7 @@ class Player:
             return None
 
     async def _readings(self, name: str) -> Mapping[str, float]:
-        from robotree.vr.errors import VrError
+        from robotree.vr.base.errors import VrError
 
         try:
             if any(view.name == name for view in self.fleet.views()):

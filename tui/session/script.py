@@ -149,7 +149,7 @@ def read(
     Raises:
         BadScript: lines cannot be understood; it has all of them.
     """
-    from robotree.vr.errors import BadName  # help must not wait for the agents
+    from robotree.vr.base.errors import BadName  # help must not wait for the agents
 
     surface = Surface(Where.SCRIPT, readonly)
     steps: list[Step] = []

@@ -14,7 +14,6 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
-from robotree.vr.address import Address
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import Hooks
@@ -22,13 +21,12 @@ from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Shared
 from robotree.vr.agents.stops import Stops
-from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
-from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
-from robotree.vr.core.machine import Calls, State
-from robotree.vr.core.stop import Stop
-from robotree.vr.description import CommandSpec, RobotDescription
-from robotree.vr.errors import (
+from robotree.vr.author.fitting import misfit
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.errors import (
     CycleOfBonds,
     DoesNotFit,
     NotVirtual,
@@ -38,12 +36,8 @@ from robotree.vr.errors import (
     VrError,
     WrongKind,
 )
-from robotree.vr.exchange.answering import Say, conversing, not_for
-from robotree.vr.exchange.claim import claim, new_address
-from robotree.vr.fitting import misfit
-from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.presence import Undo
-from robotree.vr.requests import (
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import (
     Accepted,
     Delete,
     Describe,
@@ -63,12 +57,18 @@ from robotree.vr.requests import (
     Retract,
     SafeStop,
 )
-from robotree.vr.robot import Robot
+from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
+from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
+from robotree.vr.core.machine import Calls, State
+from robotree.vr.core.stop import Stop
+from robotree.vr.exchange.answering import Say, conversing, not_for
+from robotree.vr.exchange.claim import claim, new_address
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.live import LiveRobot, NotDescribed, OnDescribed
 from robotree.vr.running.process import LONGEST_END, Process
 from robotree.vr.running.runner import runner_of
-from robotree.vr.transport import Registration, Transport
-from robotree.vr.virtual_robot import VirtualRobot
 
 PARTING = 0.5
 """[s] in which commands may end by themselves when their robot's process ends; the others end with it."""

@@ -12,8 +12,8 @@ import contextlib
 import logging
 import threading
 
-from robotree.vr.presence import Presence, Undo
-from robotree.vr.requests import Raised, Returned
+from robotree.vr.base.presence import Presence, Undo
+from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.running.live import LiveRobot
 
 ARRIVAL = 0.5

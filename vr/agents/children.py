@@ -11,13 +11,11 @@ import contextlib
 import logging
 from collections.abc import Sequence
 
-from robotree.vr.address import Address
-from robotree.vr.core import events as on
-from robotree.vr.core.bonds import DEFAULT_TERM, Bond, Lessee, Slots
-from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
-from robotree.vr.description import CommandSpec, RobotDescription
-from robotree.vr.envelope import seal
-from robotree.vr.errors import (
+from robotree.vr.author.virtual_robot import slots_of
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, RobotDescription
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import (
     CycleOfBonds,
     Garbled,
     LeaseError,
@@ -27,12 +25,14 @@ from robotree.vr.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import Granted, Raised, Renew, Reply, Resume, decode_reply
+from robotree.vr.base.transport import Transport
+from robotree.vr.core import events as on
+from robotree.vr.core.bonds import DEFAULT_TERM, Bond, Lessee, Slots
+from robotree.vr.core.confirmation import LEAST, Budget, Confirmations
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.presence import Undo
-from robotree.vr.requests import Granted, Raised, Renew, Reply, Resume, decode_reply
 from robotree.vr.running.live import LiveRobot
-from robotree.vr.transport import Transport
-from robotree.vr.virtual_robot import slots_of
 
 FAREWELL = 2.0
 """[s] for a child to confirm its release; after that its lease runs out by itself."""

@@ -16,13 +16,13 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from functools import partial
 
-from robotree.vr.errors import VrError
-from robotree.vr.robot import Robot
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import VrError
 from robotree.vr.running.heard import Voice, speaking
 from robotree.vr.running.page_trace import trace
 from robotree.vr.running.runner import Runner
 from robotree.vr.running.serial_worker import SerialWorker
-from robotree.vr.virtual_robot import VirtualRobot
 
 _log = logging.getLogger(__name__)
 

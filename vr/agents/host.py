@@ -13,19 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-from robotree.vr.address import Address, check_name
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
-from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.core.bonds import DEFAULT_TERM
-from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
-from robotree.vr.exchange.answering import answering, not_for
-from robotree.vr.exchange.claim import claim, expect_free, new_address
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.requests import (
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address, check_name
+from robotree.vr.base.errors import DuplicateName, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.requests import (
     Create,
     Described,
     DescribeHost,
@@ -36,11 +29,18 @@ from robotree.vr.requests import (
     Reply,
     Request,
 )
+from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.loader import LIMIT
+from robotree.vr.core.bonds import DEFAULT_TERM
+from robotree.vr.core.machine import LONGEST_DEADLINE
+from robotree.vr.exchange.answering import answering, not_for
+from robotree.vr.exchange.claim import claim, expect_free, new_address
+from robotree.vr.exchange.client import RobotClient
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import runner_of
-from robotree.vr.transport import Registration, Transport
-from robotree.vr.virtual_robot import VirtualRobot
 
 AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""

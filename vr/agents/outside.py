@@ -11,11 +11,9 @@ import math
 from collections.abc import Callable
 from functools import partial
 
-from robotree.vr.core import events as on
-from robotree.vr.core.machine import LONGEST_DEADLINE
-from robotree.vr.envelope import Received, opened
-from robotree.vr.errors import Unreachable, VrError
-from robotree.vr.requests import (
+from robotree.vr.base.envelope import Received, opened
+from robotree.vr.base.errors import Unreachable, VrError
+from robotree.vr.base.requests import (
     Accepted,
     Call,
     Cancel,
@@ -27,9 +25,11 @@ from robotree.vr.requests import (
     Returned,
     encode,
 )
+from robotree.vr.base.transport import End, Respond
+from robotree.vr.core import events as on
+from robotree.vr.core.machine import LONGEST_DEADLINE
 from robotree.vr.running.live import LiveRobot, NotDescribed
 from robotree.vr.running.serial_worker import SerialWorker
-from robotree.vr.transport import End, Respond
 
 PROGRESS_PERIOD = 0.05
 """[s] Least time between two messages with a command's progress to one caller."""

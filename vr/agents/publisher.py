@@ -17,19 +17,19 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.address import Address
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
+from robotree.vr.author.fields import StateField
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, Listing, RobotDescription
+from robotree.vr.base.errors import TransportError, VrError
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import Heard, State, encode
+from robotree.vr.base.transport import Transport
 from robotree.vr.core.machine import RobotCore
-from robotree.vr.description import BondSpec, Listing, RobotDescription
-from robotree.vr.errors import TransportError, VrError
-from robotree.vr.fields import StateField
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.presence import Undo
-from robotree.vr.requests import Heard, State, encode
 from robotree.vr.running.live import LiveRobot
-from robotree.vr.transport import Transport
-from robotree.vr.virtual_robot import VirtualRobot
 
 QUICK = 0.1
 """[s] Least time between two looks at the state, and the period while a command runs."""

@@ -8,8 +8,8 @@ import gc
 import sys
 from collections.abc import Callable
 
-from robotree.vr.address import check_name
 from robotree.vr.agents.host import Host
+from robotree.vr.base.address import check_name
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService

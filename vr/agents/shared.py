@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from robotree.vr.presence import Undo
+from robotree.vr.base.presence import Undo
 
 ROUND = 1.0
 """[s] between two calls of the same action."""

@@ -12,12 +12,12 @@ import msgspec
 
 from robotree.vr.agents.children import Children
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
+from robotree.vr.base.envelope import same_clock
+from robotree.vr.base.errors import NoAnswer, VrError
+from robotree.vr.base.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
 from robotree.vr.core.stop import HARDWARE, Stop
-from robotree.vr.envelope import same_clock
-from robotree.vr.errors import NoAnswer, VrError
-from robotree.vr.requests import Done, Raised, Reply, Resume, SafeStop
 from robotree.vr.running.live import LiveRobot
 
 

@@ -10,12 +10,12 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from robotree.vr.description import Listing
+from robotree.vr.base.description import Listing
+from robotree.vr.base.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
+from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.answering import answering, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.requests import DescribeView, Look, Picture, Reply, Request, ViewDescribed
-from robotree.vr.transport import Registration, Transport
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Second bytes of the markers that begin a frame of a JPEG picture (ITU-T T.81, annex B)."""

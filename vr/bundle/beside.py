@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from robotree.files import read
+from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle.syntax import parse
-from robotree.vr.errors import BrokenSource
 
 LARGEST = 4_000_000
 """[bytes] of all files beside a page."""

@@ -12,7 +12,19 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from robotree.files import text
-from robotree.vr.arguments import check_arguments
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.fields import Kept, settings_spec
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot, slot_specs
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.errors import (
+    BrokenSource,
+    NoSuchFile,
+    NoVirtualRobot,
+    OtherKind,
+    SeveralVirtualRobots,
+    VrError,
+)
 from robotree.vr.bundle.beside import LARGEST as LARGEST_BESIDE
 from robotree.vr.bundle.beside import beside
 from robotree.vr.bundle.loader import (
@@ -27,18 +39,6 @@ from robotree.vr.bundle.loader import (
     with_line,
     within,
 )
-from robotree.vr.command import commands_of
-from robotree.vr.errors import (
-    BrokenSource,
-    NoSuchFile,
-    NoVirtualRobot,
-    OtherKind,
-    SeveralVirtualRobots,
-    VrError,
-)
-from robotree.vr.fields import Kept, settings_spec
-from robotree.vr.robot import Robot
-from robotree.vr.virtual_robot import VirtualRobot, slot_specs
 
 LARGEST = 1_000_000
 """[bytes] More is no page of Python."""

@@ -12,8 +12,8 @@ from difflib import get_close_matches
 
 import msgspec
 
+from robotree.vr.base.units import Unit
 from robotree.vr.bundle.syntax import parse
-from robotree.vr.units import Unit
 
 ROOT = "VirtualRobot"
 OF_EVERY_KIND = frozenset({"set"})

@@ -25,15 +25,15 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
+from robotree.vr.author.child import Slotted
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import BadName, BrokenSource
 from robotree.vr.bundle.check import replaced_slots
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.syntax import line_of, slots_at
-from robotree.vr.child import Slotted
-from robotree.vr.errors import BadName, BrokenSource
-from robotree.vr.robot import Robot
 from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.running.page_trace import authors_file, file_in_tracebacks, words_of
-from robotree.vr.virtual_robot import VirtualRobot
 
 LIMIT = 5.0
 """[s] for a source to run."""

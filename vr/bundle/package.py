@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 from robotree.files import overwrite
-from robotree.vr.errors import BrokenSource
+from robotree.vr.base.errors import BrokenSource
 from robotree.vr.running.page_trace import PRIVATE_FOLDER, PRIVATE_MODULE, file_in_tracebacks
 
 PREFIX = PRIVATE_MODULE

@@ -31,9 +31,9 @@ from typing import Literal
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import (
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.errors import (
     CycleOfBonds,
     GroupFull,
     LeaseDenied,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from robotree.vr.errors import NoAnswer, NotConfirmed, Unreachable, VrError
+from robotree.vr.base.errors import NoAnswer, NotConfirmed, Unreachable, VrError
 
 UNMEASURED = 0.2
 """Share of its patience that an asker keeps for the way there and back, while it has not measured that."""

@@ -6,10 +6,10 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.requests import PATIENCE, Call, Done, Raised, Returned
 from robotree.vr.core.bonds import Bond
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.requests import PATIENCE, Call, Done, Raised, Returned
 
 
 class _Value(msgspec.Struct, frozen=True, kw_only=True, tag=True, omit_defaults=True):

@@ -17,7 +17,21 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import (
+    Busy,
+    CommandCancelled,
+    CommandFailed,
+    CycleOfBonds,
+    DeadlineExceeded,
+    KeyReused,
+    NotConfirmed,
+    StillRunning,
+    Stopped,
+    UnderWay,
+    VrError,
+)
+from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, Lessor, Slots, Tenure
 from robotree.vr.core.events import (
@@ -35,20 +49,6 @@ from robotree.vr.core.events import (
     StopSettled,
 )
 from robotree.vr.core.stop import HARDWARE, Stop
-from robotree.vr.errors import (
-    Busy,
-    CommandCancelled,
-    CommandFailed,
-    CycleOfBonds,
-    DeadlineExceeded,
-    KeyReused,
-    NotConfirmed,
-    StillRunning,
-    Stopped,
-    UnderWay,
-    VrError,
-)
-from robotree.vr.requests import Raised, Returned
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
 """[s]"""

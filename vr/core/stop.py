@@ -13,9 +13,9 @@ from collections.abc import Mapping
 
 import msgspec
 
+from robotree.vr.base.errors import NotConfirmed
+from robotree.vr.base.requests import Done, Raised
 from robotree.vr.core.confirmation import Confirmations
-from robotree.vr.errors import NotConfirmed
-from robotree.vr.requests import Done, Raised
 
 HARDWARE = ""
 """The part that stands behind the robot; the others are its children, by slot."""

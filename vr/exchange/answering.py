@@ -7,10 +7,10 @@ import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
 
-from robotree.vr.envelope import opened
-from robotree.vr.errors import Garbled, VrError
-from robotree.vr.requests import Raised, Reply, Request, encode
-from robotree.vr.transport import RequestHandler, Respond
+from robotree.vr.base.envelope import opened
+from robotree.vr.base.errors import Garbled, VrError
+from robotree.vr.base.requests import Raised, Reply, Request, encode
+from robotree.vr.base.transport import RequestHandler, Respond
 
 _log = logging.getLogger(__name__)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import contextlib
 
-from robotree.vr.address import Address, Role, check_name, everyone
-from robotree.vr.errors import DuplicateName, NameInSilence
-from robotree.vr.running.chance import token
-from robotree.vr.transport import Occupied, Registration, Transport
+from robotree.vr.base.address import Address, Role, check_name, everyone
+from robotree.vr.base.chance import token
+from robotree.vr.base.errors import DuplicateName, NameInSilence
+from robotree.vr.base.transport import Occupied, Registration, Transport
 
 SETTLE = 0.1
 """[s] after which an announcement has reached all others that live and answer, and its end too."""

@@ -6,15 +6,14 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from robotree.vr.address import Address
-from robotree.vr.core.bonds import DEFAULT_TERM
-from robotree.vr.core.confirmation import unmeasured
-from robotree.vr.description import Arguments, CommandSpec, RobotDescription
-from robotree.vr.envelope import seal
-from robotree.vr.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
-from robotree.vr.requests import (
+from robotree.vr.base.address import Address
+from robotree.vr.base.chance import token
+from robotree.vr.base.description import Arguments, CommandSpec, RobotDescription
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import CommandFailed, Garbled, NoAnswer, Unreachable, VrError
+from robotree.vr.base.requests import (
     LONGEST_CLEANUP,
     PATIENCE,
     Accepted,
@@ -51,11 +50,9 @@ from robotree.vr.requests import (
     ViewDescribed,
     decode_reply,
 )
-from robotree.vr.running.chance import token
-from robotree.vr.transport import Transport
-
-if TYPE_CHECKING:  # loaded only by what creates something: it loads what reads sources
-    from robotree.vr.bundle import Bundle
+from robotree.vr.base.transport import Transport
+from robotree.vr.core.bonds import DEFAULT_TERM
+from robotree.vr.core.confirmation import unmeasured
 
 DEFAULT_DEADLINE = 60.0
 """[s] for a command when the caller names none."""
@@ -403,6 +400,35 @@ class RobotClient:
         )
 
 
+class Source(Protocol):
+    """The source of a page on its way to a host: a `Bundle`."""
+
+    @property
+    def source(self) -> str:
+        """The file itself."""
+        ...
+
+    @property
+    def path(self) -> str:
+        """Where its author keeps it."""
+        ...
+
+    @property
+    def wanted(self) -> str:
+        """Name of the class; empty: the only one."""
+        ...
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """What belongs to it, by path."""
+        ...
+
+    @property
+    def origin(self) -> str:
+        """Where a reload finds it again."""
+        ...
+
+
 class HostClient:
     """Asks one host."""
 
@@ -420,7 +446,7 @@ class HostClient:
         return await ask(self._transport, self.address.key, DescribeHost(), HostDescribed, timeout=timeout)
 
     async def create(
-        self, bundle: Bundle, name: str, settings: Mapping[str, Any] | None = None
+        self, bundle: Source, name: str, settings: Mapping[str, Any] | None = None
     ) -> RobotDescription:
         """Have a virtual robot made of a source: see `Host.create`.
 
@@ -433,7 +459,7 @@ class HostClient:
         return answer.robot
 
     async def reload(
-        self, bundle: Bundle, name: str, *, now: bool = False, within: float = RELOADING
+        self, bundle: Source, name: str, *, now: bool = False, within: float = RELOADING
     ) -> Reloaded:
         """Have a robot of the host go on with another page: see `Host.reload`.
 
@@ -445,7 +471,7 @@ class HostClient:
         return await ask(self._transport, self.address.key, request, Reloaded, timeout=LOADING + within)
 
 
-def _page(bundle: Bundle, name: str, settings: Mapping[str, Any] | None) -> Create:
+def _page(bundle: Source, name: str, settings: Mapping[str, Any] | None) -> Create:
     return Create(
         name=name,
         path=bundle.path,

@@ -11,15 +11,15 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-from robotree.vr.address import Address, Role, check_name, everyone
-from robotree.vr.description import Listing, Template
-from robotree.vr.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
+from robotree.vr.base.address import Address, Role, check_name, everyone
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.errors import AddressError, Hanging, NoSuchHost, NoSuchRobot, NoSuchView, VrError
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
+from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
-from robotree.vr.presence import Undo
-from robotree.vr.requests import Found, Listed, Query, Unlisted, decode_event
-from robotree.vr.transport import Registration, Transport
 
 SYNCHRONISE = 10.0
 """[s] between full comparisons with each service: news that a busy network dropped is made up for."""

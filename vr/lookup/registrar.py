@@ -14,15 +14,15 @@ from itertools import islice
 
 import msgspec
 
-from robotree.vr.address import Address, everyone
-from robotree.vr.description import Listing
-from robotree.vr.errors import VrError
+from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.chance import fraction, token
+from robotree.vr.base.description import Listing
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import Register, Registered
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import REMEMBERED
-from robotree.vr.presence import Undo
-from robotree.vr.requests import Register, Registered
-from robotree.vr.running.chance import fraction, token
-from robotree.vr.transport import Transport
 
 TERM = 10.0
 """[s] of a lease. Presence shows deaths at once, so this covers only what presence misses."""

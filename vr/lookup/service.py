@@ -9,15 +9,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 
-from robotree.vr.address import Address, Role, everyone
-from robotree.vr.errors import VrError
+from robotree.vr.base.address import Address, Role, everyone
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.presence import Undo
+from robotree.vr.base.requests import Found, Query, Register, Reply, Request, encode
+from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.exchange.answering import answering_at_once, not_for
 from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
-from robotree.vr.presence import Undo
-from robotree.vr.requests import Found, Query, Register, Reply, Request, encode
-from robotree.vr.transport import Registration, Transport
 
 FILL_LIMIT = 1.0
 """[s] to wait for the others when it starts; one that hangs must not keep a newcomer from its work."""

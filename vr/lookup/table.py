@@ -14,9 +14,9 @@ from collections.abc import Iterable
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing, Template
-from robotree.vr.requests import Listed, Register, Registered, Unlisted
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.requests import Listed, Register, Registered, Unlisted
 
 SHORTEST_TERM = 1.0
 LONGEST_TERM = 60.0

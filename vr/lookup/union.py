@@ -11,10 +11,10 @@ from typing import Literal
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing
+from robotree.vr.base.requests import Listed, Unlisted
 from robotree.vr.lookup.table import LOST
-from robotree.vr.requests import Listed, Unlisted
 
 MOST_ABSENT = 1024
 """Withdrawals by agents that are not seen alive that are remembered: those who may come to sight (again)

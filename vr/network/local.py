@@ -10,11 +10,8 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from robotree.vr.errors import TransportClosed
-from robotree.vr.network.mesh import GREETING, Answer, Mesh
-from robotree.vr.network.on_loop import Inbox, Replies, Turns, answered
-from robotree.vr.network.rendezvous import Rendezvous, realm_name
-from robotree.vr.transport import (
+from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.transport import (
     CutOffHandler,
     DirectHandler,
     End,
@@ -24,6 +21,9 @@ from robotree.vr.transport import (
     Respond,
     SampleHandler,
 )
+from robotree.vr.network.mesh import GREETING, Answer, Mesh
+from robotree.vr.network.on_loop import Inbox, Replies, Turns, answered
+from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
 WAITING_SAMPLES = 4096
 """Samples that may wait for one subscriber before the oldest are lost."""

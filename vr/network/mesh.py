@@ -29,7 +29,10 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Final
 
-from robotree.vr.errors import RealmUnusable
+from robotree.vr.base.errors import RealmUnusable
+from robotree.vr.base.pattern import Handlers, matches
+from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.transport import Occupied
 from robotree.vr.network.link import (
     VERSION,
     Ask,
@@ -50,9 +53,6 @@ from robotree.vr.network.link import (
 from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.rendezvous import Beat, Rendezvous, process_of
-from robotree.vr.pattern import Handlers, matches
-from robotree.vr.presence import Held, Presence
-from robotree.vr.transport import Occupied
 
 TICK: Final = 0.5
 """[s] between two beats, and between two looks into the folder."""

@@ -16,8 +16,8 @@ from collections.abc import AsyncIterator, Callable
 from functools import partial
 from typing import Generic, Self, TypeVar
 
-from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable, VrError
-from robotree.vr.transport import DirectHandler, End, OnReply, RequestHandler, Respond
+from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable, VrError
+from robotree.vr.base.transport import DirectHandler, End, OnReply, RequestHandler, Respond
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""

@@ -28,8 +28,8 @@ from collections.abc import Generator
 from pathlib import Path
 
 from robotree import files
-from robotree.vr.address import check_name
-from robotree.vr.errors import RealmUnusable
+from robotree.vr.base.address import check_name
+from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.network.living import alive, listening
 
 REALM_VARIABLE = "ROBOTREE_REALM"

@@ -29,9 +29,9 @@ from typing import Any, Literal, Protocol, Self, TypeVar
 
 import msgspec
 
-from robotree.vr.child import ChildCommand, readable
-from robotree.vr.context import CallFuture, CommandContext, enter
-from robotree.vr.errors import (
+from robotree.vr.author.child import ChildCommand, readable
+from robotree.vr.author.context import CallFuture, CommandContext, enter
+from robotree.vr.base.errors import (
     ChildCancelled,
     CommandCancelled,
     CommandFailed,
@@ -40,7 +40,7 @@ from robotree.vr.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.requests import (
+from robotree.vr.base.requests import (
     LONGEST_CLEANUP,
     PATIENCE,
     Accepted,

@@ -17,8 +17,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal, Protocol, TextIO
 
-from robotree.vr.context import activity_here
-from robotree.vr.requests import Level
+from robotree.vr.author.context import activity_here
+from robotree.vr.base.requests import Level
 from robotree.vr.running.page_trace import authors_file
 
 

@@ -17,28 +17,28 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.arguments import check_arguments
-from robotree.vr.child import Exposed
-from robotree.vr.command import commands_of
-from robotree.vr.context import CommandContext
+from robotree.vr.author.child import Exposed
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.context import CommandContext
+from robotree.vr.author.fields import SET
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.signature import Command
+from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
+from robotree.vr.base.address import Address
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.description import Arguments, CommandSpec
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
+from robotree.vr.base.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
+from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Begin, Effect, Event, Interrupt, Settled
 from robotree.vr.core.machine import AcceptedCall, RobotCore
-from robotree.vr.description import Arguments, CommandSpec
-from robotree.vr.envelope import seal
-from robotree.vr.errors import BadArgument, CommandCancelled, CommandFailed, NoSuchCommand, VrError
-from robotree.vr.fields import SET
-from robotree.vr.requests import PATIENCE, Call, Cancel, Detach, Level, Raised, Returned
-from robotree.vr.robot import Robot
 from robotree.vr.running.frame import DEEPEST, Frame, Listener, Manner, PendingCall
 from robotree.vr.running.log import Log
 from robotree.vr.running.outcome import raised
 from robotree.vr.running.page_trace import begin_of, line_at_work, words_of
 from robotree.vr.running.process import Process, Worker
-from robotree.vr.signature import Command
-from robotree.vr.transport import Transport
-from robotree.vr.virtual_robot import VirtualRobot, exposures_of, slot_specs
 
 LONGEST_NOTE = 80
 """Characters of what a command says of its progress that its robot's state repeats to everybody."""

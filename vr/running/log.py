@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from robotree.vr.requests import Level, Said
+from robotree.vr.base.requests import Level, Said
 
 KEPT = 500
 """Lines of each robot."""

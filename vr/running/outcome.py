@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from robotree.vr.context import CommandContext
-from robotree.vr.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
-from robotree.vr.plain import to_plain
-from robotree.vr.requests import Raised
+from robotree.vr.author.context import CommandContext
+from robotree.vr.base.errors import BadArgument, CommandError, CommandFailed, Failed, NoSuchCommand, VrError
+from robotree.vr.base.plain import to_plain
+from robotree.vr.base.requests import Raised
+from robotree.vr.base.units import shorten
 from robotree.vr.running.page_trace import PageLine, page_lines, trace_of, words_of
-from robotree.vr.units import shorten
 
 _log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
 
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 MOST_LINES = 60
 """Lines of a trace: a recursion without end must not fill a message."""

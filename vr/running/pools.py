@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from robotree.vr.context import commander_here
+from robotree.vr.author.context import commander_here
 
 _submit = ThreadPoolExecutor.submit
 

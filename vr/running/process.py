@@ -21,10 +21,10 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Protocol
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import Event
 from robotree.vr.core.machine import RobotCore, State
-from robotree.vr.errors import VrError
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import msgspec
 
+from robotree.vr.base.written import Mark, Scalar
 from robotree.vr.scripts.expression import Atom, Form, Node, read, value
 from robotree.vr.scripts.guard import Guard, named
 from robotree.vr.scripts.program import (
@@ -30,7 +31,6 @@ from robotree.vr.scripts.program import (
     check_identifier,
     check_name,
 )
-from robotree.vr.written import Mark, Scalar
 
 TYPES = ("text", "number", "yes/no")
 

@@ -17,6 +17,7 @@ import clips
 import msgspec
 from clips.common import CLIPSError
 
+from robotree.vr.base.written import Scalar
 from robotree.vr.scripts import expression
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
@@ -32,7 +33,6 @@ from robotree.vr.scripts.program import (
     template_form,
 )
 from robotree.vr.scripts.working_memory import WorkingMemory
-from robotree.vr.written import Scalar
 
 MOST_FIRINGS = 1500
 """Rules that may fire for one happening."""

@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from robotree.vr.written import Mark, Scalar, Word, value_of
+from robotree.vr.base.written import Mark, Scalar, Word, value_of
 
 DEEPEST = 32
 """Levels of brackets. CLIPS reads them by recursion in C: thousands of them would end the process."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from typing import NoReturn
 
+from robotree.vr.base.written import Mark, Word, value_of
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain
-from robotree.vr.written import Mark, Word, value_of
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+\.?\d*|\.\d+)|(?P<variable>\$[^\W\d]\w*)|(?P<text>'[^']*'|\"[^\"]*\")"

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from robotree.vr.base.written import Mark, Scalar
 from robotree.vr.scripts.expression import Atom, Form, Node, form, show, variables
 from robotree.vr.scripts.program import (
     MESSAGE,
@@ -24,7 +25,6 @@ from robotree.vr.scripts.program import (
     Template,
     check_name,
 )
-from robotree.vr.written import Mark, Scalar
 
 Find = Callable[[str], Template | None]
 

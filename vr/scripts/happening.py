@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
+from robotree.vr.base.written import Scalar
 from robotree.vr.scripts.expression import is_word
-from robotree.vr.written import Scalar
 
 
 class Happening(msgspec.Struct, frozen=True, kw_only=True):

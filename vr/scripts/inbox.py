@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from robotree.vr.context import Activity
+from robotree.vr.author.context import Activity
 from robotree.vr.scripts.happening import Happening
 
 LONGEST = 500

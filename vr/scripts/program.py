@@ -11,8 +11,8 @@ import re
 
 import msgspec
 
+from robotree.vr.base.written import Mark, Scalar
 from robotree.vr.scripts.expression import Atom, Form, Node, plain, show
-from robotree.vr.written import Mark, Scalar
 
 LONGEST_LIST = 64
 """Values in one slot that holds several."""

@@ -15,15 +15,15 @@ from typing import Any, cast
 
 import msgspec
 
-from robotree.vr.child import ChildCommand, Record
-from robotree.vr.context import Activity, CallFuture, running
-from robotree.vr.errors import CommandCancelled, CommandFailed, VrError
+from robotree.vr.author.child import ChildCommand, Record
+from robotree.vr.author.context import Activity, CallFuture, running
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
+from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
 from robotree.vr.scripts.inbox import Inbox
 from robotree.vr.scripts.program import Program
-from robotree.vr.virtual_robot import VirtualRobot
-from robotree.vr.written import Mark, Scalar, Word, value_of
 
 TICK = 0.05
 """[s] Longest time until the thread looks again: at partners, at a cancel, at progress."""

@@ -11,21 +11,21 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
-from robotree.vr.child import Child
-from robotree.vr.command import command
-from robotree.vr.context import running
-from robotree.vr.errors import CommandFailed, NoRoles, NoSuchFile, VrError
-from robotree.vr.roles.player import forward
+from robotree.vr.author.child import Child
+from robotree.vr.author.command import command
+from robotree.vr.author.context import running
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import CommandFailed, NoRoles, NoSuchFile, VrError
+from robotree.vr.base.units import Range, Unit
+from robotree.vr.base.written import Scalar
 from robotree.vr.scripts import explain
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import ScriptError
 from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.program import Hears, Program
+from robotree.vr.scripts.roles.player import forward
 from robotree.vr.scripts.run import ScriptRun, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
-from robotree.vr.units import Range, Unit
-from robotree.vr.virtual_robot import VirtualRobot
-from robotree.vr.written import Scalar
 
 PAUSE = 0.01
 """[s] between two looks for an answer."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from robotree.vr.errors import BrokenScript
+from robotree.vr.base.errors import BrokenScript
+from robotree.vr.base.written import Scalar
 from robotree.vr.scripts.expression import Form, read, value
 from robotree.vr.scripts.happening import spell
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Program
 from robotree.vr.scripts.when_then import EVENTS
-from robotree.vr.written import Scalar
 
 Slots = dict[str, list[Scalar]]
 

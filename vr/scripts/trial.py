@@ -27,14 +27,25 @@ from functools import partial
 
 import msgspec
 
-from robotree.vr.errors import BrokenScript
+from robotree.vr.base.errors import BrokenScript
+from robotree.vr.base.written import (
+    Entries,
+    Mark,
+    Scalar,
+    Word,
+    Written,
+    entries,
+    items,
+    read,
+    value_of,
+    word,
+)
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.expression import show
 from robotree.vr.scripts.happening import Happening, said
 from robotree.vr.scripts.program import Program
 from robotree.vr.scripts.shown import in_words, parts
 from robotree.vr.scripts.when_then import new_fact
-from robotree.vr.written import Entries, Mark, Scalar, Word, Written, entries, items, read, value_of, word
 
 HAPPENINGS = ("start", "finish", "done", "failed", "progress", "timer", "lost", "found")
 """What a line can begin with, beside the messages of the script."""

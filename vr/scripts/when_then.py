@@ -28,6 +28,7 @@ from collections.abc import Sequence
 
 import msgspec
 
+from robotree.vr.base.written import Entries, Items, Mark, Word, Written, entries, items, read, value_of, word
 from robotree.vr.scripts.clp import TYPES, add_rule, check_head, first_fact, with_template
 from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
 from robotree.vr.scripts.formula import formula
@@ -45,7 +46,6 @@ from robotree.vr.scripts.program import (
     check_name,
     literal,
 )
-from robotree.vr.written import Entries, Items, Mark, Word, Written, entries, items, read, value_of, word
 
 HEAD = ("script", "doc", "partners", "parameters", "facts", "hears", "start", "begin with", "rules")
 EVENTS = {

@@ -10,19 +10,12 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from robotree.vr.address import Address, check_name, everyone
-from robotree.vr.description import Listing, RobotDescription, Template
-from robotree.vr.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
-from robotree.vr.exchange.client import (
-    DEFAULT_DEADLINE,
-    RELOADING,
-    HostClient,
-    RobotClient,
-    ViewClient,
-)
-from robotree.vr.lookup.directory import Directory
-from robotree.vr.presence import Held
-from robotree.vr.requests import (
+from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.chance import token
+from robotree.vr.base.description import Listing, RobotDescription, Template
+from robotree.vr.base.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
+from robotree.vr.base.presence import Held
+from robotree.vr.base.requests import (
     Heard,
     HostDescribed,
     Picture,
@@ -32,10 +25,17 @@ from robotree.vr.requests import (
     ViewDescribed,
     decode_event,
 )
-from robotree.vr.running.chance import token
+from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.exchange.client import (
+    DEFAULT_DEADLINE,
+    RELOADING,
+    HostClient,
+    RobotClient,
+    ViewClient,
+)
+from robotree.vr.lookup.directory import Directory
 from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.stop import OnLate, StopOrder
-from robotree.vr.transport import Registration, Transport
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""

@@ -13,16 +13,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 
-from robotree.vr.address import Address, check_name, everyone
+from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.envelope import this_clock
+from robotree.vr.base.errors import NoSuchRobot, NotInControl, VrError
+from robotree.vr.base.presence import Held
+from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import Confirmations
-from robotree.vr.description import RobotDescription
-from robotree.vr.envelope import this_clock
-from robotree.vr.errors import NoSuchRobot, NotInControl, VrError
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.presence import Held
 from robotree.vr.supervision.stop import CONFIRM
-from robotree.vr.transport import Transport
 
 MOST_COUNTS = 4096
 """Robots whose count is remembered."""

@@ -13,13 +13,13 @@ from functools import partial
 
 import msgspec
 
-from robotree.vr.address import Address, check_name, everyone
+from robotree.vr.base.address import Address, check_name, everyone
+from robotree.vr.base.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
+from robotree.vr.base.presence import Held
+from robotree.vr.base.transport import Transport
 from robotree.vr.core.confirmation import LEAST, Confirmations
-from robotree.vr.errors import NoAnswer, NoSuchRobot, Unreachable, VrError
 from robotree.vr.exchange.client import RobotClient, fresh_key
 from robotree.vr.lookup.directory import Directory
-from robotree.vr.presence import Held
-from robotree.vr.transport import Transport
 
 CONFIRM = 3.0
 """[s] for a robot to confirm a stop: a round trip over 1 s each way, and some. The stop itself waits for

@@ -8,12 +8,10 @@ from typing import Protocol
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing, Template
-from robotree.vr.errors import VrError
-from robotree.vr.exchange.client import ask
-from robotree.vr.lookup.service import NEWS_PATTERN
-from robotree.vr.requests import (
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.requests import (
     DescribeHost,
     Found,
     HostDescribed,
@@ -24,7 +22,9 @@ from robotree.vr.requests import (
     Unlisted,
     decode_event,
 )
-from robotree.vr.transport import Transport
+from robotree.vr.base.transport import Transport
+from robotree.vr.exchange.client import ask
+from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.world.promises import Join, promise, until
 
 

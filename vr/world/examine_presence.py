@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from robotree.vr.errors import TransportClosed, VrError
-from robotree.vr.transport import Occupied, Registration, Respond, Transport
+from robotree.vr.base.errors import TransportClosed, VrError
+from robotree.vr.base.transport import Occupied, Registration, Respond, Transport
 from robotree.vr.world.promises import (
     PATIENCE,
     Join,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.transport import Respond
+from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.transport import Respond
 from robotree.vr.world.promises import PATIENCE, Join, close_all, promise, replies_of, served
 
 SILENCE = 1.0

@@ -28,11 +28,10 @@ from typing import Protocol, TypeVar
 
 import msgspec
 
-from robotree.vr.errors import TransportClosed
-from robotree.vr.network.on_loop import Replies, answered
-from robotree.vr.pattern import matches
-from robotree.vr.presence import Held, Presence
-from robotree.vr.transport import (
+from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.pattern import matches
+from robotree.vr.base.presence import Held, Presence
+from robotree.vr.base.transport import (
     CutOffHandler,
     DirectHandler,
     End,
@@ -43,6 +42,7 @@ from robotree.vr.transport import (
     Respond,
     SampleHandler,
 )
+from robotree.vr.network.on_loop import Replies, answered
 from robotree.vr.world.virtual_loop import VirtualLoop
 
 RECONNECT = 0.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 
-from robotree.vr.errors import VrError
-from robotree.vr.transport import Registration, RequestHandler, Transport
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.transport import Registration, RequestHandler, Transport
 
 Join = Callable[[], Awaitable[Transport]]
 """Enters one more member into the network under examination."""

@@ -25,12 +25,12 @@ from typing import Any, Self
 
 import msgspec
 
+from robotree.vr.base import chance
+from robotree.vr.base.envelope import on_clock
+from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import Effect
 from robotree.vr.core.events import Event as CoreEvent
 from robotree.vr.core.machine import RobotCore, State, decode_state, encode_state
-from robotree.vr.envelope import on_clock
-from robotree.vr.errors import VrError
-from robotree.vr.running import chance
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner

@@ -14,7 +14,7 @@ from robotree.sim.companion.tuning import FORCE_LIMIT
 from robotree.sim.companion.visitors import Play, Receive, Step, Wait, Walk
 from robotree.sim.companion.world import CompanionWorld, build
 from robotree.sim.testing import CompanionBench
-from robotree.vr.errors import CommandFailed
+from robotree.vr.base.errors import CommandFailed
 
 from .virtual import companion
 

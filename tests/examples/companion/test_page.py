@@ -9,7 +9,7 @@ from robotree.proxy.base import Base
 from robotree.proxy.head import Head
 from robotree.proxy.limb import Limb
 from robotree.testing import Fake, rehearse
-from robotree.vr.errors import CommandFailed
+from robotree.vr.base.errors import CommandFailed
 
 
 def test_an_error_names_the_command_that_was_asked_for() -> None:

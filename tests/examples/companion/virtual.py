@@ -17,8 +17,8 @@ from robotree.protocol.messages import GoalState as State
 from robotree.proxy.limb import POINTING
 from robotree.sim.kinds import HEAD
 from robotree.sim.testing import NAN, CompanionBench, Operator
+from robotree.vr.base.errors import CommandFailed
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import CommandFailed
 
 PAGE = Path(__file__).parents[3] / "examples" / "companion" / "companion.py"
 

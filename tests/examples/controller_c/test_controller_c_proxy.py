@@ -14,10 +14,10 @@ from robotree.protocol.messages import Claim, ClaimWish, GoalState, Mode, ModeKi
 from robotree.proxy.agent import running_proxy
 from robotree.proxy.guard import Span
 from robotree.proxy.rover import Rover
-from robotree.vr.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, Stopped
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, CommandInDoubt, DeadlineExceeded, Stopped
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 Operator = Any
 Power = Callable[..., AbstractContextManager[int]]

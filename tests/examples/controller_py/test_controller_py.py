@@ -15,10 +15,10 @@ import pytest
 
 from robotree.proxy.agent import running_proxy
 from robotree.proxy.rover import Rover
-from robotree.vr.errors import CommandCancelled, Stopped
+from robotree.vr.base.errors import CommandCancelled, Stopped
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.e2e

@@ -21,8 +21,8 @@ from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.seen.cells import seen
 from robotree.tui.terminal import STEERING
-from robotree.vr.address import Address
-from robotree.vr.description import CommandSpec, FieldSpec, Listing, RobotDescription, SlotSpec
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, FieldSpec, Listing, RobotDescription, SlotSpec
 
 if TYPE_CHECKING:
     from robotree.tui.seen.feeding import Feed

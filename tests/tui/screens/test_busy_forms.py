@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 GOOD = '''
 """A file."""

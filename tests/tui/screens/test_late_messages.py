@@ -27,9 +27,9 @@ from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.views_pane import ViewsPane
-from robotree.vr.address import Address
-from robotree.vr.description import FieldSpec, Listing
-from robotree.vr.requests import ViewDescribed
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import FieldSpec, Listing
+from robotree.vr.base.requests import ViewDescribed
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator

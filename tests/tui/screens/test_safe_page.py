@@ -18,7 +18,7 @@ from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import store as stores
 from robotree.tui.seen.status import STATUSES
 from robotree.vr import Robot
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator

@@ -14,7 +14,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import command
-from robotree.vr.roles import RolePlayer
+from robotree.vr.scripts.roles import RolePlayer
 
 from .test_panel_page import open_panel
 

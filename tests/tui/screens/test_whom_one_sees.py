@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

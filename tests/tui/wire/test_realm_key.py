@@ -18,7 +18,7 @@ from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import Line, parse
 from robotree.tui.line.manual import EVERYWHERE
 from robotree.tui.wire.security import NOTHING, REALM, key_file, realm_key, securing, wanted
-from robotree.vr.errors import RealmUnusable
+from robotree.vr.base.errors import RealmUnusable
 
 
 def line(*words: str) -> Line:

@@ -13,9 +13,9 @@ from robotree.tui.line.grammar import parse, split
 from robotree.tui.seen import forest, status, wording
 from robotree.tui.session.conditions import Scene, condition
 from robotree.vr import Child, Children, VirtualRobot, command
+from robotree.vr.base.description import SlotSpec, lacking
+from robotree.vr.base.errors import GroupFull, NoSuchSlot, SlotEmpty
 from robotree.vr.core.bonds import Slots
-from robotree.vr.description import SlotSpec, lacking
-from robotree.vr.errors import GroupFull, NoSuchSlot, SlotEmpty
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.conftest import Realm, refusal
 from tests.vr.core.crew import Rover

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.package import close_all
-from robotree.vr.errors import BrokenSource
 
 PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 PAGE = '''

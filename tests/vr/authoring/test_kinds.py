@@ -15,13 +15,13 @@ from robotree.tui.line.carrying import Silent
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import stubs
 from robotree.vr import Child, Children, Kind, Robot, Unit, VirtualRobot, command, promised
+from robotree.vr.author.fitting import misfit
+from robotree.vr.author.kind import promises_of
+from robotree.vr.author.stubs import interface
+from robotree.vr.author.virtual_robot import slot_specs
+from robotree.vr.base.description import RobotDescription
+from robotree.vr.base.errors import DoesNotFit
 from robotree.vr.bundle import Bundle
-from robotree.vr.description import RobotDescription
-from robotree.vr.errors import DoesNotFit
-from robotree.vr.fitting import misfit
-from robotree.vr.kind import promises_of
-from robotree.vr.stubs import interface
-from robotree.vr.virtual_robot import slot_specs
 from tests.vr.authoring.test_values import Painter
 from tests.vr.core.conftest import Realm, refusal
 

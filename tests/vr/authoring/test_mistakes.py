@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.vr.base.errors import BundleError
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import BundleError
 
 HEAD = """from dataclasses import dataclass
 from enum import Enum

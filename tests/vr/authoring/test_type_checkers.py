@@ -131,10 +131,10 @@ class Studio(VirtualRobot):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of an author's own, with pages."""
-    from robotree.vr.address import Address
-    from robotree.vr.command import commands_of
-    from robotree.vr.description import RobotDescription
-    from robotree.vr.stubs import interface
+    from robotree.vr.author.command import commands_of
+    from robotree.vr.author.stubs import interface
+    from robotree.vr.base.address import Address
+    from robotree.vr.base.description import RobotDescription
 
     made = tmp_path_factory.mktemp("pages")
     specs = tuple(one.spec for one in commands_of(Painter).values())

@@ -21,11 +21,11 @@ from robotree.tui.screen import entry
 from robotree.tui.seen import wording
 from robotree.tui.session.conditions import Scene, condition
 from robotree.vr import BadArgument, Child, Range, Robot, Unit, VirtualRobot, command
-from robotree.vr.arguments import check_arguments
-from robotree.vr.command import commands_of
-from robotree.vr.errors import CommandFailed
-from robotree.vr.literal import read_list, read_record, write
-from robotree.vr.plain import LARGEST_BYTES, to_plain
+from robotree.vr.author.command import commands_of
+from robotree.vr.base.arguments import check_arguments
+from robotree.vr.base.errors import CommandFailed
+from robotree.vr.base.literal import read_list, read_record, write
+from robotree.vr.base.plain import LARGEST_BYTES, to_plain
 from tests.vr.core.conftest import Realm, refusal
 
 Metres = Annotated[float, Unit("m"), Range(0, 0.8)]

@@ -14,8 +14,9 @@ import pytest
 from robotree.vr import Robot
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Shared
-from robotree.vr.description import Listing
-from robotree.vr.errors import VrError
+from robotree.vr.base.description import Listing
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.units import read_quantity
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
@@ -24,7 +25,6 @@ from robotree.vr.running import process as processes
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, Threads
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.units import read_quantity
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualRunner

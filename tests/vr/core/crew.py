@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Child, ChildCancelled, Range, Robot, Unit, VirtualRobot, VrError, command
-from robotree.vr.errors import CommandFailed
+from robotree.vr.base.errors import CommandFailed
 
 Metres = Annotated[float, Unit("m"), Range(-5, 5), "ahead"]
 

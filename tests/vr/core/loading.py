@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.arguments import check_arguments
+from robotree.vr.base.arguments import check_arguments
 from robotree.vr.running import live
 from tests.vr.core.gate import Gate
 

@@ -10,9 +10,9 @@ from typing import Annotated, Any, ClassVar
 import pytest
 
 from robotree.vr import Child, Robot, Unit, VirtualRobot, VrError, command
-from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import (
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import (
     CommandCancelled,
     CycleOfBonds,
     LeaseDenied,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import CallFuture, CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
-from robotree.vr.errors import BadArgument, CommandFailed, NoSuchCommand
+from robotree.vr.base.errors import BadArgument, CommandFailed, NoSuchCommand
 from robotree.vr.running.frame import PendingCall
 from robotree.vr.running.process import Process
 from tests.vr.core.crew import Driver, Rover, Top, crew

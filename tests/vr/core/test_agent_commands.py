@@ -10,9 +10,8 @@ import msgspec
 import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
-from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
-from robotree.vr.envelope import seal
-from robotree.vr.errors import (
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import (
     BadArgument,
     Busy,
     CommandCancelled,
@@ -24,8 +23,9 @@ from robotree.vr.errors import (
     NoSuchCommand,
     NotVirtual,
 )
+from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
+from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
 from robotree.vr.exchange.client import RobotClient, fresh_key
-from robotree.vr.requests import DescribeHost, Raised, decode_reply
 
 
 class Where(msgspec.Struct):

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.errors import CommandCancelled, Stopped
-from robotree.vr.requests import State, decode_event
+from robotree.vr.base.errors import CommandCancelled, Stopped
+from robotree.vr.base.requests import State, decode_event
 
 
 class Arm(Robot):

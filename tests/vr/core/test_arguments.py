@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.vr import BadArgument
-from robotree.vr.arguments import check_argument, check_arguments, expected
-from robotree.vr.description import CommandSpec, FieldSpec
+from robotree.vr.base.arguments import check_argument, check_arguments, expected
+from robotree.vr.base.description import CommandSpec, FieldSpec
 
 REACH = FieldSpec(name="x", type="float", unit="m", lower=-0.7, upper=0.7)
 TURN = FieldSpec(name="twist", type="float", unit="rad", required=False, default=0.0)

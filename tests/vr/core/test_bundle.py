@@ -11,9 +11,9 @@ from typing import get_type_hints
 
 import pytest
 
+from robotree.vr.author.command import commands_of
+from robotree.vr.base.errors import BadName, BrokenSource, BundleError, VrError
 from robotree.vr.bundle import Bundle
-from robotree.vr.command import commands_of
-from robotree.vr.errors import BadName, BrokenSource, BundleError, VrError
 from robotree.vr.running.page_trace import authors_file
 
 SQUARE = '''
@@ -157,7 +157,7 @@ def test_type_hints_and_dataclasses_of_a_bundle_work() -> None:
         ),
         ("raise SystemExit(3)", "", "robot.py cannot be loaded: line 1: SystemExit: 3"),
         (
-            "from robotree.vr.errors import Busy\nraise Busy(robot='x', waiting=1, how='wait')",
+            "from robotree.vr.base.errors import Busy\nraise Busy(robot='x', waiting=1, how='wait')",
             "",
             "robot.py cannot be loaded: line 2: Busy: x takes no more commands: 1 wait already",
         ),

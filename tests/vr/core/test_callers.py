@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from robotree.vr.agents.callers import LINGER
-from robotree.vr.errors import CommandCancelled
+from robotree.vr.base.errors import CommandCancelled
+from robotree.vr.base.presence import Presence
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.presence import Presence
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.network import MemoryTransport
 from tests.vr.core.crew import Rover, crew

@@ -19,7 +19,7 @@ from robotree.vr import (
     VrError,
     command,
 )
-from robotree.vr.errors import NotInControl
+from robotree.vr.base.errors import NotInControl
 
 
 class Gripper(Robot):

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from robotree.vr import Robot, VrError, command
-from robotree.vr.errors import CommandCancelled, DeadlineExceeded, StillRunning
-from robotree.vr.requests import State, decode_event
+from robotree.vr.base.errors import CommandCancelled, DeadlineExceeded, StillRunning
+from robotree.vr.base.requests import State, decode_event
 from robotree.vr.running.process import ATTEMPTS
 from tests.vr.core.conftest import REAL_GRACE
 

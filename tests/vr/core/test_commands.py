@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from robotree.vr import Child, Range, Robot, Unit, VirtualRobot, command
-from robotree.vr.command import commands_of
-from robotree.vr.description import FieldSpec
-from robotree.vr.typed import USABLE
-from robotree.vr.virtual_robot import exposures_of, slots_of
+from robotree.vr.author.command import commands_of
+from robotree.vr.author.typed import USABLE
+from robotree.vr.author.virtual_robot import exposures_of, slots_of
+from robotree.vr.base.description import FieldSpec
 
 Metres = Annotated[float, Unit("m")]
 

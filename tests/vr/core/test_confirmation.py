@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from robotree.vr.base.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
+from robotree.vr.base.requests import Raised, decode_reply, encode
 from robotree.vr.core.confirmation import LEAST, LONGEST, NO_ANSWER, TURN, Budget, Confirmations, unmeasured
-from robotree.vr.errors import NoAnswer, NotConfirmed, Stopped, Unreachable, VrError
-from robotree.vr.requests import Raised, decode_reply, encode
 
 
 def decode(failed: Raised) -> Raised:

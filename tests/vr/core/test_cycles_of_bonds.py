@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, VirtualRobot
-from robotree.vr.errors import CycleOfBonds
+from robotree.vr.base.errors import CycleOfBonds
 
 TERM = 5.0
 

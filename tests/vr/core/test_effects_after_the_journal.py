@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import CommandCancelled, StaleEpoch
 from robotree.vr.core import events as on
 from robotree.vr.core.events import Event
 from robotree.vr.core.machine import encode_state
-from robotree.vr.errors import CommandCancelled, StaleEpoch
 from robotree.vr.running.process import Process
 
 

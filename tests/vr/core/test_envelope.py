@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.vr import Child, Robot, VirtualRobot, command, envelope
+from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
-from robotree.vr.errors import Garbled, NoAnswer, Unreachable, VrError
-from robotree.vr.exchange.client import RobotClient
-from robotree.vr.requests import (
+from robotree.vr.base import envelope
+from robotree.vr.base.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
+from robotree.vr.base.errors import Garbled, NoAnswer, Unreachable, VrError
+from robotree.vr.base.requests import (
     Call,
     Cancel,
     Describe,
@@ -34,6 +34,7 @@ from robotree.vr.requests import (
     SafeStop,
     decode_reply,
 )
+from robotree.vr.exchange.client import RobotClient
 from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {

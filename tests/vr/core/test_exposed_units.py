@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Child, Range, Robot, Unit, VirtualRobot, command
-from robotree.vr.errors import BadArgument
+from robotree.vr.base.errors import BadArgument
 from robotree.vr.running.process import Process
 
 

@@ -21,7 +21,7 @@ from robotree.vr import (
     VrError,
     command,
 )
-from robotree.vr.requests import Raised
+from robotree.vr.base.requests import Raised
 
 PLACES = {1: "left"}
 

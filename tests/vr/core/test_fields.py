@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 import pytest
 
 from robotree.vr import BadArgument, Child, Range, Robot, Unit, VirtualRobot, command, state
+from robotree.vr.author.command import commands_of
+from robotree.vr.base.errors import BrokenSource, CommandCancelled, CommandFailed, NotInControl
 from robotree.vr.bundle import Bundle
-from robotree.vr.command import commands_of
 from robotree.vr.core.machine import decode_state, encode_state
-from robotree.vr.errors import BrokenSource, CommandCancelled, CommandFailed, NotInControl
 from tests.vr.core.conftest import Realm, refusal
 
 Speed = Annotated[float, Unit("m/s"), Range(0.01, 0.3), "how quickly it goes"]
@@ -199,7 +199,7 @@ def test_a_robot_without_settings_has_no_command_for_them() -> None:
     class Plain(VirtualRobot):
         """Has none."""
 
-    from robotree.vr.command import commands_of
+    from robotree.vr.author.command import commands_of
 
     assert "set" not in commands_of(Plain)
     assert issubclass(Plain, Robot)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robotree.vr import VirtualRobot
-from robotree.vr.errors import NotConfirmed
+from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.gate import Gate
 

@@ -4,9 +4,9 @@ import itertools
 
 import pytest
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
 from robotree.vr.core.bonds import MOST_RETRACTED, Lessee, Lessor
-from robotree.vr.errors import CycleOfBonds, LeaseDenied, NotInControl, Retracted, StaleEpoch
 
 LEVER = Address("robot", "lever", "1")
 OTHER = Address("robot", "other", "1")

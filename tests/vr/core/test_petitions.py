@@ -10,9 +10,9 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot
 from robotree.vr.agents.children import REUNION
-from robotree.vr.envelope import opened
-from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.requests import Petition
+from robotree.vr.base.envelope import opened
+from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.requests import Petition
 from robotree.vr.world.network import MemoryTransport
 
 

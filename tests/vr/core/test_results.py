@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from robotree.vr import Robot, Unit, command
-from robotree.vr.errors import CommandFailed
+from robotree.vr.base.errors import CommandFailed
 
 
 class Where(msgspec.Struct):

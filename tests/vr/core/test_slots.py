@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.errors import NoSuchSlot, SlotEmpty, SlotOccupied
 from robotree.vr.core.bonds import Bond, Lessee, Slots
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import NoSuchSlot, SlotEmpty, SlotOccupied
 
 ARM = Address("robot", "arm-1", "1")
 OTHER = Address("robot", "arm-2", "1")

@@ -11,8 +11,8 @@ import pytest
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.stops import Stops
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.core.machine import decode_state, encode_state
-from robotree.vr.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.loading import held_back
 

@@ -10,7 +10,7 @@ import pytest
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import CommandCancelled, NotConfirmed
+from robotree.vr.base.errors import CommandCancelled, NotConfirmed
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.loading import held_back
 

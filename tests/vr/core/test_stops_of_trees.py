@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, CommandCancelled, VirtualRobot, VrError
+from robotree.vr.base.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.core.machine import LONGEST_QUEUE
-from robotree.vr.errors import NotConfirmed, NotInControl, Stopped
 from robotree.vr.supervision.fleet import Fleet
 from tests.vr.core.crew import Driver, Rover, crew
 from tests.vr.core.gate import Gate

@@ -19,7 +19,7 @@ from robotree.vr import (
     VrError,
     command,
 )
-from robotree.vr.errors import StillRunning
+from robotree.vr.base.errors import StillRunning
 
 
 class Arm(Robot):

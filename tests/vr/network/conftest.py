@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from robotree.vr.base.transport import Transport
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.network.zenoh.transport import ZenohTransport, connect
-from robotree.vr.transport import Transport
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.network.world import World
 

@@ -14,11 +14,11 @@ from functools import partial
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import run_host, run_lookup
+from robotree.vr.base.requests import Done, Reply, Request
+from robotree.vr.base.transport import Respond
 from robotree.vr.exchange.answering import answering
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import LocalTransport, join
-from robotree.vr.requests import Done, Reply, Request
-from robotree.vr.transport import Respond
 
 TETHER = sys.stdin
 """Kept here, because in the process of a host pages get no input."""

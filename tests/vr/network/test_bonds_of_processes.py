@@ -16,16 +16,16 @@ from typing import Any
 import pytest
 
 from robotree.vr import Child, VirtualRobot
-from robotree.vr.address import Address
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.base.address import Address
+from robotree.vr.base.envelope import seal
+from robotree.vr.base.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
+from robotree.vr.base.requests import Call, Describe, Described
 from robotree.vr.core.bonds import DEFAULT_TERM
-from robotree.vr.envelope import seal
-from robotree.vr.errors import NoSuchRobot, SlotEmpty, StaleEpoch, TransportError, VrError
 from robotree.vr.exchange.client import RobotClient, ask
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.requests import Call, Describe, Described
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.vr.network.member import BRIEF
 
 Start = Callable[[str, str], Awaitable[Any]]

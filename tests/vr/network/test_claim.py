@@ -6,11 +6,11 @@ import asyncio
 
 import pytest
 
-from robotree.vr.address import Address, Role
-from robotree.vr.errors import DuplicateName, NameInSilence, VrError
+from robotree.vr.base.address import Address, Role
+from robotree.vr.base.errors import DuplicateName, NameInSilence, VrError
 from robotree.vr.exchange.claim import claim, new_address
-from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import in_virtual_time
 
 
 @in_virtual_time

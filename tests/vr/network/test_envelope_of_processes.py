@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.address import Address
-from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.base.address import Address
+from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.requests import Raised, decode_reply
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.local import LocalTransport
-from robotree.vr.requests import Raised, decode_reply
 from tests.vr.recorder import Recorder
 
 

@@ -7,11 +7,11 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr.address import Address
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
-from robotree.vr.description import RobotDescription, SlotSpec
-from robotree.vr.errors import (
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
+from robotree.vr.base.errors import (
     BadName,
     BrokenSource,
     DuplicateName,
@@ -31,10 +31,10 @@ from robotree.vr.errors import (
     VrError,
     WrongKind,
 )
+from robotree.vr.base.requests import State
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.requests import State
 from robotree.vr.supervision.fleet import from_the_top
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.vr.network.world import Window, World
 
 

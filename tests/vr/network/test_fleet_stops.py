@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import NotConfirmed, Stopped
+from robotree.vr.base.errors import NotConfirmed, Stopped
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.supervision.stop import CONFIRM
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.vr.network.world import Rover, World
 
 

@@ -11,14 +11,14 @@ from contextlib import asynccontextmanager
 import pytest
 
 from robotree.vr.agents.host import Host
+from robotree.vr.base.errors import BundleError, CommandCancelled, CommandFailed
+from robotree.vr.base.requests import Heard, Said, decode_event
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import BundleError, CommandCancelled, CommandFailed
 from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.requests import Heard, Said, decode_event
 from robotree.vr.running.heard import listening
 from robotree.vr.running.log import BURST, KEPT, Log
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 PAGE = """
 import contextvars, logging, sys, threading, warnings

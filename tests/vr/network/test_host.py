@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.agents.host import Host
-from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.loader import LIMIT
-from robotree.vr.errors import (
+from robotree.vr.base.errors import (
     BadArgument,
     BadName,
     BrokenSource,
@@ -23,13 +21,15 @@ from robotree.vr.errors import (
     Unreachable,
     VrError,
 )
+from robotree.vr.base.requests import DescribeView, ViewDescribed
+from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.exchange.client import HostClient, RobotClient, ask
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.requests import DescribeView, ViewDescribed
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 HEADER = "import time\nfrom robotree.vr import VirtualRobot, command\n"
 ADDER = f"""{HEADER}

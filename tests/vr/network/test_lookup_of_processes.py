@@ -13,8 +13,8 @@ import pytest
 
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
 from robotree.vr.world.promises import PATIENCE
+from robotree.vr.world.testing import until
 
 Start = Callable[[str, str], Awaitable[Any]]
 

@@ -6,11 +6,11 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr.errors import BadName, DuplicateName
+from robotree.vr.base.errors import BadName, DuplicateName
+from robotree.vr.base.transport import Transport
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.testing import LOOKUP_CHECKS, Join, Open, in_virtual_time, run_in_virtual_time
-from robotree.vr.transport import Transport
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import LOOKUP_CHECKS, Join, Open, in_virtual_time, run_in_virtual_time
 
 Check = Callable[[Join, Open], Awaitable[None]]
 

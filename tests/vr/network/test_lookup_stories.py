@@ -7,18 +7,18 @@ import asyncio
 import msgspec
 import pytest
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing, Template
-from robotree.vr.errors import NoSuchHost, NoSuchRobot, NoSuchView
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.errors import NoSuchHost, NoSuchRobot, NoSuchView
+from robotree.vr.base.requests import Register, Registered
+from robotree.vr.base.transport import Registration, Respond
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.exchange.client import ask
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.requests import Register, Registered
-from robotree.vr.testing import in_virtual_time
-from robotree.vr.transport import Registration, Respond
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.testing import in_virtual_time
 
 
 class Agent:

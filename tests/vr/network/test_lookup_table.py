@@ -7,10 +7,10 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing, Template
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing, Template
+from robotree.vr.base.requests import Listed, Register, Unlisted
 from robotree.vr.lookup.table import LONGEST_TERM, LOST, SHORTEST_TERM, LookupTable, Update
-from robotree.vr.requests import Listed, Register, Unlisted
 
 ARM = Address("robot", "arm", "1")
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
+from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
+from robotree.vr.world.testing import until
 from tests.withheld import Withheld
 
 Start = Callable[[str, str], Awaitable[Any]]

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.vr.errors import NoAnswer, TransportClosed, Unreachable
+from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable
+from robotree.vr.base.pattern import Handlers, Keys, matches
 from robotree.vr.network.on_loop import Inbox, Replies, Turns
 from robotree.vr.network.zenoh.settling import Settling
-from robotree.vr.pattern import Handlers, Keys, matches
-from robotree.vr.testing import in_virtual_time
 from robotree.vr.world.promises import replies_of
+from robotree.vr.world.testing import in_virtual_time
 
 
 @in_virtual_time

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.errors import TransportClosed
+from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.presence import LONGEST, Held, Presence
 from robotree.vr.network.mesh import HANGS, TICK, Mesh
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.presence import LONGEST, Held, Presence
-from robotree.vr.testing import in_virtual_time
+from robotree.vr.world.testing import in_virtual_time
 
 ARM = "robot/arm/1"
 HELD = Held(ARM, "process 4711", "wake it")

@@ -12,12 +12,12 @@ import pytest
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.errors import CommandCancelled
+from robotree.vr.base.errors import CommandCancelled
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import READERS
 from robotree.vr.network.rendezvous import Rendezvous
-from robotree.vr.testing import Join
+from robotree.vr.world.testing import Join
 
 SOON = 10.0
 """[s] that a test waits at most for what should come at once."""

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import NoAnswer, Unreachable
+from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.requests import Delete, Describe, Done, Request, SafeStop
 from robotree.vr.exchange.client import ask
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import HANGS, TICK
-from robotree.vr.requests import Delete, Describe, Done, Request, SafeStop
 from robotree.vr.world.promises import replies_of, until
 
 Start = Callable[..., Awaitable[Any]]

@@ -8,8 +8,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from robotree.vr.agents.host import Host
-from robotree.vr.bundle import Bundle
-from robotree.vr.errors import (
+from robotree.vr.base.errors import (
     BadArgument,
     BrokenSource,
     CommandCancelled,
@@ -18,9 +17,10 @@ from robotree.vr.errors import (
     ReloadWaits,
     SlotHeld,
 )
+from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 PAGE = """
 from typing import Annotated

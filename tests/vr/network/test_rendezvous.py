@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.errors import BadName, RealmUnusable
+from robotree.vr.base.errors import BadName, RealmUnusable
 from robotree.vr.network.local import join
 from robotree.vr.network.mesh import TICK, Mesh
 from robotree.vr.network.readers import What

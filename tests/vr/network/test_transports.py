@@ -6,10 +6,10 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
-from robotree.vr.presence import PresenceHandler, Undo
-from robotree.vr.testing import TRANSPORT_CHECKS, Join, check_transport, run_in_virtual_time
-from robotree.vr.transport import Registration, Transport
+from robotree.vr.base.presence import PresenceHandler, Undo
+from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.testing import TRANSPORT_CHECKS, Join, check_transport, run_in_virtual_time
 
 Check = Callable[[Join], Awaitable[None]]
 

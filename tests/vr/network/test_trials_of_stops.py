@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import NotConfirmed
+from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 

@@ -6,8 +6,8 @@ from functools import partial
 
 import pytest
 
+from robotree.vr.base.transport import Respond
 from robotree.vr.network.on_loop import SHARE, Inbox, Turns, answered
-from robotree.vr.transport import Respond
 
 
 async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from robotree.vr.address import Address
-from robotree.vr.description import Listing
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import Listing
+from robotree.vr.base.requests import Listed, Unlisted
 from robotree.vr.lookup.union import MOST_ABSENT, Change, Union
-from robotree.vr.requests import Listed, Unlisted
 
 QUICK, SLOW = "lookup/quick/1", "lookup/slow/1"
 

@@ -10,15 +10,15 @@ import pytest
 from PIL import Image
 
 from robotree.vr.agents.view import ViewAgent, jpeg_size
-from robotree.vr.description import Template
-from robotree.vr.errors import BadArgument, DuplicateName, VrError
+from robotree.vr.base.description import Template
+from robotree.vr.base.errors import BadArgument, DuplicateName, VrError
+from robotree.vr.base.requests import DescribeHost, HostDescribed
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.client import ViewClient, ask
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.requests import DescribeHost, HostDescribed
-from robotree.vr.testing import in_virtual_time
-from robotree.vr.transport import Transport
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import in_virtual_time
 
 
 def picture(width: int, height: int, **options: object) -> bytes:

@@ -10,12 +10,12 @@ from typing import ClassVar
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
-from robotree.vr.description import RobotDescription
+from robotree.vr.base.description import RobotDescription
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.supervision.fleet import Fleet
-from robotree.vr.testing import until
 from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.testing import until
 
 SOURCE = """
 from robotree.vr import Child, VirtualRobot, command

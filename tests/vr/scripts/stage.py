@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 
 from robotree.vr import command
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.author.robot import Robot
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.robot import Robot
-from robotree.vr.roles import Limit, RolePlayer, in_role
+from robotree.vr.scripts.roles import Limit, RolePlayer, in_role
 from robotree.vr.world.network import MemoryNetwork
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

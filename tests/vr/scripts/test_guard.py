@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.errors import BrokenScript
+from robotree.vr.base.errors import BrokenScript
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import Happening

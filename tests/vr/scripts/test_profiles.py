@@ -9,10 +9,10 @@ import pytest
 from robotree.tui.line import verbs
 from robotree.tui.line.carrying import Silent
 from robotree.tui.line.grammar import Line
-from robotree.vr.address import Address
-from robotree.vr.description import BondSpec, CommandSpec, RobotDescription
-from robotree.vr.errors import BrokenScript, NoRoles
-from robotree.vr.roles.profile import read_profile, resolve, shipped
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, CommandSpec, RobotDescription
+from robotree.vr.base.errors import BrokenScript, NoRoles
+from robotree.vr.scripts.roles.profile import read_profile, resolve, shipped
 
 
 def test_five_roles_come_with_robotree_and_each_can_be_resolved() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robotree.vr.errors import (
+from robotree.vr.base.errors import (
     BadArgument,
     BrokenScript,
     CommandCancelled,
@@ -372,7 +372,7 @@ async def test_a_role_can_only_narrow_a_safety_limit(stage: Stage) -> None:
     await stage.call("c1", "play", role="child")
     with pytest.raises(BadArgument, match=r"speed: 0.5 is above 0.3, the limit of c1 as child"):
         await stage.call("c1", "go_to", place="hall", speed=0.5)
-    from robotree.vr.errors import TooWide
+    from robotree.vr.base.errors import TooWide
 
     with pytest.raises(TooWide, match=r"role racer: speed 2 is wider than the 0.7 of c1"):
         await stage.call("c1", "learn_role", source="role: racer\nlimits: {speed: 2}\n")

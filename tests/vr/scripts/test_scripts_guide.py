@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from robotree.vr.bundle import Bundle
-from robotree.vr.roles import read_profile, resolve
-from robotree.vr.roles.profile import shipped
+from robotree.vr.scripts.roles import read_profile, resolve
+from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
 from robotree.vr.scripts.when_then import read_yaml
 

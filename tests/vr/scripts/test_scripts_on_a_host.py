@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator
 import pytest
 
 from robotree.vr.agents.host import Host
+from robotree.vr.base.errors import BrokenScript
 from robotree.vr.bundle import Bundle
-from robotree.vr.errors import BrokenScript
 from robotree.vr.exchange.client import HostClient, RobotClient
 from tests.vr.scripts.stage import EXAMPLES, Stage
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotree.vr.errors import CommandCancelled, CommandFailed, Stopped
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, Stopped
 from tests.vr.scripts.stage import Stage
 from tests.vr.scripts.test_script_stories import GO, led
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robotree.vr.errors import BrokenScript
+from robotree.vr.base.errors import BrokenScript
 from robotree.vr.scripts.engine import Engine
 from robotree.vr.scripts.happening import Happening, said
 from robotree.vr.scripts.program import TAKEN

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import random
 
+from robotree.vr.base import chance
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.exchange.client import fresh_key
-from robotree.vr.running import chance
 
 
 def test_nobody_draws_the_same_key_twice() -> None:

@@ -8,11 +8,11 @@ import random
 
 import pytest
 
-from robotree.vr.errors import NoAnswer, Unreachable
-from robotree.vr.testing import in_virtual_time
-from robotree.vr.transport import End, Respond
+from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.transport import End, Respond
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.promises import replies_of
+from robotree.vr.world.testing import in_virtual_time
 
 KEY = "robot/a/1"
 

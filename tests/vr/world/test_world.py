@@ -9,7 +9,7 @@ import weakref
 
 import pytest
 
-from robotree.vr.description import Listing
+from robotree.vr.base.description import Listing
 from robotree.vr.exchange.claim import new_address
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar

@@ -27,10 +27,10 @@ from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
-from robotree.vr.address import check_name
+from robotree.vr.base.address import check_name
+from robotree.vr.base.description import CommandSpec
+from robotree.vr.base.errors import BadName
 from robotree.vr.bundle import LARGEST
-from robotree.vr.description import CommandSpec
-from robotree.vr.errors import BadName
 
 ANY_HOST = "*"
 

@@ -23,10 +23,10 @@ from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
 from robotree.tui.seen.angles import command_as_shown
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 
 SCRIPT = "Script"

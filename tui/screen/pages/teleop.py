@@ -25,10 +25,10 @@ from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.seen import instruments
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 MOVE_LIMIT = 20.0
 """[s] that one step may take: at the slowest speed the largest lead_limit is done in half of that."""

@@ -14,8 +14,8 @@ from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.seen.cells import seen
-from robotree.vr.errors import VrError
-from robotree.vr.requests import Picture
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.requests import Picture
 
 QUALITY = 80
 """JPEG quality: above, a terminal shows no difference."""

@@ -23,7 +23,7 @@ from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
-from robotree.vr.description import CommandSpec
+from robotree.vr.base.description import CommandSpec
 from robotree.vr.network.rendezvous import DEFAULT_REALM
 
 CELLS = 20

@@ -15,7 +15,7 @@ from robotree.tui.seen.cells import seen
 from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
-    from robotree.vr.description import RobotDescription
+    from robotree.vr.base.description import RobotDescription
 
 
 class Details(Lines):

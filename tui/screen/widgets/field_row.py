@@ -16,7 +16,7 @@ from robotree.tui.screen import entry
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.seen import wording
-from robotree.vr.description import FieldSpec
+from robotree.vr.base.description import FieldSpec
 
 YES_NO = ("yes", "no")
 

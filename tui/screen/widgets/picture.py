@@ -21,8 +21,8 @@ from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen.cells import clip, fit
 from robotree.tui.seen.status import span
-from robotree.vr.errors import VrError
-from robotree.vr.requests import Picture
+from robotree.vr.base.errors import VrError
+from robotree.vr.base.requests import Picture
 
 RATE = 4.0
 """[Hz] Pictures in a second: 5 cost 40 % of a core in a large terminal, 4 look alive."""

@@ -14,7 +14,7 @@ from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
-from robotree.vr.errors import VrError
+from robotree.vr.base.errors import VrError
 
 INSTRUMENTS = 0.5
 """[s] between two looks at the instruments."""

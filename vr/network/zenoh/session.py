@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import zenoh
 
-from robotree.vr.errors import NetworkUnusable
+from robotree.vr.base.errors import NetworkUnusable
 
 LEASE = 2.0
 """[s] of silence after which a process counts as gone. With 1 s a busy machine was enough to lose one."""

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 from collections.abc import Iterable
 
-from robotree.vr.presence import PresenceHandler
+from robotree.vr.base.presence import PresenceHandler
 
 SETTLE = 0.05
 """[s] for which a token must stay away until it counts as gone."""

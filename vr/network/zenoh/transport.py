@@ -18,13 +18,9 @@ from typing import TypeVar
 
 import zenoh
 
-from robotree.vr.errors import TransportClosed
-from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
-from robotree.vr.network.zenoh.declaring import made
-from robotree.vr.network.zenoh.session import LEASE, Session
-from robotree.vr.network.zenoh.settling import Settling
-from robotree.vr.presence import Presence
-from robotree.vr.transport import (
+from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.presence import Presence
+from robotree.vr.base.transport import (
     CutOffHandler,
     DirectHandler,
     Occupied,
@@ -34,6 +30,10 @@ from robotree.vr.transport import (
     Respond,
     SampleHandler,
 )
+from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
+from robotree.vr.network.zenoh.declaring import made
+from robotree.vr.network.zenoh.session import LEASE, Session
+from robotree.vr.network.zenoh.settling import Settling
 
 LARGE = 8192
 """Bytes from which on a body is sent by a thread: a stalled receiver may block the sender for a second."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 
 def misfit(robot: RobotDescription, promises: Iterable[CommandSpec], uses: Iterable[str]) -> str:

@@ -17,11 +17,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, overload
 
-from robotree.vr.description import CommandSpec, Effect
-from robotree.vr.signature import signature_of
+from robotree.vr.author.signature import signature_of
+from robotree.vr.base.description import CommandSpec, Effect
 
 if TYPE_CHECKING:
-    from robotree.vr.context import CallFuture
+    from robotree.vr.author.context import CallFuture
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -9,13 +9,13 @@ from typing import Any, Self, cast
 
 import msgspec
 
-from robotree.vr.child import Child, Children, Exposed, Slotted
+from robotree.vr.author.child import Child, Children, Exposed, Slotted
+from robotree.vr.author.fields import Kept, declare
+from robotree.vr.author.robot import Robot, attributes_of
+from robotree.vr.author.usage import used_commands
+from robotree.vr.base.description import SlotSpec
+from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
-from robotree.vr.description import SlotSpec
-from robotree.vr.fields import Kept, declare
-from robotree.vr.robot import Robot, attributes_of
-from robotree.vr.units import Unit
-from robotree.vr.usage import used_commands
 
 _CACHE = "__robotree_slots__"
 _OWN = frozenset(

@@ -23,12 +23,12 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 import msgspec
 
-from robotree.vr.child import ChildCommand
-from robotree.vr.command import command, commands_of
-from robotree.vr.errors import BadArgument, BrokenScript, NoRoles, NoSuchRole, TooWide
-from robotree.vr.roles.profile import Profile, read_profile, resolve, shipped
-from robotree.vr.virtual_robot import VirtualRobot
-from robotree.vr.written import Scalar
+from robotree.vr.author.child import ChildCommand
+from robotree.vr.author.command import command, commands_of
+from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.errors import BadArgument, BrokenScript, NoRoles, NoSuchRole, TooWide
+from robotree.vr.base.written import Scalar
+from robotree.vr.scripts.roles.profile import Profile, read_profile, resolve, shipped
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_role__"

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, overloa
 
 import msgspec
 
-from robotree.vr.context import CallFuture, activity_here, running
-from robotree.vr.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
-from robotree.vr.errors import BadArgument
-from robotree.vr.kind import Kind, promises_of
-from robotree.vr.plain import READY, plain_arguments
-from robotree.vr.units import Unit, convert
+from robotree.vr.author.context import CallFuture, activity_here, running
+from robotree.vr.author.kind import Kind, promises_of
+from robotree.vr.base.description import LARGEST_GROUP, CommandSpec, FieldSpec, SlotSpec
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.plain import READY, plain_arguments
+from robotree.vr.base.units import Unit, convert
 
 if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots

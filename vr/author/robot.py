@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
-from robotree.vr.address import check_name
-from robotree.vr.context import CommandContext, Race, Together, running
+from robotree.vr.author.context import CommandContext, Race, Together, running
+from robotree.vr.base.address import check_name
 
 
 class Robot:

@@ -10,7 +10,7 @@ import keyword
 from collections.abc import Iterator
 from textwrap import indent
 
-from robotree.vr.description import CommandSpec, FieldSpec, RobotDescription
+from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
 
 _TYPES = {"float": "float", "int": "int", "bool": "bool", "str": "str", "bytes": "bytes"}
 _QUOTES = '"""'

@@ -13,13 +13,13 @@ from typing import Annotated, Any, get_args, get_origin
 
 import msgspec
 
-from robotree.vr.arguments import check_argument
-from robotree.vr.description import Arguments, CommandSpec, Effect, FieldSpec
-from robotree.vr.errors import BadArgument, CommandFailed
-from robotree.vr.plain import READY, to_plain
-from robotree.vr.robot import Robot
-from robotree.vr.typed import USABLE, field_of, hints_of, needs_building, parts_of
-from robotree.vr.units import shorten
+from robotree.vr.author.robot import Robot
+from robotree.vr.author.typed import USABLE, field_of, hints_of, needs_building, parts_of
+from robotree.vr.base.arguments import check_argument
+from robotree.vr.base.description import Arguments, CommandSpec, Effect, FieldSpec
+from robotree.vr.base.errors import BadArgument, CommandFailed
+from robotree.vr.base.plain import READY, to_plain
+from robotree.vr.base.units import shorten
 
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 _FIRST = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Protocol
 
-from robotree.vr.presence import Presence
+from robotree.vr.base.presence import Presence
 
 Respond = Callable[[bytes], None]
 """Send one reply; may be called any number of times until the handler returns."""

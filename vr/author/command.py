@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, overload
 
-from robotree.vr.description import Effect
-from robotree.vr.fields import SET, settings_spec
-from robotree.vr.robot import Robot, attributes_of
-from robotree.vr.signature import Command, signature_of
+from robotree.vr.author.fields import SET, settings_spec
+from robotree.vr.author.robot import Robot, attributes_of
+from robotree.vr.author.signature import Command, signature_of
+from robotree.vr.base.description import Effect
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _MARK = "__robotree_effect__"

@@ -17,7 +17,7 @@ from typing import Literal
 
 import msgspec
 
-from robotree.vr.errors import BadName
+from robotree.vr.base.errors import BadName
 
 Role = Literal["robot", "view", "host", "lookup"]
 ROLES: tuple[Role, ...] = ("robot", "view", "host", "lookup")

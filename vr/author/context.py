@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, Self, TypeVar
 
 import msgspec
 
-from robotree.vr.requests import Level
+from robotree.vr.base.requests import Level
 
 T = TypeVar("T")
 P = ParamSpec("P")

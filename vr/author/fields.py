@@ -18,15 +18,15 @@ from typing import Any, ClassVar, Final, Literal, TypeVar, cast, get_args, get_o
 
 import msgspec
 
-from robotree.vr.arguments import check_argument
-from robotree.vr.context import activity_here
-from robotree.vr.description import CommandSpec, FieldSpec
-from robotree.vr.errors import BadArgument
-from robotree.vr.plain import to_plain
-from robotree.vr.robot import Robot, attributes_of
-from robotree.vr.signature import field_with_default
-from robotree.vr.typed import needs_building, unwrapped
-from robotree.vr.units import Range, Unit, shorten
+from robotree.vr.author.context import activity_here
+from robotree.vr.author.robot import Robot, attributes_of
+from robotree.vr.author.signature import field_with_default
+from robotree.vr.author.typed import needs_building, unwrapped
+from robotree.vr.base.arguments import check_argument
+from robotree.vr.base.description import CommandSpec, FieldSpec
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.plain import to_plain
+from robotree.vr.base.units import Range, Unit, shorten
 
 SET = "set"
 """The command of every robot with settings that changes them."""

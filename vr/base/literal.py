@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
-from robotree.vr.units import shorten
+from robotree.vr.base.units import shorten
 
 LONGEST = 100_000
 """Characters."""

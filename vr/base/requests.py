@@ -13,9 +13,9 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from robotree.vr.address import Address
-from robotree.vr.description import CommandSpec, Listing, RobotDescription, Template
-from robotree.vr.errors import Garbled, VrError
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import CommandSpec, Listing, RobotDescription, Template
+from robotree.vr.base.errors import Garbled, VrError
 
 PATIENCE = 5.0
 """[s] for an answer that takes no work: two round trips over 1 s each way, and some."""

@@ -18,7 +18,7 @@ from importlib.resources import files
 
 import msgspec
 
-from robotree.vr.written import Entries, Mark, Scalar, Word, entries, read, value_of, word
+from robotree.vr.base.written import Entries, Mark, Scalar, Word, entries, read, value_of, word
 
 KEYS = ("role", "inherits", "doc", "manner", "acts", "words", "limits")
 LONGEST_CHAIN = 8
@@ -126,7 +126,7 @@ def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
 
 def shipped() -> dict[str, Profile]:
     """Return the roles that come with robotree: butler, maid, man, woman, child."""
-    folder = files("robotree.vr.roles").joinpath("profiles")
+    folder = files("robotree.vr.scripts.roles").joinpath("profiles")
     found = (
         read_profile(one.read_text(), one.name) for one in folder.iterdir() if one.name.endswith(".yaml")
     )

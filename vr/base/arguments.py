@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
-from robotree.vr.description import Arguments, CommandSpec, FieldSpec, ParameterType
-from robotree.vr.errors import BadArgument
-from robotree.vr.literal import read_list, read_record
-from robotree.vr.units import in_unit, read_quantity, shorten
+from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, ParameterType
+from robotree.vr.base.errors import BadArgument
+from robotree.vr.base.literal import read_list, read_record
+from robotree.vr.base.units import in_unit, read_quantity, shorten
 
 _T = TypeVar("_T")
 _ROUNDING = 1e-9

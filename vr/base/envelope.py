@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from robotree.vr.errors import Garbled, NoAnswer
-from robotree.vr.requests import (
+from robotree.vr.base.errors import Garbled, NoAnswer
+from robotree.vr.base.requests import (
     Call,
     Cancel,
     Create,

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import yaml
 
-from robotree.vr.errors import BrokenScript
+from robotree.vr.base.errors import BrokenScript
 
 DEEPEST = 16
 """Levels of nesting."""

@@ -15,8 +15,8 @@ from functools import partial
 
 import msgspec
 
-from robotree.vr.errors import TransportClosed
-from robotree.vr.pattern import Handlers, Keys
+from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.pattern import Handlers, Keys
 
 LOOK = 0.05
 """[s] between two looks at processes of which it is not certain yet if they hang."""

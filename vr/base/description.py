@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from robotree.vr.address import Address
+from robotree.vr.base.address import Address
 
 ParameterType = Literal["float", "int", "bool", "str", "choice", "list", "tuple", "dict", "record", "bytes"]
 """Of one value. list: values of one kind; tuple: so and so many; dict: values of one kind by any texts;

@@ -29,9 +29,9 @@ from typing import (
 
 import msgspec
 
-from robotree.vr.description import FieldSpec, ParameterType
-from robotree.vr.plain import to_plain
-from robotree.vr.units import Range, Unit
+from robotree.vr.base.description import FieldSpec, ParameterType
+from robotree.vr.base.plain import to_plain
+from robotree.vr.base.units import Range, Unit
 
 USABLE = (
     "float, int, bool, str, a Literal or Enum of texts, list[…], tuple[…], dict[str, …], a dataclass or "
