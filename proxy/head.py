@@ -40,7 +40,7 @@ Tag = Annotated[int, Range(1, 255), "number of the tag"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look(Motion):
+class LookAt(Motion):
     """Turn the neck to pan and tilt [rad] at rate [rad/s]."""
 
     effect = "repeat"
@@ -112,7 +112,7 @@ class Head(RobotProxy):
     @command(effect="repeat")
     def look(self, pan: Pan, tilt: Tilt, rate: Rate = USUAL_RATE) -> None:
         """Turn the head."""
-        self.carry_out(Look(pan=pan, tilt=tilt, rate=rate))
+        self.carry_out(LookAt(pan=pan, tilt=tilt, rate=rate))
 
     @command
     def say(self, text: Annotated[str, "what to say, up to 200 bytes"]) -> None:

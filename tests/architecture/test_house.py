@@ -69,6 +69,17 @@ def test_setuptools_is_told_of_every_subpackage() -> None:
     assert set(project["tool"]["setuptools"]["packages"]) == found
 
 
+def test_no_class_of_agents_and_proxies_is_called_like_another() -> None:
+    found: dict[str, list[str]] = {}
+    for path in SOURCES:
+        if relative(path).startswith(("vr/", "proxy/")):
+            for node in ast.parse(path.read_text()).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    found.setdefault(node.name, []).append(relative(path))
+    assert found
+    assert not {name: places for name, places in found.items() if len(places) > 1}
+
+
 def test_functions_fit_on_a_screen() -> None:
     long = [
         f"{relative(path)}: {node.name}"

@@ -38,11 +38,11 @@ from robotree.vr.core.events import (
     Event,
     Interrupt,
     LeaseChanged,
-    Renew,
+    RenewLease,
     Settled,
     StopSettled,
 )
-from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, State, encode_state
+from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, RobotState, encode_state
 from robotree.vr.core.stop import HARDWARE, Stop
 from tests.machines.checkpoint import decoded
 
@@ -53,7 +53,7 @@ SLOTS = ["tool", "other"]
 
 
 def new_core() -> RobotCore:
-    state = State(
+    state = RobotState(
         address=Address("robot", "arm-1", "1"),
         home="host host-1",
         lease=Lessor.free("arm-1", term=TERM, unix=UNIX),
@@ -94,7 +94,7 @@ class CoreMachine(RuleBasedStateMachine):
         self.replies: dict[str, Returned | Raised] = {}
         self.began: set[str] = set()
         self.sent: dict[str, on.Invoke] = {}
-        self.renewals: list[Renew] = []
+        self.renewals: list[RenewLease] = []
         """Those that may still be answered."""
         self.granted: dict[str, float] = {}
         """Until when each child is ours unless it grants more, by slot."""
@@ -155,7 +155,7 @@ class CoreMachine(RuleBasedStateMachine):
 
     def take_of_bonds(self, effect: on.Effect) -> None:
         match effect:
-            case Renew(slot=slot):
+            case RenewLease(slot=slot):
                 assert slot in self.granted, "only a lease in force is renewed"
                 assert effect.sent == self.now
                 self.renewals.append(effect)
@@ -258,13 +258,13 @@ class CoreMachine(RuleBasedStateMachine):
     def one_is_cancelled(self, data: st.DataObject) -> None:
         key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
         waits = key in self.waiting
-        self.handle(on.Cancel(key=key, reason="enough", entitled=True))
+        self.handle(on.CancelAsked(key=key, reason="enough", entitled=True))
         assert (key in self.replies) == waits, "what waits ends at once, what runs ends with its code"
 
     @rule()
     def a_cancel_overtakes_its_call(self) -> None:
         invoke = self.invoke(epoch=self.right())
-        self.handle(on.Cancel(key=invoke.call.key, reason="too late", epoch=self.right()))
+        self.handle(on.CancelAsked(key=invoke.call.key, reason="too late", epoch=self.right()))
         with pytest.raises(CommandCancelled, match="too late"):
             self.handle(invoke)
 
@@ -291,12 +291,12 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(final=st.booleans())
     def one_is_asked_to_end_for_good(self, *, final: bool) -> None:
         key = self.running[0]
-        self.handle(on.Cancel(key=key, reason="enough", entitled=True))
-        effects = self.handle(on.Cancel(key=key, reason="now", entitled=True, final=final))
+        self.handle(on.CancelAsked(key=key, reason="enough", entitled=True))
+        effects = self.handle(on.CancelAsked(key=key, reason="now", entitled=True, final=final))
         ended = self.core.state.calls.live[key].final
         assert bool(effects) <= final, "only a final order interrupts a clean-up"
         assert ended or not final
-        assert not self.handle(on.Cancel(key=key, reason="now", entitled=True, final=True)) or not ended
+        assert not self.handle(on.CancelAsked(key=key, reason="now", entitled=True, final=True)) or not ended
 
     @precondition(lambda self: self.running or self.readers or self.waiting)
     @rule(data=st.data(), own=st.booleans())
@@ -304,10 +304,10 @@ class CoreMachine(RuleBasedStateMachine):
         key = data.draw(st.sampled_from(self.running + self.readers + self.waiting))
         before = self.core.state.calls.live[key].detached
         with pytest.raises((NotInControl, StaleEpoch)):
-            self.handle(on.Detach(key=key, epoch=self.wrong()))
+            self.handle(on.DetachAsked(key=key, epoch=self.wrong()))
         calls = self.core.state.calls
         assert key not in calls.live or calls.live[key].detached == before
-        assert not self.handle(on.Detach(key=key, epoch=self.right(), entitled=own))
+        assert not self.handle(on.DetachAsked(key=key, epoch=self.right(), entitled=own))
         assert key not in calls.live or calls.live[key].detached
 
     @rule(
@@ -347,7 +347,9 @@ class CoreMachine(RuleBasedStateMachine):
     @rule(parent=st.sampled_from(PARENTS))
     def a_parent_asks(self, parent: Address) -> None:
         before = self.core.state.lease.epoch
-        ask = on.Ask(parent=parent, slot="arm", lineage=(parent.name,), term=TERM, unix=UNIX + self.now)
+        ask = on.ParentAsked(
+            parent=parent, slot="arm", lineage=(parent.name,), term=TERM, unix=UNIX + self.now
+        )
         tenure = self.core.state.lease.tenure
         try:
             self.handle(ask)
@@ -466,7 +468,7 @@ class CoreMachine(RuleBasedStateMachine):
             assert bond.lease.expires == self.granted[slot], "it counts from when the request left"
 
     @precondition(lambda self: self.granted)
-    @rule(data=st.data(), how=st.sampled_from([on.Free, on.Lose, on.Described]))
+    @rule(data=st.data(), how=st.sampled_from([on.FreeAsked, on.Lose, on.ChildDescribed]))
     def a_child_is_released_or_lost_or_asked_anew(self, data: st.DataObject, how: type) -> None:
         slot = data.draw(st.sampled_from(sorted(self.granted)))
         if self.core.due <= self.now:
@@ -475,17 +477,17 @@ class CoreMachine(RuleBasedStateMachine):
         if bond is None:
             return
         child, epoch = bond.child, bond.lease.epoch
-        if how is on.Free:
-            self.handle(on.Free(slot=slot))
+        if how is on.FreeAsked:
+            self.handle(on.FreeAsked(slot=slot))
         elif how is on.Lose:
             self.handle(on.Lose(slot=slot, child=child, epoch=epoch + 1, reason="another one"))
             assert slot in self.granted, "a bond is known by child and epoch"
             self.handle(on.Lose(slot=slot, child=child, epoch=epoch, reason="it has ended"))
         else:
             description = RobotDescription(address=child, kinds=("Tool",))
-            self.handle(on.Described(slot=slot, child=child, epoch=epoch, description=description))
+            self.handle(on.ChildDescribed(slot=slot, child=child, epoch=epoch, description=description))
             assert self.renewals[-1].child == child
-        assert (slot in self.granted) == (how is on.Described)
+        assert (slot in self.granted) == (how is on.ChildDescribed)
 
     @precondition(lambda self: not self.running)
     @rule(
@@ -499,7 +501,7 @@ class CoreMachine(RuleBasedStateMachine):
             self.handle(on.Tick(unix=UNIX + self.now))
         held = {*self.granted, *self.expected}
         specs = tuple(SlotSpec(name=name, kind=kind) for name, kind in declared.items())
-        reload = on.Reload(slots=specs, fields={"seen": value})
+        reload = on.PageReloaded(slots=specs, fields={"seen": value})
         if any(declared.get(slot) != self.declared[slot] for slot in held):
             with pytest.raises(SlotHeld):
                 self.handle(reload)
@@ -517,7 +519,7 @@ class CoreMachine(RuleBasedStateMachine):
         if self.core.due <= self.now:
             self.handle(on.Tick(unix=UNIX + self.now))
         known, before = stop.known(order), stop.generation
-        effects = self.handle(on.SafeStop(reason="a hand", order=order))
+        effects = self.handle(on.StopAsked(reason="a hand", order=order))
         assert stop.generation == before + (0 if known else 1), "copies of one order are one stop"
         if not known:
             self.asked[stop.generation] = dict.fromkeys([HARDWARE, *self.granted])
@@ -555,9 +557,9 @@ class CoreMachine(RuleBasedStateMachine):
         stop = self.core.state.stop
         if late and stop.generation:
             with pytest.raises(VrError):
-                self.handle(on.Release(generation=stop.generation - 1))
+                self.handle(on.ReleaseAsked(generation=stop.generation - 1))
         else:
-            self.handle(on.Release(generation=stop.generation))
+            self.handle(on.ReleaseAsked(generation=stop.generation))
             assert not stop.reason
 
     @rule(halted=st.sampled_from(["", "its controller is in safe stop"]))
@@ -629,8 +631,8 @@ def test_a_late_answer_of_a_child_whose_slot_is_no_longer_declared_changes_nothi
     lease = Lessee.begin(epoch=3, term=TERM, sent=0.0, now=0.0)
     description = RobotDescription(address=child, kinds=("Tool", "Robot"))
     core.handle(on.Bind(slot="tool", bond=Bond(child=child, lease=lease, description=description)), 0.0)
-    core.handle(on.Free(slot="tool"), 1.0)
-    core.handle(on.Reload(slots=(), fields={}), 1.0)
+    core.handle(on.FreeAsked(slot="tool"), 1.0)
+    core.handle(on.PageReloaded(slots=(), fields={}), 1.0)
     before = encode_state(core.state)
     assert core.handle(on.Renewed(slot="tool", child=child, epoch=3, sent=0.5, term=TERM), 2.0) == []
     assert core.handle(on.Lose(slot="tool", child=child, epoch=3, reason="it has ended"), 2.0) == []

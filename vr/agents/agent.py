@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from robotree.vr.agents.callers import Callers
-from robotree.vr.agents.children import Children
+from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.publisher import Publisher
@@ -61,7 +61,7 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import DEFAULT_TERM, Lessor, Slots
 from robotree.vr.core.events import Effect, LeaseChanged, LeaseEnded
-from robotree.vr.core.machine import Calls, State
+from robotree.vr.core.machine import Calls, RobotState
 from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.answering import Say, conversing, not_for
 from robotree.vr.exchange.claim import claim, new_address
@@ -147,8 +147,8 @@ class RobotAgent:
         """What it answers for; another one after a reload."""
         return self.live.robot
 
-    def _new_children(self, term: float) -> Children:
-        return Children(self.live, self.transport, term=term)
+    def _new_children(self, term: float) -> ChildKeeper:
+        return ChildKeeper(self.live, self.transport, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -339,7 +339,7 @@ class RobotAgent:
             self._on_loop(self._lease_changed)
         elif isinstance(effect, LeaseChanged):
             self._on_loop(self._lease_changed)
-        elif isinstance(effect, on.Renew):
+        elif isinstance(effect, on.RenewLease):
             self._virtual("have children").renew(effect)
         elif isinstance(effect, on.AskPart):  # stops are ordered on the event loop
             self._stops.ask(effect)
@@ -427,7 +427,7 @@ class RobotAgent:
     def _petition(self, request: Petition) -> Reply:
         self._expect_to_fit(request)
         self.live.post(
-            on.Ask(
+            on.ParentAsked(
                 parent=request.parent,
                 slot=request.slot,
                 lineage=request.lineage,
@@ -513,7 +513,7 @@ class RobotAgent:
 
     # -- the robots that it commands --------------------------------------------------------------
 
-    def _virtual(self, what: str) -> Children:
+    def _virtual(self, what: str) -> ChildKeeper:
         if self._children is None:
             raise NotVirtual(robot=self.robot.name, what=what)
         return self._children
@@ -557,9 +557,9 @@ def _settle(turned: asyncio.Future[list[str]], outcome: VrError | list[str] | No
         turned.set_result(outcome)
 
 
-def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> State:
+def _new_state(robot: Robot, address: Address, host: str, lease: Lessor) -> RobotState:
     home = f"host {host}" if host else f"the process of {robot.name}"
-    state = State(
+    state = RobotState(
         address=address, home=home, lease=lease, slots=Slots(robot.name), calls=Calls(), stop=Stop()
     )
     if isinstance(robot, VirtualRobot):

@@ -46,7 +46,7 @@ REUNION = 2.0
 _log = logging.getLogger(__name__)
 
 
-class Children:
+class ChildKeeper:
     """Keeps all children of one virtual robot. Lives on the event loop, except `renew`."""
 
     def __init__(
@@ -115,7 +115,7 @@ class Children:
 
     async def _free(self, slot: str) -> None:
         bond = self._slots.require(slot)
-        self._live.post(on.Free(slot=slot))
+        self._live.post(on.FreeAsked(slot=slot))
         with contextlib.suppress(VrError):
             await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
 
@@ -208,7 +208,7 @@ class Children:
 
     # -- keeping ----------------------------------------------------------------------------------
 
-    def renew(self, effect: on.Renew) -> None:
+    def renew(self, effect: on.RenewLease) -> None:
         """Ask a child to prolong its lease, and hand on what it answers. In any thread."""
         slot, child, epoch = effect.slot, effect.child, effect.epoch
         answered = False
@@ -238,7 +238,7 @@ class Children:
         sealed = seal(renewal, now=effect.sent, within=self._term, sender=self._live.key)
         self._transport.ask(child.key, sealed.body, urgent=True, on_reply=hear)
 
-    def _renewed(self, effect: on.Renew, granted: Granted) -> None:
+    def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
         self._live.post(
             on.Renewed(
                 slot=effect.slot,
@@ -268,7 +268,7 @@ class Children:
             known = ", ".join(spec.name for spec in description.commands) or "none"
             raise NoSuchCommand(robot=description.name, command=command, known=known)
         self._live.post(
-            on.Described(slot=slot, child=bond.child, epoch=bond.lease.epoch, description=description)
+            on.ChildDescribed(slot=slot, child=bond.child, epoch=bond.lease.epoch, description=description)
         )
         return description
 

@@ -40,7 +40,7 @@ MOST_PENDING = 32
 _log = logging.getLogger(__name__)
 
 
-class Caller:
+class OutsideCaller:
     """Who waits in another process for the end of a call: a `Listener`."""
 
     def __init__(self, live: LiveRobot, key: str, respond: Respond, end: End) -> None:
@@ -137,7 +137,7 @@ class OutsideCalls:
         attended_by: str,
     ) -> None:
         live = self._live
-        caller = None if call.oneway else Caller(live, call.key, respond, end)
+        caller = None if call.oneway else OutsideCaller(live, call.key, respond, end)
 
         def accepted() -> None:
             (end if call.oneway else respond)(encode(Accepted(key=call.key)))
@@ -172,13 +172,13 @@ class OutsideCalls:
     def _cancel(self, request: Cancel) -> Reply:
         reason = request.reason or "on request"
         if request.key:
-            self._live.post(on.Cancel(key=request.key, reason=reason, epoch=request.epoch))
+            self._live.post(on.CancelAsked(key=request.key, reason=reason, epoch=request.epoch))
         else:
             self._live.post(on.CancelAll(reason=reason, epoch=request.epoch))
         return Done()
 
     def _detach(self, request: Detach) -> Reply:
-        self._live.post(on.Detach(key=request.key, epoch=request.epoch))
+        self._live.post(on.DetachAsked(key=request.key, epoch=request.epoch))
         return Done()
 
     def _answer(self, answer: Callable[[], Reply], end: End) -> None:

@@ -25,7 +25,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.presence import Undo
-from robotree.vr.base.requests import Heard, State, encode
+from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
 from robotree.vr.core.machine import RobotCore
 from robotree.vr.lookup.registrar import Registrar
@@ -186,7 +186,7 @@ class Publisher:
         if lines:
             self._line = lines[-1].number
             with contextlib.suppress(TransportError):  # it is closed
-                self._transport.publish(f"{self._address.key}/log", encode(Heard(lines=lines)))
+                self._transport.publish(f"{self._address.key}/log", encode(LogLines(lines=lines)))
 
     # -- listing ----------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Sequence
 
 import msgspec
 
-from robotree.vr.agents.children import Children
+from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.base.envelope import same_clock
 from robotree.vr.base.errors import NoAnswer, VrError
@@ -24,7 +24,7 @@ from robotree.vr.running.live import LiveRobot
 class Stops:
     """Stops one robot and releases it. Lives on the event loop."""
 
-    def __init__(self, live: LiveRobot, hooks: Hooks, children: Children | None) -> None:
+    def __init__(self, live: LiveRobot, hooks: Hooks, children: ChildKeeper | None) -> None:
         """Begin.
 
         Args:
@@ -57,7 +57,7 @@ class Stops:
         """
         live, known = self._live, self._stop.known(request.order)
         reason, order, within = request.reason or "protective stop", request.order, request.within
-        live.post(on.SafeStop(reason=reason, order=order, within=within))
+        live.post(on.StopAsked(reason=reason, order=order, within=within))
         generation = known or max(self._stop.parts)
         if not known:
             live.changed()
@@ -124,7 +124,7 @@ class Stops:
         else:
             self._take_own(confirmations, doubt)
             if not doubt:
-                live.post(on.Release(generation=seen))
+                live.post(on.ReleaseAsked(generation=seen))
                 self._live.changed()
         return Done(confirmed=tuple(confirmations.settle()))
 

@@ -409,7 +409,7 @@ class Unlisted(_Message, frozen=True, kw_only=True):
     revision: int
 
 
-class Heard(_Message, frozen=True, kw_only=True):
+class LogLines(_Message, frozen=True, kw_only=True):
     """A robot publishes what its code says, under its key + `/log`."""
 
     lines: tuple[Said, ...]
@@ -446,7 +446,7 @@ Reply = (
     Described | Accepted | Progress | Returned | Granted | HostDescribed | Reloaded | Logged | Registered
     | Found | Picture | ViewDescribed | Done | Raised
 )  # fmt: skip
-Event = Heard | Listed | Unlisted | State
+Event = LogLines | Listed | Unlisted | State
 
 _R = TypeVar("_R")
 _encoder = msgspec.msgpack.Encoder()

@@ -42,8 +42,8 @@ class Finish(_Value, frozen=True, kw_only=True):
     reply: Returned | Raised
 
 
-class Detach(_Value, frozen=True, kw_only=True):
-    """A call goes on without the command that made it: see `calls.AcceptedCall.detached`."""
+class DetachAsked(_Value, frozen=True, kw_only=True):
+    """A call goes on without the command that made it: see `machine.AcceptedCall.detached`."""
 
     key: str
     epoch: int | None = None
@@ -51,7 +51,7 @@ class Detach(_Value, frozen=True, kw_only=True):
     entitled: bool = False
 
 
-class Cancel(_Value, frozen=True, kw_only=True):
+class CancelAsked(_Value, frozen=True, kw_only=True):
     """End one call, also one that has not come yet."""
 
     key: str
@@ -99,7 +99,7 @@ class Tick(_Value, frozen=True, kw_only=True):
 # -- events: who commands it -----------------------------------------------------------------------
 
 
-class Ask(_Value, frozen=True, kw_only=True):
+class ParentAsked(_Value, frozen=True, kw_only=True):
     """A parent petitions for the lease."""
 
     parent: Address
@@ -161,7 +161,7 @@ class Bind(_Value, frozen=True, kw_only=True):
     bond: Bond
 
 
-class Free(_Value, frozen=True, kw_only=True):
+class FreeAsked(_Value, frozen=True, kw_only=True):
     """The child in a slot is released."""
 
     slot: str
@@ -183,7 +183,7 @@ class Renewed(_Value, frozen=True, kw_only=True):
     child: Address
     epoch: int
     sent: float
-    """[s] As the effect `Renew` said."""
+    """[s] As the effect `RenewLease` said."""
     term: float
     depth: int = 0
     ways: float = 0.0
@@ -191,7 +191,7 @@ class Renewed(_Value, frozen=True, kw_only=True):
     """If it has changed."""
 
 
-class Described(_Value, frozen=True, kw_only=True):
+class ChildDescribed(_Value, frozen=True, kw_only=True):
     """The child in a slot has said anew who it is."""
 
     slot: str
@@ -213,7 +213,7 @@ class Set(_Value, frozen=True, kw_only=True):
     """Whether the right of the asker is known: it is the robot's own code."""
 
 
-class Reload(_Value, frozen=True, kw_only=True):
+class PageReloaded(_Value, frozen=True, kw_only=True):
     """Another page carries out what comes from now on; no command that moves runs at the moment."""
 
     slots: tuple[SlotSpec, ...]
@@ -225,7 +225,7 @@ class Reload(_Value, frozen=True, kw_only=True):
 # -- events: stops ---------------------------------------------------------------------------------
 
 
-class SafeStop(_Value, frozen=True, kw_only=True):
+class StopAsked(_Value, frozen=True, kw_only=True):
     """A protective stop is ordered, or a copy of an order comes."""
 
     reason: str
@@ -252,16 +252,16 @@ class StopAnswered(_Value, frozen=True, kw_only=True):
     answer: Done | Raised
 
 
-class Release(_Value, frozen=True, kw_only=True):
+class ReleaseAsked(_Value, frozen=True, kw_only=True):
     """All below are released: the stop ends, if no later one has begun."""
 
     generation: int
 
 
 Event = (
-    Invoke | Finish | Detach | Cancel | CancelAll | Abandon | Gone | Tick | Ask | Prolong | EndLease | Obeyed
-    | Reserve | Unreserve | Bind | Free | Lose | Renewed | Described | Set | Reload | SafeStop | Halted
-    | Restored | StopAnswered | Release
+    Invoke | Finish | DetachAsked | CancelAsked | CancelAll | Abandon | Gone | Tick | ParentAsked
+    | Prolong | EndLease | Obeyed | Reserve | Unreserve | Bind | FreeAsked | Lose | Renewed
+    | ChildDescribed | Set | PageReloaded | StopAsked | Halted | Restored | StopAnswered | ReleaseAsked
 )  # fmt: skip
 
 
@@ -302,7 +302,7 @@ class LeaseEnded(_Value, frozen=True, kw_only=True):
     reason: str
 
 
-class Renew(_Value, frozen=True, kw_only=True):
+class RenewLease(_Value, frozen=True, kw_only=True):
     """Ask the child in a slot to prolong its lease, now."""
 
     slot: str
@@ -344,6 +344,6 @@ class FieldsChanged(_Value, frozen=True, kw_only=True):
 
 
 Effect = (
-    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | Renew | ChildGone | FieldsChanged | AskPart
-    | StopSettled
+    Begin | Interrupt | Settled | LeaseChanged | LeaseEnded | RenewLease | ChildGone | FieldsChanged
+    | AskPart | StopSettled
 )  # fmt: skip

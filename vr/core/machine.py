@@ -44,7 +44,7 @@ from robotree.vr.core.events import (
     Interrupt,
     LeaseChanged,
     LeaseEnded,
-    Renew,
+    RenewLease,
     Settled,
     StopSettled,
 )
@@ -235,7 +235,7 @@ class Calls(msgspec.Struct, kw_only=True):
         return None
 
 
-class State(msgspec.Struct, kw_only=True):
+class RobotState(msgspec.Struct, kw_only=True):
     """All that a robot is, as one value: encoded and decoded again, the robot goes on as if nothing was."""
 
     address: Address
@@ -253,15 +253,15 @@ class State(msgspec.Struct, kw_only=True):
 
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder: msgspec.msgpack.Decoder[State] = msgspec.msgpack.Decoder(State)
+_decoder: msgspec.msgpack.Decoder[RobotState] = msgspec.msgpack.Decoder(RobotState)
 
 
-def encode_state(state: State) -> bytes:
+def encode_state(state: RobotState) -> bytes:
     """Return a state as MessagePack."""
     return _encoder.encode(state)
 
 
-def decode_state(body: bytes) -> State:
+def decode_state(body: bytes) -> RobotState:
     """Read what `encode_state` wrote.
 
     Raises:
@@ -275,7 +275,7 @@ class RobotCore:
 
     __slots__ = ("_bonds_due", "due", "state")
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: RobotState) -> None:
         """Take a state, new or decoded."""
         self.state = state
         self._bonds_due = _bonds_due(state.slots)
@@ -390,7 +390,7 @@ class RobotCore:
             effects.append(Begin(key=following))
         return effects
 
-    def _cancel(self, event: on.Cancel, now: float) -> Effects:
+    def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
         if not event.entitled:
             self.state.lease.check(event.epoch, now)
         call = self.state.calls.live.get(event.key)
@@ -400,7 +400,7 @@ class RobotCore:
         cause = CommandCancelled(robot=self.name, command=call.command, reason=event.reason)
         return self._end(call, cause, final=event.final)
 
-    def _detach(self, event: on.Detach, now: float) -> Effects:
+    def _detach(self, event: on.DetachAsked, now: float) -> Effects:
         if not event.entitled:
             self.state.lease.check(event.epoch, now)
         if call := self.state.calls.live.get(event.key):
@@ -476,7 +476,7 @@ class RobotCore:
 
     # -- who commands it --------------------------------------------------------------------------
 
-    def _ask(self, event: on.Ask, now: float) -> Effects:
+    def _ask(self, event: on.ParentAsked, now: float) -> Effects:
         parent = event.parent
         if any(child.name == parent.name for child in self.state.slots.children()):
             raise CycleOfBonds(parent=parent.name, child=self.name, lineage=f"{self.name} > {parent.name}")
@@ -533,7 +533,7 @@ class RobotCore:
         self._bonds_due = _bonds_due(self.state.slots)
         return []
 
-    def _free(self, event: on.Free, _: float) -> Effects:
+    def _free(self, event: on.FreeAsked, _: float) -> Effects:
         bond = self.state.slots.free(event.slot)
         self._bonds_due = _bonds_due(self.state.slots)
         return [ChildGone(slot=event.slot, child=bond.child, reason="")]
@@ -573,7 +573,7 @@ class RobotCore:
             self._bonds_due = _bonds_due(self.state.slots)
         return []
 
-    def _described(self, event: on.Described, now: float) -> Effects:
+    def _described(self, event: on.ChildDescribed, now: float) -> Effects:
         bond = self.state.slots.held(event.slot, event.child, event.epoch)
         if bond is None:
             return []
@@ -590,7 +590,7 @@ class RobotCore:
         self.state.fields.update(event.values)
         return [FieldsChanged()]
 
-    def _reload(self, event: on.Reload, _: float) -> Effects:
+    def _reload(self, event: on.PageReloaded, _: float) -> Effects:
         state = self.state
         state.slots.revise(event.slots)
         self._bonds_due = _bonds_due(state.slots)
@@ -600,7 +600,7 @@ class RobotCore:
 
     # -- stops ------------------------------------------------------------------------------------
 
-    def _safe_stop(self, event: on.SafeStop, now: float) -> Effects:
+    def _safe_stop(self, event: on.StopAsked, now: float) -> Effects:
         stop = self.state.stop
         if generation := stop.known(event.order):
             return self._ask_parts(generation, event)
@@ -608,7 +608,7 @@ class RobotCore:
         generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
         return [*self._end_all(event.reason), *self._ask_parts(generation, event)]
 
-    def _ask_parts(self, generation: int, order: on.SafeStop) -> Effects:
+    def _ask_parts(self, generation: int, order: on.StopAsked) -> Effects:
         """Ask those that have not answered a stop."""
         return [
             AskPart(
@@ -626,7 +626,7 @@ class RobotCore:
         orders = {generation: order for order, generation in stop.orders.items()}
         effects: Effects = []
         for generation in stop.parts if stop.reason else ():  # what is released is not to be stopped again
-            order = on.SafeStop(reason=stop.reason, order=orders.get(generation, ""))
+            order = on.StopAsked(reason=stop.reason, order=orders.get(generation, ""))
             effects += self._ask_parts(generation, order)
         return effects
 
@@ -638,7 +638,7 @@ class RobotCore:
         reply = self.state.stop.take(event.generation, event.part, event.answer)
         return [] if reply is None else [StopSettled(generation=event.generation, reply=reply)]
 
-    def _release(self, event: on.Release, _: float) -> Effects:
+    def _release(self, event: on.ReleaseAsked, _: float) -> Effects:
         stop = self.state.stop
         if event.generation != stop.generation:
             reason = "it was stopped again after that had been asked for"
@@ -649,36 +649,36 @@ class RobotCore:
     _handlers: ClassVar[dict[type, Callable[[Any, Any, float], Effects]]] = {
         on.Invoke: _invoke,
         on.Finish: _finish,
-        on.Detach: _detach,
-        on.Cancel: _cancel,
+        on.DetachAsked: _detach,
+        on.CancelAsked: _cancel,
         on.CancelAll: _cancel_all,
         on.Abandon: _abandon,
         on.Gone: _gone,
         on.Tick: _tick,
-        on.Ask: _ask,
+        on.ParentAsked: _ask,
         on.Prolong: _prolong,
         on.EndLease: _end_lease,
         on.Obeyed: _obeyed,
         on.Reserve: _reserve,
         on.Unreserve: _unreserve,
         on.Bind: _bind,
-        on.Free: _free,
+        on.FreeAsked: _free,
         on.Lose: _lose,
         on.Renewed: _renewed,
-        on.Described: _described,
+        on.ChildDescribed: _described,
         on.Set: _set,
-        on.Reload: _reload,
-        on.SafeStop: _safe_stop,
+        on.PageReloaded: _reload,
+        on.StopAsked: _safe_stop,
         on.Restored: _restored,
         on.Halted: _halted,
         on.StopAnswered: _stop_answered,
-        on.Release: _release,
+        on.ReleaseAsked: _release,
     }
 
 
-def _renew(slot: str, bond: Bond, now: float) -> Renew:
+def _renew(slot: str, bond: Bond, now: float) -> RenewLease:
     bond.lease.asked(now)
-    return Renew(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
+    return RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
 
 
 def _bonds_due(slots: Slots) -> float:

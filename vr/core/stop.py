@@ -24,7 +24,7 @@ MOST_ORDERS = 64
 """Orders of stops in force that are remembered; a copy of an older one counts as a new stop."""
 
 
-class Part(msgspec.Struct):
+class StopPart(msgspec.Struct):
     """One that has to confirm a stop."""
 
     name: str
@@ -50,7 +50,7 @@ class Stop(msgspec.Struct, kw_only=True):
     """Reason of the newest stop, also after its release."""
     orders: dict[str, int] = {}
     """Generation of each order that is in force."""
-    parts: dict[int, dict[str, Part]] = {}
+    parts: dict[int, dict[str, StopPart]] = {}
     """Who has to confirm a stop, by generation: of the stops in force, and of all that are not answered."""
 
     @property
@@ -88,7 +88,7 @@ class Stop(msgspec.Struct, kw_only=True):
             while len(self.orders) > MOST_ORDERS:
                 del self.orders[next(iter(self.orders))]
         self._forget()
-        self.parts[self.generation] = {part: Part(name) for part, name in parts.items()}
+        self.parts[self.generation] = {part: StopPart(name) for part, name in parts.items()}
         return self.generation
 
     def hear(self, halted: str, now: float) -> bool:

@@ -73,7 +73,7 @@ class News(msgspec.Struct, frozen=True, array_like=True, tag=1):
     there: bool
 
 
-class Ask(msgspec.Struct, frozen=True, array_like=True, tag=2):
+class AskFrame(msgspec.Struct, frozen=True, array_like=True, tag=2):
     """A request."""
 
     number: int
@@ -82,14 +82,14 @@ class Ask(msgspec.Struct, frozen=True, array_like=True, tag=2):
     body: bytes
 
 
-class Reply(msgspec.Struct, frozen=True, array_like=True, tag=3):
+class ReplyFrame(msgspec.Struct, frozen=True, array_like=True, tag=3):
     """One of the replies to a request."""
 
     number: int
     body: bytes
 
 
-class End(msgspec.Struct, frozen=True, array_like=True, tag=4):
+class EndFrame(msgspec.Struct, frozen=True, array_like=True, tag=4):
     """The last frame about a request."""
 
     number: int
@@ -108,7 +108,7 @@ class Awake(msgspec.Struct, frozen=True, array_like=True, tag=6):
     """Sent by a process that has slept: the others need not wait for its next beat."""
 
 
-Frame = Hello | News | Ask | Reply | End | Sample | Awake
+Frame = Hello | News | AskFrame | ReplyFrame | EndFrame | Sample | Awake
 
 _encode = msgspec.msgpack.Encoder().encode
 _decoder: msgspec.msgpack.Decoder[Frame] = msgspec.msgpack.Decoder(Frame)

@@ -22,7 +22,7 @@ from robotree.vr.base.transport import (
     SampleHandler,
 )
 from robotree.vr.network.mesh import GREETING, Answer, Mesh
-from robotree.vr.network.on_loop import Inbox, Replies, Turns, answered
+from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox, answered
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
 WAITING_SAMPLES = 4096
@@ -65,8 +65,8 @@ class LocalTransport:
         """Made by `join`."""
         self.mesh = mesh
         self._loop = asyncio.get_running_loop()
-        self._turns = Turns()
-        news = Inbox[Callable[[], object]](self._turns, lambda action: action())
+        self._turns = LoopTurns()
+        news = SampleInbox[Callable[[], object]](self._turns, lambda action: action())
         self.presence = mesh.presence
         self.presence.hand_on = news.put
         self._served: dict[str, Answer] = {}
@@ -153,7 +153,7 @@ class LocalTransport:
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         """See `Transport.subscribe`."""
         self._check(pattern)
-        inbox = Inbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
+        inbox = SampleInbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
         number = self.mesh.subscribe(pattern, lambda key, body: inbox.put((key, body)))
         return _Registration(self, lambda: self.mesh.unsubscribe(number), inbox.close)
 

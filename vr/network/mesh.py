@@ -35,17 +35,17 @@ from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.transport import Occupied
 from robotree.vr.network.link import (
     VERSION,
-    Ask,
+    AskFrame,
     Awake,
     Channel,
-    End,
+    EndFrame,
     Frame,
     Hello,
     News,
     NotAFrame,
     Overflow,
     PeerLink,
-    Reply,
+    ReplyFrame,
     Sample,
     Topic,
     pack,
@@ -171,9 +171,9 @@ class Mesh:
         self._takers: dict[type[Frame], Callable[[PeerLink, Any], None]] = {
             Hello: self._take_greeting,
             News: self._take_news,
-            Ask: self._take_request,
-            Reply: self._take_reply,
-            End: self._take_end,
+            AskFrame: self._take_request,
+            ReplyFrame: self._take_reply,
+            EndFrame: self._take_end,
             Sample: self._take_sample,
             Awake: self._take_awake,
         }
@@ -447,7 +447,7 @@ class Mesh:
 
         It stays there if this process ends first: so a process that missed a stop stops when it wakes.
         """
-        packed = pack(Ask(next(self._numbers), key, body))
+        packed = pack(AskFrame(next(self._numbers), key, body))
         with self._lock:
             asleep = [peer for peer in self._peers.values() if not peer.awake]
             links = [peer.links.get(Channel.URGENT) for peer in asleep if key in self._served_by(peer)]
@@ -464,7 +464,7 @@ class Mesh:
         self, peer: _Peer, key: str, body: bytes, *, void_at: float, urgent: bool, on_reply: OnReply
     ) -> None:
         number = next(self._numbers)
-        packed = pack(Ask(number, key, body))
+        packed = pack(AskFrame(number, key, body))
         with self._lock:
             lives = self._peers.get(peer.tag) is peer
             if lives:
@@ -764,13 +764,13 @@ class Mesh:
             return
         self._takers[type(frame)](link, frame)
 
-    def _take_reply(self, link: PeerLink, reply: Reply) -> None:
+    def _take_reply(self, link: PeerLink, reply: ReplyFrame) -> None:
         peer = self._peers.get(link.member)
         if peer is not None and (exchange := peer.exchanges.get(reply.number)) is not None:
             exchange.void_at = 0.0
             exchange.on_reply(reply.body)
 
-    def _take_end(self, link: PeerLink, end: End) -> None:
+    def _take_end(self, link: PeerLink, end: EndFrame) -> None:
         if (peer := self._peers.get(link.member)) is not None:
             self._end_exchange(peer, end.number, end.last)
 
@@ -790,15 +790,15 @@ class Mesh:
             if (peer := self._peers.get(link.member)) is not None and peer.met:
                 self._show(peer)
 
-    def _take_request(self, link: PeerLink, ask: Ask) -> None:
+    def _take_request(self, link: PeerLink, ask: AskFrame) -> None:
         answer = self._servers.get(ask.key)
         number = ask.number
 
         def respond(body: bytes) -> None:
-            self._say(link, pack(Reply(number, body)))
+            self._say(link, pack(ReplyFrame(number, body)))
 
         def end(last: bytes | None) -> None:
-            self._say(link, pack(End(number, last)))
+            self._say(link, pack(EndFrame(number, last)))
 
         if answer is None:
             end(None)

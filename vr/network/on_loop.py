@@ -1,9 +1,9 @@
 """From the threads of a network to an event loop, and what a transport needs on that loop.
 
 The loop takes what it is given in order. A flood of requests would therefore stand before the next lease
-renewal, however far ahead that one came over the wire (`bench/urgent.py`): `Turns` does what is urgent first,
-and everything else a few at a time. `Inbox` brings samples and presence to one handler; `Replies` are the
-replies to one request, as an iterator.
+renewal, however far ahead that one came over the wire (`bench/urgent.py`): `LoopTurns` does what is urgent
+first, and everything else a few at a time. `SampleInbox` brings samples and presence to one handler;
+`Replies` are the replies to one request, as an iterator.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
-class Turns:
+class LoopTurns:
     """Takes things to do in any thread, and does them on the event loop."""
 
     def __init__(self) -> None:
@@ -77,13 +77,13 @@ class Turns:
             _log.exception("what the network brought failed")
 
 
-class Inbox(Generic[T]):
+class SampleInbox(Generic[T]):
     """Takes items in any thread, hands them on the event loop to one handler.
 
     However many wait, they take one place among the turns: others come between any two of them.
     """
 
-    def __init__(self, turns: Turns, handler: Callable[[T], object], limit: int | None = None) -> None:
+    def __init__(self, turns: LoopTurns, handler: Callable[[T], object], limit: int | None = None) -> None:
         """Hand items to `handler` at their turn; of more than `limit` that wait, the oldest are lost."""
         self._turns = turns
         self._handler: Callable[[T], object] | None = handler

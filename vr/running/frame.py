@@ -67,7 +67,7 @@ out. started: it goes on meanwhile. told: it waits until the child has accepted 
 the progress of the child is its own."""
 
 
-class Caller(Protocol):
+class CallingRobot(Protocol):
     """The robot of a running command, as the command needs it."""
 
     @property
@@ -157,7 +157,9 @@ class Frame:
     guest: bool = False
     """Whether it is a thread of the author's own that works for a command."""
 
-    def __init__(self, live: Caller, context: CommandContext, worker: Worker, call_key: str = "") -> None:
+    def __init__(
+        self, live: CallingRobot, context: CommandContext, worker: Worker, call_key: str = ""
+    ) -> None:
         """Made by the robot when the command begins.
 
         Args:

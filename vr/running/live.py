@@ -227,7 +227,7 @@ class LiveRobot:
         fields, notes = robot.field_values.taken_over(state.fields)
         slots = set(state.slots.by_name)
         try:
-            effects += self._handle(on.Reload(slots=specs, fields=fields), now)
+            effects += self._handle(on.PageReloaded(slots=specs, fields=fields), now)
         except VrError as refusal:
             return partial(done, refusal)
         gone = sorted(slots - set(state.slots.by_name))
@@ -305,7 +305,7 @@ class LiveRobot:
         calls = self.core.state.calls
         before, self._at_work = self._at_work, (calls.running, len(calls.waiting))
         return before != self._at_work or any(
-            not isinstance(one, Begin | Settled | on.Renew | on.AskPart) for one in effects
+            not isinstance(one, Begin | Settled | on.RenewLease | on.AskPart) for one in effects
         )
 
     def _carry_out_other(self, effect: Effect) -> None:
@@ -394,11 +394,11 @@ class LiveRobot:
 
     def cancel(self, key: str, reason: str, *, final: bool = False) -> None:
         """End a call in the name of its caller."""
-        self.post(on.Cancel(key=key, reason=reason, entitled=True, final=final))
+        self.post(on.CancelAsked(key=key, reason=reason, entitled=True, final=final))
 
     def detach(self, key: str) -> None:
         """Let a call go on without the command that has made it, in the name of its caller."""
-        self.post(on.Detach(key=key, entitled=True))
+        self.post(on.DetachAsked(key=key, entitled=True))
 
     def listen(self, key: str, listener: Listener) -> bool:
         """Tell somebody how a live call fares; returns whether it is live."""

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import Event
-from robotree.vr.core.machine import RobotCore, State
+from robotree.vr.core.machine import RobotCore, RobotState
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.pools import hand_on
 from robotree.vr.running.runner import Runner, Threads
@@ -146,7 +146,7 @@ class Process:
         self,
         runner: Runner | None = None,
         journal: Journal | None = None,
-        core: Callable[[State], RobotCore] = RobotCore,
+        core: Callable[[RobotState], RobotCore] = RobotCore,
     ) -> None:
         """Begin without a thread.
 

@@ -21,13 +21,13 @@ from robotree.vr.scripts.guard import Guard, named
 from robotree.vr.scripts.program import (
     MOST_RULES,
     SYSTEM,
+    FactTemplate,
     Hears,
     Parameter,
     Partner,
     Program,
     Rule,
-    Slot,
-    Template,
+    ScriptSlot,
     check_identifier,
     check_name,
 )
@@ -79,7 +79,7 @@ def add_rule(rules: dict[str, Rule], construct: Form, program: Program) -> Rule:
     return rules[name]
 
 
-def with_template(program: Program, template: Template) -> Program:
+def with_template(program: Program, template: FactTemplate) -> Program:
     """Return the program with one more kind of fact."""
     if program.template(template.name) is not None:
         own = any(one.name == template.name for one in SYSTEM)
@@ -111,9 +111,9 @@ def first_fact(fact: Node, program: Program) -> Form:
     return checked
 
 
-def _template(construct: Form) -> Template:
+def _template(construct: Form) -> FactTemplate:
     name, doc, rest = named(construct, "a fact")
-    slots: list[Slot] = []
+    slots: list[ScriptSlot] = []
     for part in rest:
         if not isinstance(part, Form) or part.head not in {"slot", "multislot"} or not part.rest:
             raise part.mark.error("a fact has (slot NAME (default VALUE)) and (multislot NAME)")
@@ -129,8 +129,8 @@ def _template(construct: Form) -> Template:
             if not isinstance(facet, Form) or facet.head != "default" or len(facet.rest) != 1 or several:
                 raise facet.mark.error("of the facets of a slot only (default VALUE) can be used")
             default = value(facet.rest[0])
-        slots.append(Slot(name=first.text, several=several, default=default))
-    return Template(name=name.text, slots=tuple(slots), doc=doc, mark=construct.mark)
+        slots.append(ScriptSlot(name=first.text, several=several, default=default))
+    return FactTemplate(name=name.text, slots=tuple(slots), doc=doc, mark=construct.mark)
 
 
 def _head(program: Program, construct: Form) -> Program:

@@ -21,7 +21,17 @@ from robotree.vr.base.written import Scalar
 from robotree.vr.scripts import expression
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
-from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
+from robotree.vr.scripts.happening import (
+    CancelAct,
+    Do,
+    Happening,
+    LogLine,
+    Order,
+    Play,
+    ScriptEnd,
+    ScriptReply,
+    Wait,
+)
 from robotree.vr.scripts.program import (
     LONGEST_LIST,
     MESSAGE,
@@ -374,7 +384,7 @@ class Engine:
 
     def _reply(self, conversation: Any, performative: Any, *values: Any) -> None:
         self._order(
-            Reply(
+            ScriptReply(
                 conversation=str(conversation), performative=str(performative), values=tuple(map(out, values))
             )
         )
@@ -395,13 +405,13 @@ class Engine:
         self._order(Play(partner=str(partner), role=str(role)))
 
     def _note(self, *values: Any) -> None:
-        self._order(Log(text=joined(values)))
+        self._order(LogLine(text=joined(values)))
 
     def _end(self, *values: Any) -> None:
-        self._order(End(text=joined(values)))
+        self._order(ScriptEnd(text=joined(values)))
 
     def _fail(self, *values: Any) -> None:
-        self._order(End(text=joined(values), well=False))
+        self._order(ScriptEnd(text=joined(values), well=False))
 
     def _text_of(self, *values: Any) -> Any:
         return into(joined(values))

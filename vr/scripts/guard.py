@@ -22,11 +22,11 @@ from robotree.vr.scripts.program import (
     PARTNER,
     ROLE,
     Condition,
-    Template,
+    FactTemplate,
     check_name,
 )
 
-Find = Callable[[str], Template | None]
+Find = Callable[[str], FactTemplate | None]
 
 CHECK = "robotree-check"
 PURE = frozenset({
@@ -73,7 +73,7 @@ class Guard:
         """Take how kinds of facts are found."""
         self._find = find
         self._bound: set[str] = set()
-        self._facts: dict[str, Template] = {}
+        self._facts: dict[str, FactTemplate] = {}
         self._conditions: list[Condition] = []
         self._rewrites = 0
 
@@ -285,7 +285,7 @@ class Guard:
         self._mine(template, fact.mark)
         return form(template.name, *self._values(template, fact.rest), mark=fact.mark)
 
-    def _values(self, template: Template, slots: Sequence[Node]) -> list[Node]:
+    def _values(self, template: FactTemplate, slots: Sequence[Node]) -> list[Node]:
         done: list[Node] = []
         for slot in slots:
             if not isinstance(slot, Form):
@@ -320,7 +320,7 @@ class Guard:
             raise node.mark.error(_not_known(node.head, "no function that a rule may use"))
         return form(head, *map(self._expression, node.rest), mark=node.mark)
 
-    def _template(self, pattern: Form) -> Template:
+    def _template(self, pattern: Form) -> FactTemplate:
         template = self._find(pattern.head)
         if template is None:
             raise pattern.mark.error(
@@ -330,13 +330,13 @@ class Guard:
             )
         return template
 
-    def _slot(self, template: Template, slot: Form) -> None:
+    def _slot(self, template: FactTemplate, slot: Form) -> None:
         if template.slot(slot.head) is None:
             known = ", ".join(one.name for one in template.slots)
             raise slot.mark.error(f"fact {template.name} has no slot {slot.head!r}; it has: {known}")
 
     @staticmethod
-    def _mine(template: Template, mark: Mark) -> None:
+    def _mine(template: FactTemplate, mark: Mark) -> None:
         if template.name in KEPT:
             raise mark.error(f"{template.name} facts come from outside; a rule can only look at them")
 

@@ -36,7 +36,7 @@ class Do(msgspec.Struct, frozen=True, kw_only=True):
     named: dict[str, Scalar] = {}
 
 
-class Reply(msgspec.Struct, frozen=True, kw_only=True):
+class ScriptReply(msgspec.Struct, frozen=True, kw_only=True):
     """Answer the sender."""
 
     conversation: str
@@ -65,20 +65,20 @@ class Play(msgspec.Struct, frozen=True, kw_only=True):
     role: str
 
 
-class Log(msgspec.Struct, frozen=True, kw_only=True):
+class LogLine(msgspec.Struct, frozen=True, kw_only=True):
     """Tell people something."""
 
     text: str
 
 
-class End(msgspec.Struct, frozen=True, kw_only=True):
+class ScriptEnd(msgspec.Struct, frozen=True, kw_only=True):
     """The script is over."""
 
     text: str = ""
     well: bool = True
 
 
-Order = Do | Reply | Wait | CancelAct | Play | Log | End
+Order = Do | ScriptReply | Wait | CancelAct | Play | LogLine | ScriptEnd
 
 
 def said(order: Order) -> str:
@@ -87,7 +87,7 @@ def said(order: Order) -> str:
         case Do(partner=partner, act=act, values=values, named=named):
             given = [*map(spell, values), *(f"{key}={spell(value)}" for key, value in named.items())]
             words = ["do", partner, act, *given]
-        case Reply(conversation=conversation, performative=performative, values=values):
+        case ScriptReply(conversation=conversation, performative=performative, values=values):
             words = ["reply", conversation, performative, *map(spell, values)]
         case Wait(name=name, seconds=seconds):
             words = ["wait", name, f"{seconds:g}"]
@@ -95,9 +95,9 @@ def said(order: Order) -> str:
             words = ["cancel", what]
         case Play(partner=partner, role=role):
             words = ["role", partner, role]
-        case Log(text=text):
+        case LogLine(text=text):
             words = ["log", spell(text)]
-        case End(text=text, well=well):
+        case ScriptEnd(text=text, well=well):
             words = ["end" if well else "fail", *([spell(text)] if text else [])]
     return " ".join(words)
 

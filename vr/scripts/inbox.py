@@ -11,7 +11,7 @@ LONGEST = 500
 """Messages that may wait: more is a flood."""
 
 
-class Inbox:
+class ScriptInbox:
     """Takes happenings from any thread; one command takes them out."""
 
     def __init__(self, activity: Activity) -> None:

@@ -45,7 +45,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     doc: str = ""
 
 
-class Slot(msgspec.Struct, frozen=True, kw_only=True):
+class ScriptSlot(msgspec.Struct, frozen=True, kw_only=True):
     """One part of a fact."""
 
     name: str
@@ -54,15 +54,15 @@ class Slot(msgspec.Struct, frozen=True, kw_only=True):
     """None: `none`, or no values at all where there may be several."""
 
 
-class Template(msgspec.Struct, frozen=True, kw_only=True):
+class FactTemplate(msgspec.Struct, frozen=True, kw_only=True):
     """A kind of fact."""
 
     name: str
-    slots: tuple[Slot, ...]
+    slots: tuple[ScriptSlot, ...]
     doc: str = ""
     mark: Mark = Mark()
 
-    def slot(self, name: str) -> Slot | None:
+    def slot(self, name: str) -> ScriptSlot | None:
         """Return the slot of this name, or None."""
         return next((slot for slot in self.slots if slot.name == name), None)
 
@@ -124,7 +124,7 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
     doc: str = ""
     partners: tuple[Partner, ...] = ()
     parameters: tuple[Parameter, ...] = ()
-    templates: tuple[Template, ...] = ()
+    templates: tuple[FactTemplate, ...] = ()
     hears: tuple[Hears, ...] = ()
     starters: tuple[str, ...] = ()
     """Names of those who may start it; empty: anyone."""
@@ -144,7 +144,7 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         """Whether it is written in CLIPS, and not as when and then."""
         return self.path.lower().endswith(".clp")
 
-    def template(self, name: str) -> Template | None:
+    def template(self, name: str) -> FactTemplate | None:
         """Return a kind of fact that it declares or that every script has."""
         return next((one for one in (*self.templates, *SYSTEM) if one.name == name), None)
 
@@ -161,33 +161,37 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         return "\n".join([*parts, *begin, *where])
 
 
-def _several(name: str) -> Slot:
-    return Slot(name=name, several=True)
+def _several(name: str) -> ScriptSlot:
+    return ScriptSlot(name=name, several=True)
 
 
 MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
 
 SYSTEM = (
-    Template(
+    FactTemplate(
         name=MESSAGE,
         doc="What has just happened: a message, the end of an act, a timer. It is gone when the rules have"
         " come to rest.",
         slots=(
-            Slot(name="perf"),
-            Slot(name="from"),
-            Slot(name="act"),
+            ScriptSlot(name="perf"),
+            ScriptSlot(name="from"),
+            ScriptSlot(name="act"),
             _several("args"),
-            Slot(name="conv"),
-            Slot(name="by"),
+            ScriptSlot(name="conv"),
+            ScriptSlot(name="by"),
         ),
     ),
-    Template(
+    FactTemplate(
         name=PARTNER,
         doc="A partner slot, and whether somebody is in it.",
-        slots=(Slot(name="name"), Slot(name="robot"), Slot(name="state")),
+        slots=(ScriptSlot(name="name"), ScriptSlot(name="robot"), ScriptSlot(name="state")),
     ),
-    Template(name=PARAMETER, slots=(Slot(name="name"), Slot(name="value"))),
-    Template(name=ROLE, doc="Which role a partner plays.", slots=(Slot(name="partner"), Slot(name="name"))),
+    FactTemplate(name=PARAMETER, slots=(ScriptSlot(name="name"), ScriptSlot(name="value"))),
+    FactTemplate(
+        name=ROLE,
+        doc="Which role a partner plays.",
+        slots=(ScriptSlot(name="partner"), ScriptSlot(name="name")),
+    ),
 )
 """The facts of every script; a message: performative, sender, act, arguments, conversation, reply-by."""
 
@@ -205,7 +209,7 @@ TAKEN = frozenset({
 """Names that the script's robot uses itself."""
 
 
-def template_form(template: Template) -> str:
+def template_form(template: FactTemplate) -> str:
     """Write a kind of fact as CLIPS reads it."""
     slots: list[str] = []
     for slot in template.slots:

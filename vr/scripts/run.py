@@ -21,8 +21,18 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.base.written import Mark, Scalar, Word, value_of
 from robotree.vr.scripts.engine import Engine, ScriptError
-from robotree.vr.scripts.happening import CancelAct, Do, End, Happening, Log, Order, Play, Reply, Wait
-from robotree.vr.scripts.inbox import Inbox
+from robotree.vr.scripts.happening import (
+    CancelAct,
+    Do,
+    Happening,
+    LogLine,
+    Order,
+    Play,
+    ScriptEnd,
+    ScriptReply,
+    Wait,
+)
+from robotree.vr.scripts.inbox import ScriptInbox
 from robotree.vr.scripts.program import Program
 
 TICK = 0.05
@@ -64,10 +74,10 @@ class ScriptRun:
         self.engine = Engine(program, parameters, spent=time.thread_time)
         self.lock = threading.Lock()
         """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
-        self.inbox = Inbox(activity)
+        self.inbox = ScriptInbox(activity)
         self.missing = ""
         """What it needs and does not have, as words; empty: it is active."""
-        self.answers: dict[str, Reply] = {}
+        self.answers: dict[str, ScriptReply] = {}
         self.asked: set[str] = set()
         """Conversations in which somebody waits for an answer."""
         self.said = ""
@@ -77,7 +87,7 @@ class ScriptRun:
         self._timers: list[tuple[float, Wait]] = []
         self._numbers = 0
         self._second, self._orders = 0.0, 0
-        self._over: End | None = None
+        self._over: ScriptEnd | None = None
         self._wants_progress = any("progress" in rule.clips for rule in program.rules)
 
     @property
@@ -143,7 +153,7 @@ class ScriptRun:
         for order in orders:
             self._carry_out(order)
         if happening.act == "finish":
-            self._over = self._over or End(text="finished on request")
+            self._over = self._over or ScriptEnd(text="finished on request")
         here = self._seats.get(happening.sender, "")
         if happening.performative == "failure" and here and not self.engine.handled:
             raise ScriptError(
@@ -210,16 +220,16 @@ class ScriptRun:
                 self._do(order)
             case Play(partner=partner, role=role):
                 self._do(Do(conversation="role", partner=partner, act="play", named={"role": role}))
-            case Reply(conversation=conversation):
+            case ScriptReply(conversation=conversation):
                 if conversation in self.asked:
                     self.answers[conversation] = order
             case Wait(seconds=seconds):
                 self._timers.append((self._now() + seconds, order))
             case CancelAct(what=what):
                 self._cancel(what)
-            case Log(text=text):
+            case LogLine(text=text):
                 self._say(text)
-            case End():
+            case ScriptEnd():
                 self._over = self._over or order
 
     def _count(self) -> None:

@@ -35,13 +35,13 @@ from robotree.vr.scripts.formula import formula
 from robotree.vr.scripts.program import (
     MESSAGE,
     PARAMETER,
+    FactTemplate,
     Hears,
     Parameter,
     Partner,
     Program,
     Rule,
-    Slot,
-    Template,
+    ScriptSlot,
     check_identifier,
     check_name,
     literal,
@@ -166,20 +166,20 @@ def _hears(key: Word, given: Written) -> Hears:
     return Hears(name=check_identifier(key.text, key.mark, "a message"), parts=tuple(parts), doc=doc)
 
 
-def _template(key: Word, given: Written) -> Template:
+def _template(key: Word, given: Written) -> FactTemplate:
     name = check_name(key.text, key.mark, "a fact")
     if name in EVENTS:
         raise key.mark.error(f"{name!r} cannot be the name of a fact: it happens to every script")
-    slots: list[Slot] = []
+    slots: list[ScriptSlot] = []
     for slot, default in entries(given, "a fact", key.mark):
         check_name(slot.text, slot.mark, "a slot")
         if isinstance(default, Items):
             if default.items:
                 raise default.mark.error("a slot that holds several values begins empty: []")
-            slots.append(Slot(name=slot.text, several=True))
+            slots.append(ScriptSlot(name=slot.text, several=True))
         else:
-            slots.append(Slot(name=slot.text, default=value_of(word(default, "a default", slot.mark))))
-    return Template(name=name, slots=tuple(slots), mark=key.mark)
+            slots.append(ScriptSlot(name=slot.text, default=value_of(word(default, "a default", slot.mark))))
+    return FactTemplate(name=name, slots=tuple(slots), mark=key.mark)
 
 
 def _first(given: Written, program: Program) -> Form:

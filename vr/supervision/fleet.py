@@ -16,8 +16,8 @@ from robotree.vr.base.description import Listing, RobotDescription, Template
 from robotree.vr.base.errors import NoAnswer, NoHost, NoPage, NotVirtual, Unreachable, VrError
 from robotree.vr.base.presence import Held
 from robotree.vr.base.requests import (
-    Heard,
     HostDescribed,
+    LogLines,
     Picture,
     Reloaded,
     Said,
@@ -51,7 +51,7 @@ PAUSE = 0.004
 OnProgress = Callable[[float, str], None]
 OnState = Callable[[str, State], None]
 _R = TypeVar("_R")
-_E = TypeVar("_E", State, Heard)
+_E = TypeVar("_E", State, LogLines)
 
 
 class Fleet:
@@ -147,7 +147,7 @@ class Fleet:
             BadName: that cannot be a name.
         """
         return await self._subscribe(
-            name, "log", Heard, lambda address, heard: callback(address.name, heard.lines)
+            name, "log", LogLines, lambda address, heard: callback(address.name, heard.lines)
         )
 
     async def _subscribe(

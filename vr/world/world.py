@@ -30,7 +30,7 @@ from robotree.vr.base.envelope import on_clock
 from robotree.vr.base.errors import VrError
 from robotree.vr.core.events import Effect
 from robotree.vr.core.events import Event as CoreEvent
-from robotree.vr.core.machine import RobotCore, State, decode_state, encode_state
+from robotree.vr.core.machine import RobotCore, RobotState, decode_state, encode_state
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner
@@ -125,7 +125,7 @@ class TracedCore(RobotCore):
 
     __slots__ = ("_world",)
 
-    def __init__(self, state: State, world: World) -> None:
+    def __init__(self, state: RobotState, world: World) -> None:
         """Made by `World.core`."""
         super().__init__(state)
         self._world = world
@@ -229,7 +229,7 @@ class World:
         """Add a line to the trace."""
         self.trace.append((self.runner.now(), who, what, details))
 
-    def core(self, state: State) -> RobotCore:
+    def core(self, state: RobotState) -> RobotCore:
         """Make the machine of a robot (`Process`): what it does is part of the trace."""
         core = TracedCore(state, self)
         self._cores.append(core)

@@ -84,7 +84,9 @@ async def test_a_refused_event_that_let_time_pass_commits_what_the_time_has_chan
     page = await realm.start(Page("page"), process=process)
     boss = Address("robot", "boss", "1")
     process.at = lambda *_: lambda: None  # the watchdog comes too late
-    page.live.post(on.Ask(parent=boss, slot="hand", lineage=("boss",), term=1.0, unix=realm.unix, key="k"))
+    page.live.post(
+        on.ParentAsked(parent=boss, slot="hand", lineage=("boss",), term=1.0, unix=realm.unix, key="k")
+    )
     follows = kept(book, page)
     await realm.until(lambda: page.live.core.due < realm.runner.now())
     with pytest.raises(StaleEpoch):
@@ -98,7 +100,7 @@ async def test_a_reload_is_committed_before_anybody_hears_of_it(realm: Any) -> N
     heard: list[bool] = []
     page.live.reload(Page("page"), lambda _: heard.append(book.is_whole))
     assert heard == [True]
-    assert isinstance(book.events[-1], on.Reload)
+    assert isinstance(book.events[-1], on.PageReloaded)
 
 
 async def test_code_that_changes_its_arguments_changes_nothing_of_the_state(realm: Any) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import BundleError, CommandCancelled, CommandFailed
-from robotree.vr.base.requests import Heard, Said, decode_event
+from robotree.vr.base.requests import LogLines, Said, decode_event
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.running.heard import listening
@@ -199,7 +199,7 @@ async def test_who_follows_hears_each_line_once() -> None:
 
         def hear(key: str, body: bytes) -> None:
             event = decode_event(body, key=key)
-            assert isinstance(event, Heard)
+            assert isinstance(event, LogLines)
             heard.extend(event.lines)
 
         watching = await stage.operator.subscribe(f"{stage.robots['one'].address.key}/log", hear)

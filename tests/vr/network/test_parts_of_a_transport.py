@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.base.pattern import Handlers, Keys, matches
-from robotree.vr.network.on_loop import Inbox, Replies, Turns
+from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox
 from robotree.vr.network.zenoh.settling import Settling
 from robotree.vr.world.promises import replies_of
 from robotree.vr.world.testing import in_virtual_time
@@ -153,7 +153,7 @@ async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
         if item == 7:
             raise RuntimeError("on purpose")
 
-    inbox = Inbox(Turns(), take, limit=4)
+    inbox = SampleInbox(LoopTurns(), take, limit=4)
     thread = threading.Thread(target=lambda: [inbox.put(number) for number in range(10)])
     thread.start()
     thread.join()
@@ -167,8 +167,8 @@ async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
 
 
 def test_an_inbox_may_outlive_its_loop() -> None:
-    async def make() -> Inbox[int]:
-        return Inbox(Turns(), lambda _: None)
+    async def make() -> SampleInbox[int]:
+        return SampleInbox(LoopTurns(), lambda _: None)
 
     inbox = asyncio.run(make())
     inbox.put(1)

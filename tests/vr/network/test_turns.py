@@ -7,12 +7,12 @@ from functools import partial
 import pytest
 
 from robotree.vr.base.transport import Respond
-from robotree.vr.network.on_loop import SHARE, Inbox, Turns, answered
+from robotree.vr.network.on_loop import SHARE, LoopTurns, SampleInbox, answered
 
 
 async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:
     done: list[str] = []
-    turns = Turns()
+    turns = LoopTurns()
 
     def bring() -> None:
         for number in range(3):
@@ -30,7 +30,7 @@ async def test_what_is_urgent_goes_first_and_all_in_their_order() -> None:
 
 async def test_a_flood_leaves_the_loop_its_turns_and_urgent_things_overtake_it() -> None:
     done: list[int] = []
-    turns = Turns()
+    turns = LoopTurns()
     for number in range(10 * SHARE):
         turns.put(partial(done.append, number))
     await asyncio.sleep(0)
@@ -46,8 +46,11 @@ async def test_a_flood_leaves_the_loop_its_turns_and_urgent_things_overtake_it()
 
 async def test_a_flood_of_samples_leaves_the_loop_its_turns_and_others_come_between() -> None:
     done: list[str] = []
-    turns = Turns()
-    flooded, calm = Inbox[int](turns, lambda n: done.append(f"flood {n}")), Inbox[str](turns, done.append)
+    turns = LoopTurns()
+    flooded, calm = (
+        SampleInbox[int](turns, lambda n: done.append(f"flood {n}")),
+        SampleInbox[str](turns, done.append),
+    )
     for number in range(10 * SHARE):
         flooded.put(number)
     calm.put("sample")
@@ -64,7 +67,7 @@ async def test_a_flood_of_samples_leaves_the_loop_its_turns_and_others_come_betw
 
 async def test_one_that_raises_does_not_hold_up_the_others(caplog: pytest.LogCaptureFixture) -> None:
     done: list[int] = []
-    turns = Turns()
+    turns = LoopTurns()
     turns.put(lambda: 1 / 0)
     turns.put(partial(done.append, 1))
     await asyncio.sleep(0)
@@ -74,8 +77,8 @@ async def test_one_that_raises_does_not_hold_up_the_others(caplog: pytest.LogCap
 
 
 def test_when_the_loop_is_closed_nothing_is_done_and_it_is_said() -> None:
-    async def make() -> Turns:
-        return Turns()
+    async def make() -> LoopTurns:
+        return LoopTurns()
 
     turns = asyncio.run(make())
     assert not turns.put(lambda: None)

@@ -30,7 +30,7 @@ from robotree.vr.base.transport import (
     Respond,
     SampleHandler,
 )
-from robotree.vr.network.on_loop import FOREVER, Inbox, Replies, Turns, directly, relay
+from robotree.vr.network.on_loop import FOREVER, LoopTurns, Replies, SampleInbox, directly, relay
 from robotree.vr.network.zenoh.declaring import made
 from robotree.vr.network.zenoh.session import LEASE, Session
 from robotree.vr.network.zenoh.settling import Settling
@@ -79,7 +79,7 @@ class ZenohTransport:
         self._served: dict[str, RequestHandler] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._asking: set[Replies] = set()
-        self._turns = Turns()
+        self._turns = LoopTurns()
         # Zenoh knows only those that it is connected with, and of them not who hangs
         self.presence = Presence(held=lambda _: [], unheard=lambda _: [], hand_on=self._turns.put)
         self.declared: set[_Declared] = set()
@@ -198,7 +198,7 @@ class ZenohTransport:
     async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
         """See `Transport.subscribe`."""
         session = self._open(pattern)
-        inbox = Inbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
+        inbox = SampleInbox[tuple[str, bytes]](self._turns, lambda item: handler(*item), WAITING_SAMPLES)
 
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.payload.to_bytes()))
@@ -242,7 +242,7 @@ class ZenohTransport:
         """Have the table follow what Zenoh says of tokens, from now on."""
         session = self._open("")
         settling = Settling(lambda key, there: self.presence.count(key, there=there))
-        inbox = Inbox[tuple[str, bool]](self._turns, lambda item: settling.change(*item))
+        inbox = SampleInbox[tuple[str, bool]](self._turns, lambda item: settling.change(*item))
 
         def take(sample: zenoh.Sample) -> None:
             inbox.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
