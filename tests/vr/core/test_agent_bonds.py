@@ -353,7 +353,7 @@ async def test_a_delete_whose_asker_goes_away_is_carried_out_all_the_same(realm:
         task.cancel()
     await realm.until(pair.closed.is_set, within=LONGEST_END + 1.0)
     assert rover.description().bond is None
-    assert not realm.operator.presence.keys("robot/pair/*")
+    await realm.until(lambda: not realm.operator.presence.keys("robot/pair/*"))  # the news is on its way
     await asyncio.gather(stuck, deleting, return_exceptions=True)
 
 
