@@ -74,6 +74,8 @@ class Activity:
 
     cancelled = False
 
+    simulated = True
+
     def __init__(self, robot: Script) -> None:
         self.robot, self.acts, self.said = robot, [], ""
 

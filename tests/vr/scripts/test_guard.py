@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from robotree.vr.base.errors import BrokenScript
+from robotree.vr.scripts import run
 from robotree.vr.scripts.clp import read_clp
 from robotree.vr.scripts.engine import Engine, ScriptError
 from robotree.vr.scripts.happening import Happening
+from robotree.vr.scripts.script import script_class
 
 FACT = "(deftemplate v (slot s) (slot n (default 0)) (multislot m)) "
 START = "(msg (act start))"
@@ -186,3 +191,26 @@ def test_a_mistake_in_clips_is_one_sentence_with_line_and_column(source: str, se
     with pytest.raises(BrokenScript) as caught:
         read_clp(source, "x.clp", "x")
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_in_virtual_time_rules_are_ended_by_their_number_alone(
+    simulated: bool,  # noqa: FBT001 # a parameter of the test
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """How quick the machine is must not change a trace."""
+    seconds = itertools.count()
+    monkeypatch.setattr(run.time, "thread_time", lambda: float(next(seconds)))
+    rules = (
+        f"(defrule s {START} => (assert (v (n 1))))"
+        "(defrule a ?f <- (v (n ?x&:(< ?x 100))) => (modify ?f (n (+ ?x 1))))"
+    )
+    program = read_clp(FACT + rules, "x.clp", "x")
+    activity: Any = SimpleNamespace(simulated=simulated, now=lambda: 0.0)
+    engine = run.ScriptRun(script_class(program)("x"), program, {}, activity).engine
+    if simulated:
+        engine.feed(Happening(act="start"))
+        assert engine.fired == 100
+    else:
+        with pytest.raises(ScriptError, match="do not come to rest"):
+            engine.feed(Happening(act="start"))
