@@ -263,7 +263,7 @@ class ControllerSession:
                 self._beats += 1
             case ClaimStatus() if self._claim is not None:
                 claim = self._claim.receive(message, for_us=self._for_us(message))
-                return [*claim, *self._hurry_claim(now)]
+                return [*claim, *self._keep_claim(now)]
             case GoalStatus() if self._for_us(message):
                 return [*self._goals.receive(message, now)]
             case CommandAck() if frame.is_for(SUPERVISOR_SYSTEM, self.component):
@@ -299,13 +299,14 @@ class ControllerSession:
             effects += self._set_online(online=False, trouble=self.rejection or silent)
         elif not self.online and self._open and self.rejection:
             self.trouble = self.rejection
-        effects += [*self._goals.tick(now), *self._desired.expire(now)]
+        goals = [*self._goals.tick(now), *self._desired.expire(now)]
         if not self._open:
-            effects = [effect for effect in effects if not isinstance(effect, Send)]
+            effects = [effect for effect in (*effects, *goals) if not isinstance(effect, Send)]
             return effects + self._held_change()
         self._heartbeats.keep(self._beats_kept_for())
         beats = [Send(beat) for beat in self._heartbeats.tick(HEARTBEAT, now)]
-        effects += [*self._keep_claim(now, beats=bool(beats)), *beats]
+        # the claim first: on a new link goals are refused before it
+        effects += [*self._keep_claim(now, beats=bool(beats)), *beats, *goals]
         effects += _sends(self._commands.tick(now))
         if now >= max(self._opened_at, self.heard_at) + DEAD:
             effects.append(Redial(self.rejection or f"nothing came over the link for {DEAD:g} s"))
@@ -381,10 +382,6 @@ class ControllerSession:
         silence, moving = self._silence_reported(), self._goals.pursuing
         return [*self._claim.tick(now, silence, moving=moving, beats=beats)]
 
-    def _hurry_claim(self, now: float) -> list[Effect]:
-        """Send the claim at once, if a report has shown that it is to be asked for anew."""
-        return [] if self._claim is None or self._claim.granted else self._keep_claim(now)
-
     def _silence_reported(self) -> float:
         """[s] of silence that the controller allows while something moves, as reported."""
         mode = self.twin.latest(Mode)
@@ -442,7 +439,7 @@ class ControllerSession:
         self._goals.meet()
         if self._claim is not None:
             self._claim.meet(mode.life, mode.epoch)
-            effects += self._hurry_claim(now)
+            effects += self._keep_claim(now)
         effects += [
             *self._desired.receive(mode, restarted=former is not None, was_stopped=was_stopped),
             *self._repeat_mode(now),

@@ -9,6 +9,7 @@ import pytest
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import (
     Claim,
+    ClaimStatus,
     ClaimWish,
     Goal,
     GoalState,
@@ -23,6 +24,7 @@ from robotree.protocol.services.goal_client import GoalEnded
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.protocol.services.peer import Peer, Send
 from robotree.proxy.desired_mode import ReleaseRefused
+from robotree.proxy.motion import Request
 from robotree.proxy.restart import LONGEST_DELAY
 from robotree.proxy.session import ControllerSession
 from robotree.proxy.translate import COMPONENTS, component_of
@@ -284,3 +286,29 @@ def test_who_ends_in_order_gives_the_controller_up(claimed: Talk) -> None:
     claimed.perform(claimed.session.release_claim())
     claimed._loopback.advance(claimed.now + 0.1)
     assert claimed.controller.claims.holding is None
+
+
+def test_on_a_new_link_the_claim_goes_before_a_goal_that_is_repeated() -> None:
+    """The controller reports our claim to everybody, also over a link from which it has not heard it."""
+    session = claiming()
+    said: list[type[Any]] = []
+
+    def hear(now: float, *messages: Any) -> None:
+        effects = [
+            effect
+            for message in messages
+            for effect in session.receive(Frame.of(message, system=1, component=1), now)
+        ]
+        effects += session.tick(now + 0.01)
+        said.extend(type(each.message) for each in effects if isinstance(each, Send))
+
+    beat, ours = Heartbeat(0, 0, 0, 0, 4), ClaimStatus(5, 1, 3000, 9, 0, 0, 255, 30, 0, "arm-1, pid 12")
+    session.opened(0.0)
+    hear(0.1, beat, Mode(100, 1, 2000, ModeKind.READY, 0, 0, 9), ours)
+    session.start(7, Request(Verb.HOLD, ()), epoch=1, ttl=10.0, now=0.2)
+    session.closed("it was cut")
+    said[:] = [type(each.message) for each in session.opened(1.0) if isinstance(each, Send)]
+    for later in (1.1, 1.2, 1.3, 2.0):
+        hear(later, ours, Mode(round(1000 * later), 1, 2000, ModeKind.READY, 0, 0, 9), beat)
+    assert Goal in said
+    assert Claim in said[: said.index(Goal)]
