@@ -192,8 +192,8 @@ class Connection:
                     _log.info("%s says: %s", self.url, text)
                     self._on_event(effect)
                 case OnlineChanged(online=online):
+                    self._on_event(effect)  # first: who reads the log finds the robot as it says
                     self._note(online=online)
-                    self._on_event(effect)
                     for _, _, wake in tuple(self._awaited):
                         wake()
                 case _:
