@@ -88,8 +88,10 @@ class BusyForms(KeysInOrder[ReturnType]):
         self.set_timer(SOON, partial(self._tell_lost, len(self._lost), why))
 
     def _tell_lost(self, count: int, why: str) -> None:
-        """Tell what was dropped, unless more was dropped meanwhile."""
-        if count == len(self._lost):
+        """Tell what was dropped, unless more was dropped meanwhile or may be: keys still wait."""
+        if count == len(self._lost) and self.keys_wait:
+            self.set_timer(SOON, partial(self._tell_lost, count, why))
+        elif count == len(self._lost):
             self.tell_dropped(_together(self._lost), why)
             self._lost.clear()
 

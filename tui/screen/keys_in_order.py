@@ -52,6 +52,11 @@ class KeysInOrder(App[ReturnType]):
         self._under_way: _UnderWay | None = None
         self._held: deque[Event] = deque()
 
+    @property
+    def keys_wait(self) -> bool:
+        """Whether keys came that are still to be dealt with."""
+        return self._under_way is not None or bool(self._held)
+
     def overtakes(self, key: Key, before: list[Event]) -> bool:
         """Whether a key shall be taken at once, whatever is still to be dealt with before it."""
         del key, before

@@ -48,6 +48,33 @@ async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
         await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
 
 
+async def test_who_goes_to_the_beginning_while_lines_come_stays_there(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        operator.app.tell("a line that is still to be scrolled to")
+        operator.app.main.draw()
+        operator.one(LogPane).action_scroll_home()  # in the same turn
+        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+        operator.app.tell("the next")
+        operator.app.main.draw()
+        await operator.settled()
+        assert "event 0" in log_lines(operator)
+
+
+async def test_pressing_down_at_the_newest_line_goes_on_following(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.fleet) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        await operator.press("down")
+        operator.app.tell("the next")
+        await operator.until(lambda: "the next" in log_lines(operator), "what comes then")
+
+
 async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Operate) -> None:
     async with operate(realm.fleet, size=(50, 15)) as operator:
         for number in range(30):

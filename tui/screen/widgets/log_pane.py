@@ -19,14 +19,14 @@ from robotree.tui.seen.store import Store, Weight
 CLOCK = "%Y-%m-%d %H:%M:%S"
 
 LEVELS: Mapping[Weight, int] = {"good": 0, "plain": 0, "warning": 1, "error": 2}
-"""How important a entry is."""
+"""How important an entry is."""
 
 
 class LogPane(Part, RichLog):
     """Appends what is new since it was drawn last.
 
-    Textual scrolls to the end when a line is written, as far as that is for the size of that moment; a log
-    that is hidden has none. So it is done again whenever there is another one.
+    It scrolls to the newest line when lines were written, and when it is shown or has another size: a log
+    that is hidden has none. What a person did until then is asked at that moment, not before.
     """
 
     class Resized(Message):
@@ -38,38 +38,57 @@ class LogPane(Part, RichLog):
         self._last: object = None
         self._asked: tuple[str, Weight, int] = ("", "good", 0)
         """The filter, the level and the width that it was drawn with."""
-        self._scrolled_up = False
-        """A person reads what is older: nothing may pull that away."""
+        self._reads_older = False
+        """A person has scrolled up: nothing may pull away what is read."""
 
     def release_anchor(self) -> None:
         """A person scrolls, by key, wheel or bar (`Widget.release_anchor`)."""
         super().release_anchor()
-        self._scrolled_up = True
+        self._reads_older = True
 
     def action_scroll_end(self) -> None:
         """Follow the newest line from now on, also one that comes while the log still scrolls there."""
         super().action_scroll_end()
-        self._scrolled_up = False
+        self._reads_older = False
+
+    def action_scroll_down(self) -> None:
+        """Scroll down; below the newest line there is nothing, also while the log still scrolls there."""
+        if self._reads_older:
+            super().action_scroll_down()
+
+    def action_page_down(self) -> None:
+        """Scroll down by a page (`action_scroll_down`)."""
+        if self._reads_older:
+            super().action_page_down()
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Follow the newest line again when a person has come back to it."""
+        """Follow the newest line again when a person has scrolled down to it."""
         super().watch_scroll_y(old_value, new_value)
-        if new_value >= self.max_scroll_y:
-            self._scrolled_up = False
+        if new_value > old_value and new_value >= self.max_scroll_y:
+            self._reads_older = False
 
     def on_show(self) -> None:
         """Begin at the newest line, or where a person has left off."""
-        self._follow()
+        self.call_after_refresh(self._follow)
 
     def on_resize(self, event: Resize) -> None:
         """Stay there in another size."""
         del event
-        self._follow()
+        self.call_after_refresh(self._follow)
         self.post_message(self.Resized())
 
-    def _follow(self) -> None:
-        if not self._scrolled_up:
-            self.scroll_end(animate=False, x_axis=False)
+    def _follow(self, end: float | None = None) -> None:
+        """Scroll to the newest line, unless a person has asked for an older one by now.
+
+        Called after a refresh: then the size is known, and what a person asked for before has been done.
+
+        Args:
+            end: where the newest line was before others came; a person who is there follows.
+        """
+        if end is not None and self.scroll_target_y >= end:
+            self._reads_older = False
+        if not self._reads_older:
+            self.scroll_end(animate=False, immediate=True, x_axis=False)
 
     def draw(
         self, store: Store, now: float, wall: float, *, letters: str = "", level: Weight = "good"
@@ -84,8 +103,10 @@ class LogPane(Part, RichLog):
             level: what is less important is left out.
         """
         room = self.scrollable_content_region.width
+        end: float | None = self.max_scroll_y
         if (letters, level, room) != self._asked:
             self._asked, self._last = (letters, level, room), None
+            end = None  # the lines are written anew: their old end says nothing
             self.clear()
         if not room:
             return  # it is hidden; RichLog would ask the terminal for the width
@@ -100,6 +121,7 @@ class LogPane(Part, RichLog):
             line = Text.assemble(
                 (f"{clock}  ", tint(self.app, "muted")), weigh(self.app, one.weight, seen(one.text))
             )
-            self.write(line, width=room, scroll_end=not self._scrolled_up)
-        if entries:
+            self.write(line, width=room, scroll_end=False)
+        if entries and entries[-1] is not self._last:
             self._last = entries[-1]
+            self.call_after_refresh(self._follow, end)
