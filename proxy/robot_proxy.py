@@ -238,13 +238,20 @@ class RobotProxy(Robot):
             CommandFailed: the controller is offline, or does not tell it.
         """
         self._wait_until_settled()
-        twin, activity = self._session.twin, running()
+        session, activity = self._session, running()
+        message, trouble = None, ""
+
+        def decided() -> bool:
+            nonlocal message, trouble  # both of the same look: the controller may be back a moment later
+            message, trouble = session.twin.after(kind, since), session.trouble
+            return message is not None or bool(trouble)
+
         with self._connection.awaiting(kind, since, activity.wake):
-            activity.wait_for(lambda: twin.after(kind, since) is not None or not self.online, READING_TIMEOUT)
-        if (message := twin.after(kind, since)) is not None:
+            activity.wait_for(decided, READING_TIMEOUT)
+        if message is not None:
             return message
-        if not self.online:
-            raise self._failed(f"{self._session.trouble}; {NEXT}")
+        if trouble:
+            raise self._failed(f"{trouble}; {NEXT}")
         name = kind.codec.definition.name
         raise self._failed(f"the controller sends no {name}; is it a {self.kinds()[0]}?")
 

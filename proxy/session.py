@@ -128,7 +128,7 @@ class ControllerSession:
         self.twin = Twin(readers)
         self.online = False
         self.trouble = NOT_YET
-        """Why it is offline, for people, as one clause."""
+        """Why it is offline, for people, as one clause; empty: it is online."""
         self.heard_at = -math.inf
         """[s] when the controller was heard last."""
         self.rejection = ""

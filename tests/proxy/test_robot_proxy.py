@@ -221,6 +221,14 @@ async def test_grip_knows_open_and_closed(scene: Scene) -> None:
         assert scene.goals[-1].args[0] == pytest.approx(width)
 
 
+async def test_a_controller_that_has_just_come_back_is_read_before_the_robot_is_shown_as_online(
+    scene: Scene,
+) -> None:
+    await scene.online()
+    scene.robot.online = False  # the session is ahead of it by one event
+    assert await scene.client.call("get_info", {})
+
+
 async def test_a_dead_controller_fails_commands_at_once_and_leaves_old_readings(scene: Scene) -> None:
     await until(lambda: "x" in scene.robot.readings(), "something is known")
     await scene.listener.close()

@@ -313,6 +313,7 @@ async def test_whose_controller_has_no_epoch_left_follows_the_advice_and_drives(
     await rover(crew, port, place, "--reset-epoch")
     async with wire(port) as watcher:
         await until(lambda: watcher.holder.startswith("rover-1"), "the proxy is back")
-        assert 0 < watcher.mode.epoch < LAST_EPOCH
+        await until(lambda: watcher.mode.epoch > 0, "the controller reports the epoch of the claim")
+        assert watcher.mode.epoch < LAST_EPOCH
     code, said = await robotree("call", "rover-1.move", "x=0.1", "y=0")
     assert code == exit_codes.DONE, said
