@@ -88,6 +88,15 @@ class RecordingHandler:
         self.reasons.append(reason)
 
 
+class RecordingHandlers(list[RecordingHandler]):
+    """Accepts links, and keeps the handler of each, the first one first: give it to `listen` or `connect`."""
+
+    def __call__(self, link: Link) -> RecordingHandler:
+        """Accept a link (`robotree.protocol.links.link.Accept`)."""
+        self.append(RecordingHandler(link))
+        return self[-1]
+
+
 async def check_link(
     make_pair: MakePair,
     settle: Settle,
@@ -108,13 +117,8 @@ async def check_link(
     Raises:
         AssertionError: a promise of `robotree.protocol.links.link.Link` is broken.
     """
-    recorders: list[RecordingHandler] = []
-
-    def accept(link: Link) -> RecordingHandler:
-        recorders.append(RecordingHandler(link))
-        return recorders[-1]
-
-    near, far = await make_pair(accept, accept)
+    recorders = RecordingHandlers()
+    near, far = await make_pair(recorders, recorders)
     await settle()
     told = {id(each.link): each for each in recorders}
     assert len(told) == 2, "each end is accepted once"  # noqa: S101

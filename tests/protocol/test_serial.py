@@ -23,21 +23,10 @@ from robotree.protocol.links.in_thread import opened
 from robotree.protocol.links.link import Link, Listener
 from robotree.protocol.links.url import connect, listen, parse
 from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
-from robotree.protocol.testing import RecordingHandler, check_refused, until
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, check_refused, until
 
 MakeCable = Callable[[], Any]
 BEAT = Heartbeat(6, 8, 0, 0, 4)
-
-
-class Ends:
-    """Remembers who was told of a link."""
-
-    def __init__(self) -> None:
-        self.met: list[RecordingHandler] = []
-
-    def __call__(self, link: Link) -> RecordingHandler:
-        self.met.append(RecordingHandler(link))
-        return self.met[-1]
 
 
 async def test_messages_cross_the_line_both_ways(make_cable: MakeCable) -> None:
@@ -61,27 +50,27 @@ async def test_messages_cross_the_line_both_ways(make_cable: MakeCable) -> None:
 
 
 async def test_an_adapter_that_is_unplugged_ends_the_link_and_says_so(make_cable: MakeCable) -> None:
-    cable, ends = make_cable(), Ends()
+    cable, ends = make_cable(), RecordingHandlers()
     await connect(cable.url(0), ends)
     cable.pull()
-    await until(lambda: ends.met[0].reasons)
-    (reason,) = ends.met[0].reasons
+    await until(lambda: ends[0].reasons)
+    (reason,) = ends[0].reasons
     assert isinstance(reason, LinkBroken)
     assert str(reason) == f"{cable.url(0)} broke: it was unplugged"
 
 
 async def test_a_frame_for_an_adapter_that_is_gone_breaks_the_link(make_cable: MakeCable) -> None:
-    cable, ends = make_cable(), Ends()
+    cable, ends = make_cable(), RecordingHandlers()
     link = await connect(cable.url(0), ends)
     cable.pull()
     link.send(b"nobody")  # before the loop can tell that the port is gone
-    await until(lambda: ends.met[0].reasons)
-    assert [type(reason) for reason in ends.met[0].reasons] == [LinkBroken]
+    await until(lambda: ends[0].reasons)
+    assert [type(reason) for reason in ends[0].reasons] == [LinkBroken]
     link.send(b"too late")
     assert link.statistics.dropped == 1
 
 
-async def unplugged(make_cable: MakeCable, ends: Ends) -> Listener:
+async def unplugged(make_cable: MakeCable, ends: RecordingHandlers) -> Listener:
     """A listener whose adapter is away, and which looks for it again and again."""
     cable = make_cable()
     listener = await serial.listen(serial.read(parse(cable.url(1))), ends, again=0.01)
@@ -91,14 +80,14 @@ async def unplugged(make_cable: MakeCable, ends: Ends) -> Listener:
 
 
 async def test_a_listener_has_a_link_again_when_the_adapter_is_back(make_cable: MakeCable) -> None:
-    ends = Ends()
+    ends = RecordingHandlers()
     listener = await unplugged(make_cable, ends)
     cable = make_cable()
     await until(lambda: listener.links)
-    link = await connect(cable.url(0), Ends())
+    link = await connect(cable.url(0), RecordingHandlers())
     link.send(b"back")
-    await until(lambda: ends.met[1].data == b"back")
-    assert len(ends.met) == 2
+    await until(lambda: ends[1].data == b"back")
+    assert len(ends) == 2
     link.close()
     await listener.close()
     assert not listener.links
@@ -107,7 +96,7 @@ async def test_a_listener_has_a_link_again_when_the_adapter_is_back(make_cable: 
 async def test_an_adapter_without_the_speed_that_is_plugged_in_meanwhile_is_told_once_and_tried_again(
     make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    ends, tried, real = Ends(), list[str](), serial_port.serial.Serial
+    ends, tried, real = RecordingHandlers(), list[str](), serial_port.serial.Serial
 
     def slow(device: str, *rest: Any, **options: Any) -> Serial:  # a pseudo-terminal has every speed
         tried.append(device)
@@ -130,11 +119,11 @@ async def test_an_adapter_without_the_speed_that_is_plugged_in_meanwhile_is_told
 async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
     make_cable: MakeCable,
 ) -> None:
-    listener = await unplugged(make_cable, Ends())
+    listener = await unplugged(make_cable, RecordingHandlers())
     await listener.close()
     cable = make_cable()
     assert asyncio.all_tasks() == {asyncio.current_task()}
-    (await connect(cable.url(1), Ends())).close()  # nobody holds the port
+    (await connect(cable.url(1), RecordingHandlers())).close()  # nobody holds the port
 
 
 async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_longer(
@@ -150,7 +139,7 @@ async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_lon
         return open_ports[-1]
 
     leave = threading.Event()
-    listener = await unplugged(make_cable, Ends())
+    listener = await unplugged(make_cable, RecordingHandlers())
     monkeypatch.setattr(serial_port.serial, "Serial", slow)
     make_cable()
     await begun
@@ -203,11 +192,11 @@ async def test_who_is_cancelled_as_a_port_has_just_been_opened_leaves_none_open(
 
 async def test_a_port_is_ours_alone(make_cable: MakeCable) -> None:
     cable = make_cable()
-    link = await connect(cable.url(0), Ends())
+    link = await connect(cable.url(0), RecordingHandlers())
     refused = await check_refused(lambda accept: connect(cable.url(0), accept))
     assert refused.cause == "another program uses it; end that program"
     link.close()
-    (await connect(cable.url(0), Ends())).close()
+    (await connect(cable.url(0), RecordingHandlers())).close()
 
 
 async def test_a_device_that_is_not_there_is_told_from_what_is_no_port(tmp_path: Path) -> None:
@@ -229,7 +218,7 @@ async def test_without_the_right_to_a_port_its_group_is_named(
 
     monkeypatch.setattr(serial_port.serial, "Serial", forbidden)
     with pytest.raises(LinkRefused) as refused:
-        await connect(cable.url(0), Ends())
+        await connect(cable.url(0), RecordingHandlers())
     group = cable.devices[0].group()
     assert refused.value.cause == f"permission denied; join the group {group} and log in again"
 
@@ -237,7 +226,7 @@ async def test_without_the_right_to_a_port_its_group_is_named(
 async def test_the_port_has_the_speed_that_the_address_says(make_cable: MakeCable) -> None:
     cable = make_cable()
     for options, speed in (("", termios.B57600), ("?baud=115200", termios.B115200)):
-        link = await connect(cable.url(0, options), Ends())
+        link = await connect(cable.url(0, options), RecordingHandlers())
         descriptor = os.open(cable.devices[0], os.O_RDWR | os.O_NOCTTY)
         assert termios.tcgetattr(descriptor)[4:6] == [speed, speed]
         os.close(descriptor)

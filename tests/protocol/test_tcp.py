@@ -15,7 +15,7 @@ from robotree.protocol.links import tcp
 from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import GoalStatus, Gripper, Joints
-from robotree.protocol.testing import RecordingHandler, until
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
 
 if TYPE_CHECKING:
     from robotree.protocol.frame import Frame
@@ -230,14 +230,9 @@ async def test_a_port_that_is_taken_is_refused_in_one_sentence() -> None:
 
 
 async def test_an_ending_listener_ends_its_links_and_says_so() -> None:
-    ends: list[RecordingHandler] = []
-
-    def accept(link: Link) -> RecordingHandler:
-        ends.append(RecordingHandler(link))
-        return ends[-1]
-
-    listener = await listen("tcp:0", accept)
-    await connect(listener.address, accept)
+    ends = RecordingHandlers()
+    listener = await listen("tcp:0", ends)
+    await connect(listener.address, ends)
     await until(lambda: len(ends) == 2)
     await listener.close()
     await until(lambda: all(each.reasons for each in ends))
@@ -261,7 +256,7 @@ async def test_a_reset_is_told_as_a_break() -> None:
 async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_break(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    loop, ends = asyncio.get_running_loop(), list[RecordingHandler]()
+    loop, ends = asyncio.get_running_loop(), RecordingHandlers()
     dial = loop.sock_connect
 
     async def turned_away(near: socket.socket, address: tuple[str, int]) -> None:
@@ -270,14 +265,10 @@ async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_br
         far.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         far.close()
 
-    def accept(link: Link) -> RecordingHandler:
-        ends.append(RecordingHandler(link))
-        return ends[-1]
-
     monkeypatch.setattr(loop, "sock_connect", turned_away)
     with socket.create_server(("127.0.0.1", 0)) as rude:
         address = f"tcp:127.0.0.1:{rude.getsockname()[1]}"
-        link = await connect(address, accept)
+        link = await connect(address, ends)
     await until(lambda: ends[0].reasons)
     assert [type(reason) for reason in ends[0].reasons] == [LinkBroken]
     assert link.address == address

@@ -14,7 +14,7 @@ from robotree.protocol.links import udp
 from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Heartbeat, Timesync
-from robotree.protocol.testing import RecordingHandler, until
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Link
@@ -59,13 +59,8 @@ async def test_a_client_may_come_before_its_controller() -> None:
     link = await connect(address, RecordingHandler)
     link.send(b"anybody there?")
     await asyncio.sleep(0.01)
-    heard: list[RecordingHandler] = []
-
-    def accept(link: Link) -> RecordingHandler:
-        heard.append(RecordingHandler(link))
-        return heard[-1]
-
-    listener = await listen(address, accept)
+    heard = RecordingHandlers()
+    listener = await listen(address, heard)
     link.send(b"now?")
     await until(lambda: heard and heard[0].data == b"now?")
     assert len(heard) == 1
@@ -94,13 +89,8 @@ async def test_a_silent_address_is_taken_for_gone(monkeypatch: pytest.MonkeyPatc
 
 async def test_a_crowd_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp, "MAX_LINKS", 3)
-    heard: list[RecordingHandler] = []
-
-    def accept(link: Link) -> RecordingHandler:
-        heard.append(RecordingHandler(link))
-        return heard[-1]
-
-    listener = await listen("udp:0", accept)
+    heard = RecordingHandlers()
+    listener = await listen("udp:0", heard)
     links = [await connect(listener.address, RecordingHandler) for _ in range(6)]
     for link in (*links, links[0]):
         link.send(b"x")
@@ -116,13 +106,8 @@ async def test_an_address_that_is_silent_gives_its_place_to_one_that_speaks(
 ) -> None:
     monkeypatch.setattr(udp, "MAX_LINKS", 3)
     monkeypatch.setattr(udp, "LINGER", 0.05)
-    heard: list[RecordingHandler] = []
-
-    def accept(link: Link) -> RecordingHandler:
-        heard.append(RecordingHandler(link))
-        return heard[-1]
-
-    listener = await listen("udp:0", accept)
+    heard = RecordingHandlers()
+    listener = await listen("udp:0", heard)
     first, *others = [await connect(listener.address, RecordingHandler) for _ in range(4)]
     for link in (first, *others[:2]):
         link.send(b"x")

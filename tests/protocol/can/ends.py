@@ -6,19 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect, listen
-from robotree.protocol.links.link import Accept, Link
-from robotree.protocol.testing import RecordingHandler
-
-
-class Gathering:
-    """Remembers the recorders of all links of one side."""
-
-    def __init__(self) -> None:
-        self.recorders: list[RecordingHandler] = []
-
-    def __call__(self, link: Link) -> RecordingHandler:
-        self.recorders.append(RecordingHandler(link))
-        return self.recorders[-1]
+from robotree.protocol.links.link import Accept
 
 
 @asynccontextmanager

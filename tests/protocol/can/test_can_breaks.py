@@ -13,8 +13,8 @@ from can.interfaces.virtual import VirtualBus
 from robotree.protocol.canbus import LoopbackBus
 from robotree.protocol.errors import LinkBroken, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, connect
-from robotree.protocol.testing import RecordingHandler, until
-from tests.protocol.can.ends import Gathering, connected, listening
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
+from tests.protocol.can.ends import connected, listening
 
 SOON = 5.0
 
@@ -29,16 +29,16 @@ async def again(address: CanAddress) -> CanLink:
 
 
 async def test_a_broken_bus_ends_the_links_and_is_entered_again(here: CanAddress) -> None:
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     async with listening(here, at_controller) as listener:
         async with connected(here, RecordingHandler):
             listener._port.bus.shutdown()
-            await until(lambda: bool(at_controller.recorders[0].reasons))
-            assert isinstance(at_controller.recorders[0].reasons[0], LinkBroken)
+            await until(lambda: bool(at_controller[0].reasons))
+            assert isinstance(at_controller[0].reasons[0], LinkBroken)
             assert listener.statistics.breaks == 1
 
         (await again(here)).close()
-        await until(lambda: len(at_controller.recorders) == 2 and bool(at_controller.recorders[1].reasons))
+        await until(lambda: len(at_controller) == 2 and bool(at_controller[1].reasons))
 
 
 async def test_who_is_closed_while_the_bus_is_entered_again_leaves_nobody_on_it(
@@ -72,20 +72,20 @@ async def leap(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 async def test_who_was_withheld_the_processor_takes_nobody_for_gone(
     here: CanAddress, leap: Callable[[float], None]
 ) -> None:
-    at_controller, at_host = Gathering(), Gathering()
+    at_controller, at_host = RecordingHandlers(), RecordingHandlers()
     async with listening(here, at_controller), connected(here, at_host) as link:
         leap(60.0)
         link.send(b"still here")
-        await until(lambda: at_controller.recorders[0].data == b"still here")
-        assert not at_controller.recorders[0].reasons
-        assert not at_host.recorders[0].reasons
+        await until(lambda: at_controller[0].data == b"still here")
+        assert not at_controller[0].reasons
+        assert not at_host[0].reasons
 
 
 async def test_who_was_withheld_the_processor_gives_no_number_away(
     channel: str, leap: Callable[[float], None]
 ) -> None:
     where = CanAddress(interface="robotree", channel=channel, host=200)
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     async with listening(where, at_controller) as listener, connected(where, RecordingHandler):
         links = listener.links
         leap(60.0)

@@ -14,8 +14,8 @@ from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.links.can.identifiers import Kind
 from robotree.protocol.links.link import Link
 from robotree.protocol.messages import CommandAck, Gripper, Heartbeat, Message, NamedValueFloat, Statustext
-from robotree.protocol.testing import RecordingHandler, until
-from tests.protocol.can.ends import Gathering, connected, listening
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
+from tests.protocol.can.ends import connected, listening
 
 SOON = 5.0
 LONG = 60.0
@@ -58,17 +58,17 @@ async def test_several_hosts_and_controllers_share_a_bus(here: CanAddress) -> No
 
 async def test_a_controller_answers_each_host_in_the_format_that_it_speaks(channel: str) -> None:
     both, classic = (CanAddress(interface="robotree", channel=channel, fd=fd) for fd in (True, False))
-    at_controller, at_modern, at_classic = Gathering(), Gathering(), Gathering()
+    at_controller, at_modern, at_classic = RecordingHandlers(), RecordingHandlers(), RecordingHandlers()
     async with listening(both, at_controller), connected(both, at_modern), connected(classic, at_classic):
-        for recorder in at_controller.recorders:
+        for recorder in at_controller:
             recorder.link.send(bytes(200))
-        heard = [each.recorders[0] for each in (at_modern, at_classic)]
+        heard = [each[0] for each in (at_modern, at_classic)]
         await until(lambda: all(len(each.data) >= 200 for each in heard))
         assert [each.data for each in heard] == [bytes(200)] * 2
 
 
 async def test_telemetry_goes_to_all_while_there_is_one_host(here: CanAddress) -> None:
-    at_controller, at_host, at_second = Gathering(), Gathering(), Gathering()
+    at_controller, at_host, at_second = RecordingHandlers(), RecordingHandlers(), RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as monitor:
         kinds: list[int] = []
 
@@ -77,38 +77,38 @@ async def test_telemetry_goes_to_all_while_there_is_one_host(here: CanAddress) -
                 kinds.append(message.arbitration_id >> 16 & 0x3FF)
 
         async with listening(here, at_controller), connected(here, at_host):
-            far = at_controller.recorders[0].link
+            far = at_controller[0].link
             far.send(b"joints", "joints")
             far.send(bytes(100), "too long for one frame")
             far.send(b"answer")
-            await until(lambda: len(at_host.recorders[0].data) == 112)
+            await until(lambda: len(at_host[0].data) == 112)
             watch()
             assert kinds.count(Kind.BROADCAST) == 1
             async with connected(here, at_second):
                 far.send(b"only for the first", "joints")
-                at_controller.recorders[1].link.send(b"only for the second", "joints")
-                await until(lambda: bool(at_second.recorders[0].data))
-                assert at_host.recorders[0].data.endswith(b"only for the first")
-                assert at_second.recorders[0].data == b"only for the second"
+                at_controller[1].link.send(b"only for the second", "joints")
+                await until(lambda: bool(at_second[0].data))
+                assert at_host[0].data.endswith(b"only for the first")
+                assert at_second[0].data == b"only for the second"
             watch()
             assert kinds.count(Kind.BROADCAST) == 1
 
 
 async def test_telemetry_that_is_the_same_for_all_can_go_out_once(channel: str) -> None:
     where = CanAddress(interface="robotree", channel=channel, telemetry=Telemetry.BROADCAST)
-    at_controller, first, second = Gathering(), Gathering(), Gathering()
+    at_controller, first, second = RecordingHandlers(), RecordingHandlers(), RecordingHandlers()
     async with listening(where, at_controller) as listener, connected(where, first), connected(where, second):
         before = listener.statistics.port.sent
         for text in (b"one", b"two"):
-            for recorder in at_controller.recorders:
+            for recorder in at_controller:
                 recorder.link.send(text, "joints")
         assert listener.statistics.port.sent == before + 2
-        await until(lambda: first.recorders[0].data == second.recorders[0].data == b"onetwo")
+        await until(lambda: first[0].data == second[0].data == b"onetwo")
 
 
 async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(channel: str) -> None:
     where = CanAddress(interface="robotree", channel=channel, telemetry=Telemetry.BROADCAST)
-    first, second, speakers = Gathering(), Gathering(), list[Endpoint]()
+    first, second, speakers = RecordingHandlers(), RecordingHandlers(), list[Endpoint]()
 
     def speak(link: Link) -> Endpoint:
         speakers.append(Endpoint(link, system=1, component=1, on_frame=lambda _: None))
@@ -129,7 +129,7 @@ async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(cha
         def heard(recorder: RecordingHandler, kind: type[Message]) -> int:
             return sum(isinstance(frame.message, kind) for frame in Parser().feed(recorder.data))
 
-        for each in (first.recorders[0], second.recorders[0]):
+        for each in (first[0], second[0]):
             await until(lambda each=each: heard(each, Statustext) == 1, SOON)
             assert [heard(each, kind) for kind in (Gripper, Heartbeat, NamedValueFloat)] == [10, 10, 1]
 
@@ -151,22 +151,20 @@ async def test_a_node_number_belongs_to_one_controller(
 
 async def test_a_host_number_belongs_to_one_host(channel: str) -> None:
     where = CanAddress(interface="robotree", channel=channel, host=200)
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     async with listening(where, at_controller), connected(where, RecordingHandler) as first:
         with pytest.raises(LinkRefused, match="another host has number 200"):
             await connect(where, RecordingHandler)
         first.send(b"still here")
-        await until(lambda: at_controller.recorders[0].data == b"still here")
+        await until(lambda: at_controller[0].data == b"still here")
 
 
 async def test_a_host_that_left_in_order_may_come_back_at_once(channel: str) -> None:
     where = CanAddress(interface="robotree", channel=channel, host=200)
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     async with listening(where, at_controller):
         for _ in range(3):
             async with connected(where, RecordingHandler):
                 pass
-        await until(lambda: all(recorder.reasons for recorder in at_controller.recorders))
-        assert [type(each) for recorder in at_controller.recorders for each in recorder.reasons] == [
-            LinkClosed
-        ] * 3
+        await until(lambda: all(recorder.reasons for recorder in at_controller))
+        assert [type(each) for recorder in at_controller for each in recorder.reasons] == [LinkClosed] * 3

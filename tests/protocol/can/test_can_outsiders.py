@@ -14,8 +14,8 @@ from robotree.protocol.errors import LinkBroken, LinkOverrun
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, connect
 from robotree.protocol.links.can.identifiers import EVERYBODY, HOSTS, Kind, Priority, identifier
 from robotree.protocol.messages import Statustext, Timesync
-from robotree.protocol.testing import RecordingHandler, until
-from tests.protocol.can.ends import Gathering, connected, listening
+from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
+from tests.protocol.can.ends import connected, listening
 
 PING = Timesync(tc1=0, ts1=1)
 
@@ -59,27 +59,27 @@ class Outsider:
 @contextlib.asynccontextmanager
 async def met(here: CanAddress) -> AsyncIterator[tuple[CanListener, RecordingHandler]]:
     """A controller that listens, and its side of the link with an outsider who says no more."""
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
         outsider = Outsider(bus, own=HOSTS[0], partner=here.node)
         async with listening(here, at_controller) as listener:
             outsider.send(encode(PING, sequence=0, system=255, component=1))
             await until(lambda: bool(listener.links))
-            yield listener, at_controller.recorders[0]
+            yield listener, at_controller[0]
 
 
 async def test_a_host_of_other_people_is_linked_with_by_its_first_frame(here: CanAddress) -> None:
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
         outsider = Outsider(bus, own=HOSTS[5], partner=here.node)
         async with listening(here, at_controller) as listener:
             outsider.send(b"garbage opens nothing")
             await until(lambda: listener.statistics.unknown == 1)
-            assert not at_controller.recorders
+            assert not at_controller
             frame = encode(PING, sequence=0, system=255, component=1)
             outsider.send(frame)
-            await until(lambda: bool(at_controller.recorders))
-            recorder = at_controller.recorders[0]
+            await until(lambda: bool(at_controller))
+            recorder = at_controller[0]
             await until(lambda: recorder.data == frame)
             long = encode(Statustext(severity=6, text="x" * 50, id=1), sequence=1, system=255, component=1)
             outsider.send(long * 4)
@@ -93,7 +93,7 @@ async def test_a_host_of_other_people_is_linked_with_by_its_first_frame(here: Ca
 
 
 async def test_a_controller_of_other_people_is_linked_with_by_its_heartbeat(here: CanAddress) -> None:
-    at_host = Gathering()
+    at_host = RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
         outsider = Outsider(bus, own=here.node, partner=0x99)
         frame = encode(PING, sequence=0, system=1, component=1)
@@ -112,13 +112,13 @@ async def test_a_controller_of_other_people_is_linked_with_by_its_heartbeat(here
             return outsider.arrived == [b"command"]
 
         await until(settled)
-        await until(lambda: bool(at_host.recorders[0].reasons))  # and by its silence the link ends
-        assert isinstance(at_host.recorders[0].reasons[0], LinkBroken)
-        assert frame in at_host.recorders[0].data or not at_host.recorders[0].data
+        await until(lambda: bool(at_host[0].reasons))  # and by its silence the link ends
+        assert isinstance(at_host[0].reasons[0], LinkBroken)
+        assert frame in at_host[0].data or not at_host[0].data
 
 
 async def test_frames_that_are_not_for_us_are_counted(here: CanAddress) -> None:
-    at_controller = Gathering()
+    at_controller = RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
         async with listening(here, at_controller) as listener, connected(here, RecordingHandler) as link:
             bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
@@ -134,7 +134,7 @@ async def test_frames_that_are_not_for_us_are_counted(here: CanAddress) -> None:
             await until(lambda: transfers.statistics.malformed == 2)
             assert transfers.statistics.receiver.unexpected == transfers.statistics.sender.unexpected == 1
             link.send(b"undisturbed")
-            await until(lambda: at_controller.recorders[0].data == b"undisturbed")
+            await until(lambda: at_controller[0].data == b"undisturbed")
 
 
 async def test_a_partner_that_gives_no_leave_ends_the_link(here: CanAddress) -> None:
@@ -163,7 +163,7 @@ async def test_no_random_frames_disturb_a_link(here: CanAddress) -> None:
     """Everything goes through the real door: identifiers of ours, data of nobody's."""
     import random
 
-    chance, parser, at_controller = random.Random(1), Parser(), Gathering()
+    chance, parser, at_controller = random.Random(1), Parser(), RecordingHandlers()
     with can.Bus(interface="robotree", channel=here.channel) as bus:
         async with listening(here, at_controller) as listener, connected(here, RecordingHandler) as link:
             for _ in range(2000):
@@ -176,5 +176,5 @@ async def test_no_random_frames_disturb_a_link(here: CanAddress) -> None:
                     can.Message(arbitration_id=arbitration_id, data=chance.randbytes(chance.randrange(9)))
                 )
             link.send(encode(PING, sequence=0, system=255, component=1))
-            await until(lambda: bool(parser.feed(at_controller.recorders[0].data)))
+            await until(lambda: bool(parser.feed(at_controller[0].data)))
             assert any(far.address.endswith(f"host={link.ends.own}") for far in listener.links)

@@ -18,6 +18,7 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
+from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -57,10 +58,6 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     file.write_text(GOOD)
     monkeypatch.setattr("robotree.tui.screen.pages.new.places", lambda: [("here", tmp_path)])
     return file
-
-
-def row(form: CommandForm, name: str) -> FieldRow:
-    return {one.spec.name: one for one in form.query(FieldRow)}[name]
 
 
 @asynccontextmanager

@@ -20,6 +20,7 @@ from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.picture import PictureView
+from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -39,10 +40,6 @@ async def at_go_to(
         page = await operator.at(PanelPage)
         await operator.until(lambda: bool(page.query(CommandForm)), "the form")
         yield operator, page
-
-
-def row(page: PanelPage, name: str) -> FieldRow:
-    return {one.spec.name: one for one in page.query(FieldRow)}[name]
 
 
 async def test_fields_that_nobody_touched_follow_the_robot_and_touched_ones_are_marked(

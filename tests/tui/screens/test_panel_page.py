@@ -21,6 +21,7 @@ from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
+from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -59,10 +60,6 @@ async def panel(
     async with operate(realm.fleet) as operator:
         page = await open_panel(operator, name)
         yield operator, page, await choose(operator, page, command)
-
-
-def row(form: CommandForm, name: str) -> FieldRow:
-    return {one.spec.name: one for one in form.query(FieldRow)}[name]
 
 
 async def fill(operator: Operator, form: CommandForm, name: str, text: str) -> None:

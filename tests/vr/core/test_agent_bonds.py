@@ -285,7 +285,8 @@ async def test_a_neighbour_whose_command_never_returns_disturbs_nobody(realm: An
 async def test_a_name_can_be_used_again_as_soon_as_its_robot_is_deleted(realm: Any) -> None:
     box = await realm.start(Box("box"))
     await realm.client(box).delete()
-    await realm.start(Box("box"))
+    again = await realm.start(Box("box"))
+    assert (await realm.client(again).describe()).address == again.address != box.address
 
 
 async def test_a_way_of_one_second_each_way_does_not_break_a_bond(realm: Any) -> None:

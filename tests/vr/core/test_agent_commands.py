@@ -6,7 +6,6 @@ import asyncio
 import math
 from typing import Annotated, Any
 
-import msgspec
 import pytest
 
 from robotree.vr import Range, Robot, Unit, VrError, command
@@ -26,11 +25,7 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
 from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
 from robotree.vr.exchange.client import RobotClient, fresh_key
-
-
-class Where(msgspec.Struct):
-    x: Annotated[float, Unit("m")]
-    moves: int
+from tests.vr.core.crew import Where
 
 
 class Rover(Robot):

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import msgspec
 import pytest
 
 from robotree.vr import Robot, Unit, command
 from robotree.vr.base.errors import CommandFailed
-
-
-class Where(msgspec.Struct):
-    x: Annotated[float, Unit("m")]
-    moves: int
+from tests.vr.core.crew import Where
 
 
 class Liar(Robot):

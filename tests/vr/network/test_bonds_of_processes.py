@@ -27,8 +27,8 @@ from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
 from tests.vr.network.member import BRIEF
+from tests.vr.network.processes import Start, start_all
 
-Start = Callable[[str, str], Awaitable[Any]]
 Enter = Callable[[], Awaitable[LocalTransport]]
 
 CARRIER = """
@@ -57,12 +57,6 @@ async def fleet(join_realm: Enter) -> AsyncIterator[Fleet]:
     await fleet.start()
     yield fleet
     await fleet.close()
-
-
-async def begin(start: Start, *members: tuple[str, str]) -> list[Any]:
-    started = [await start(*member) for member in members]
-    await asyncio.gather(*(member.ready() for member in started))
-    return started
 
 
 async def answer(fleet: Fleet, name: str, command: str, arguments: dict[str, Any]) -> Any:
@@ -110,7 +104,7 @@ def ticking() -> Iterator[list[float]]:
 async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when_it_wakes(
     start: Start, fleet: Fleet, tmp_path: Path, host: str, term: float
 ) -> None:
-    _, frozen, _ = await begin(start, ("lookup", "l1"), (host, "h1"), ("robot", "rover"))
+    _, frozen, _ = await start_all(start, ("lookup", "l1"), (host, "h1"), ("robot", "rover"))
     (tmp_path / "carrier.py").write_text(CARRIER)
     await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
     await fleet.create(str(tmp_path / "carrier.py"), "carrier")
@@ -136,7 +130,7 @@ async def test_a_frozen_parent_loses_its_child_within_the_term_and_knows_it_when
 async def test_what_a_killed_parent_has_begun_ends_at_once(
     start: Start, fleet: Fleet, tmp_path: Path
 ) -> None:
-    _, host, _ = await begin(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
+    _, host, _ = await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover"))
     (tmp_path / "carrier.py").write_text(CARRIER)
     await until(lambda: len(fleet.robots()) == 1, "the rover is listed")
     await fleet.create(str(tmp_path / "carrier.py"), "carrier")
@@ -182,7 +176,7 @@ def flood(transport: LocalTransport, key: str) -> Iterator[deque[None]]:
 
 async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_realm: Enter) -> None:
     """Thousands wait in the child's process too, and the lease is kept for two terms."""
-    await begin(start, ("robot", "rover"))
+    await start_all(start, ("robot", "rover"))
     transport = await join_realm()
     (key,) = transport.presence.keys("robot/rover/*")
     child = Address.parse(key)
@@ -220,7 +214,7 @@ async def test_renewals_go_ahead_of_a_flood_of_commands(start: Start, join_realm
 async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
     start: Start, join_realm: Enter
 ) -> None:
-    (rover,) = await begin(start, ("robot", "rover"))
+    (rover,) = await start_all(start, ("robot", "rover"))
     transport = await join_realm()
     (key,) = transport.presence.keys("robot/rover/*")
     rover.signal(signal.SIGSTOP)

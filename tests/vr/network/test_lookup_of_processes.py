@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,8 +13,7 @@ from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.promises import PATIENCE
 from robotree.vr.world.testing import until
-
-Start = Callable[[str, str], Awaitable[Any]]
+from tests.vr.network.processes import Start, start_all
 
 CARRIER = """
 from robotree.vr import Child, VirtualRobot
@@ -51,12 +48,6 @@ async def onlooker(join_realm: Callable[[], Awaitable[LocalTransport]]) -> Async
     await fleet.start()
     yield onlooker
     await fleet.close()
-
-
-async def start_all(start: Start, *members: tuple[str, str]) -> list[Any]:
-    started = [await start(*member) for member in members]
-    await asyncio.gather(*(member.ready() for member in started))
-    return started
 
 
 async def test_lookups_are_killed_and_stopped_and_nobody_notices(start: Start, onlooker: Onlooker) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import itertools
 import os
-import shutil
 import signal
 import sys
 import time
@@ -19,9 +18,9 @@ from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.supervision.fleet import Fleet
 from robotree.vr.world.testing import until
+from tests.vr.network.processes import Start, remove
 from tests.withheld import Withheld
 
-Start = Callable[[str, str], Awaitable[Any]]
 Look = Callable[[], Awaitable[Fleet]]
 
 
@@ -51,13 +50,6 @@ os.kill(os.getpid(), signal.SIGSTOP)
 
 AT_ONCE = 1.0
 """[s] in which a person knows which robots a stop may have missed."""
-
-
-def remove(folder: Path) -> None:
-    """Remove a folder in one step: its processes look for their names all the time, and make them again."""
-    aside = folder.with_name("removed")
-    folder.rename(aside)
-    shutil.rmtree(aside)
 
 
 class Newcomer:

@@ -167,8 +167,11 @@ async def test_an_inbox_keeps_order_loses_the_oldest_and_survives_its_reader(
 
 
 def test_an_inbox_may_outlive_its_loop() -> None:
+    taken: list[int] = []
+
     async def make() -> SampleInbox[int]:
-        return SampleInbox(LoopTurns(), lambda _: None)
+        return SampleInbox(LoopTurns(), taken.append)
 
     inbox = asyncio.run(make())
     inbox.put(1)
+    assert taken == []

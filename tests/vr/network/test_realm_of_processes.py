@@ -8,7 +8,6 @@ import signal
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,8 +17,8 @@ from robotree.vr.exchange.client import ask
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import HANGS, TICK
 from robotree.vr.world.promises import replies_of, until
+from tests.vr.network.processes import Start
 
-Start = Callable[..., Awaitable[Any]]
 Enter = Callable[[], Awaitable[LocalTransport]]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import os
 import random
-import shutil
 import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -21,18 +20,11 @@ import pytest
 from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.fleet import Fleet
+from tests.vr.network.processes import Start, remove, start_all
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(900)]
 
-Start = Callable[[str, str], Awaitable[Any]]
 Join = Callable[[], Awaitable[LocalTransport]]
-
-
-def remove(folder: Path) -> None:
-    """Remove a folder in one step: its processes look for their names all the time, and make them again."""
-    aside = folder.with_name("removed")
-    folder.rename(aside)
-    shutil.rmtree(aside)
 
 
 NAMES = [f"r{number}" for number in range(6)]
@@ -43,9 +35,7 @@ ROUNDS = 25
 
 @pytest.fixture
 async def crew(start: Start) -> list[Any]:
-    members = [await start("robot", name) for name in NAMES]
-    await asyncio.gather(*(member.ready() for member in members))
-    return members
+    return await start_all(start, *(("robot", name) for name in NAMES))
 
 
 @pytest.fixture

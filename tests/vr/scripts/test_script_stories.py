@@ -186,7 +186,8 @@ async def test_an_optional_partner_may_be_missing(stage: Stage) -> None:
     source = GO.replace(
         "  robot: Companion", "  robot: Companion\n  helper: {kind: Companion, optional: yes}"
     )
-    await led(stage, source)
+    _, script, _ = await led(stage, source)
+    assert script.condition == "active"
 
 
 async def test_only_those_who_may_start_a_script_start_it(stage: Stage) -> None:

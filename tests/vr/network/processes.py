@@ -1,0 +1,64 @@
+"""Members of a realm in processes of their own, and what is done to them."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+
+class Process:
+    """A member of a realm in a process of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+
+    async def ready(self) -> None:
+        assert self.process.stdout is not None
+        async with asyncio.timeout(60):
+            line = await self.process.stdout.readline()
+        assert line.strip() == b"ready", (await self.end())[1]
+
+    def signal(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    async def freeze(self) -> None:
+        """Stop it; returns when all its threads have stopped, which a busy machine takes its time for."""
+        self.signal(signal.SIGSTOP)
+        async with asyncio.timeout(10):
+            while not _has_stopped(self.process.pid):  # noqa: ASYNC110 # the kernel tells nobody
+                await asyncio.sleep(0.001)
+
+    async def end(self, within: float = 60) -> tuple[int, str]:
+        """Let it end, and return its exit code and what it complained of."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        async with asyncio.timeout(within):
+            _, complaints = await self.process.communicate()
+        assert self.process.returncode is not None
+        return self.process.returncode, complaints.decode()
+
+
+def _has_stopped(pid: int) -> bool:
+    """Whether all threads of a process are in the state T: proc_pid_stat(5)."""
+    stats = [task / "stat" for task in Path(f"/proc/{pid}/task").iterdir()]
+    return all(stat.read_text().rpartition(")")[2].split()[0] == "T" for stat in stats)
+
+
+Start = Callable[..., Awaitable[Process]]
+
+
+async def start_all(start: Start, *members: tuple[str, str]) -> list[Process]:
+    """Start members, each a word of `member.py` and a name; returns when all are ready."""
+    started = [await start(*member) for member in members]
+    await asyncio.gather(*(member.ready() for member in started))
+    return started
+
+
+def remove(folder: Path) -> None:
+    """Remove a folder in one step: its processes look for their names all the time, and make them again."""
+    aside = folder.with_name("removed")
+    folder.rename(aside)
+    shutil.rmtree(aside)
