@@ -284,12 +284,12 @@ class Connection:
         rejection = self._rejection_of(endpoint)
         if rejection == self.session.rejection:
             return
-        if rejection and not self.session.rejection:
-            _log.warning("%s: %s", self.url, rejection)
-        self.session.rejection = rejection
+        before, self.session.rejection = self.session.rejection, rejection
         self.perform(self.session.tick(self.now()))
         if rejection == KEY_CHANGED:
-            endpoint.link.close()
+            endpoint.link.close()  # logged as the reason when the robot is offline
+        elif rejection and not before:
+            _log.warning("%s: %s", self.url, rejection)
 
     def _rejection_of(self, endpoint: Endpoint) -> str:
         """Why the latest frames on the present link were rejected; empty: they were not, or nothing came."""
